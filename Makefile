@@ -1,0 +1,47 @@
+# Everything from a bare machine with python3 >= 3.11 and make.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+JOBS ?= 2
+MAP ?=
+VIEW ?=
+
+.PHONY: demo test bench docs lint types layers check clean warmup
+
+# The stamp is newer than the project file when everything is installed.
+$(VENV)/.installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "python3 >= 3.11 is needed, found " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install -q -e ".[all]" --group test --group lint --group docs
+	@touch $@
+
+demo: $(VENV)/.installed ## Drive, touch, measure: the first story
+	$(BIN)/visuohaptic demo $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
+
+test: $(VENV)/.installed ## All tests
+	$(BIN)/python -m pytest -n $(JOBS)
+
+bench: $(VENV)/.installed ## Every benchmark, each a ratio to a named peer in the same process
+	$(BIN)/python -m benchmarks
+
+docs: $(VENV)/.installed ## The documentation site in site/, no warnings allowed
+	$(BIN)/mkdocs build --strict
+
+lint: $(VENV)/.installed
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.installed
+	$(BIN)/mypy
+
+layers: $(VENV)/.installed
+	$(BIN)/lint-imports
+
+warmup: $(VENV)/.installed
+	$(BIN)/visuohaptic warmup
+
+check: lint types layers
+
+clean:
+	rm -rf $(VENV) site results .mypy_cache .ruff_cache .pytest_cache .hypothesis

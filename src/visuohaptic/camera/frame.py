@@ -1,0 +1,44 @@
+"""One image with its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..errors import InputError
+
+__all__ = ["Frame"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """An image as a camera delivered it.
+
+    ``image`` is grey (rows, columns) or colour in OpenCV's order blue, green,
+    red (rows, columns, 3), 8 bit.
+    """
+
+    image: UInt8[np.ndarray, "rows columns *colour"]
+    t_s: float  #: time of exposure of the first row [s], in the clock of the source
+    index: int  #: number of the frame in its source; a gap means that frames were lost
+
+    def __post_init__(self) -> None:
+        image = self.image
+        if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+            raise InputError(
+                "Frame",
+                f"found {image.dtype} of shape {image.shape}, "
+                "expected uint8 (rows, columns) or (rows, columns, 3)",
+                field="image",
+            )
+
+    @property
+    def grey(self) -> UInt8[np.ndarray, "rows columns"]:
+        """The image in grey levels; no copy when it is grey already."""
+        if self.image.ndim == 2:
+            return self.image
+        import cv2
+
+        return cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY)

@@ -1,0 +1,160 @@
+"""The camera: from points in space to pixels and back.
+
+Pixel convention (OpenCV, ROS): ``u = (x, y)``, x to the right, y down, the
+centre of the first pixel is (0, 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+from .pose import Pose
+
+__all__ = ["Camera"]
+
+#: Images with more pixels than this are refused before memory is taken.
+MAX_PIXELS = 100_000_000
+
+#: Allowed numbers of distortion coefficients and their ROS names.
+_DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Pinhole camera with lens distortion and rolling-shutter timing.
+
+    Distortion coefficients are in OpenCV's order (k1, k2, p1, p2, k3 [, k4, k5, k6]),
+    as in ``sensor_msgs/CameraInfo``.
+    """
+
+    width: int  #: image width [px]
+    height: int  #: image height [px]
+    matrix: Float[np.ndarray, "3 3"]  #: intrinsic matrix K
+    distortion: Float[np.ndarray, "coefficients"] = field(default_factory=lambda: np.zeros(5))
+    row_delay_s: float = 0.0  #: time between the exposure of two rows; 0 = global shutter
+    name: str = "camera"
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, dtype=np.float64)
+        distortion = np.atleast_1d(np.asarray(self.distortion, dtype=np.float64))
+        if not (self.width > 0 and self.height > 0 and self.width * self.height <= MAX_PIXELS):
+            raise InputError(
+                "Camera",
+                f"found {self.width} x {self.height}, expected a positive size of at most {MAX_PIXELS} px",
+                field="width, height",
+            )
+        if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
+            raise InputError("Camera", f"found {matrix.tolist()}, expected 3 x 3 numbers", field="matrix")
+        if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or not np.allclose(matrix[2], [0, 0, 1]):
+            raise InputError(
+                "Camera",
+                f"found {matrix.tolist()}, expected positive focal lengths and last row 0 0 1",
+                field="matrix",
+            )
+        if distortion.size not in _DISTORTION_MODELS or not np.isfinite(distortion).all():
+            raise InputError(
+                "Camera",
+                f"found {distortion.tolist()}, expected 0, 4, 5 or 8 finite coefficients",
+                field="distortion",
+            )
+        if not (np.isfinite(self.row_delay_s) and self.row_delay_s >= 0):
+            raise InputError("Camera", f"found {self.row_delay_s}, expected >= 0", field="row_delay_s")
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion)
+
+    @classmethod
+    def simple(cls, width: int, height: int, focal_px: float, **more: Any) -> Camera:
+        """Ideal camera with square pixels and the principal point in the centre."""
+        matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
+        return cls(width, height, matrix, **more)
+
+    @property
+    def focal_px(self) -> float:
+        """Geometric mean of both focal lengths [px]."""
+        return float(np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
+
+    def project(self, points_camera_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+        """Pixels of points in the camera frame (x right, y down, z forward [m]).
+
+        Points at or behind the camera give NaN.
+        """
+        import cv2
+
+        points = np.asarray(points_camera_m, dtype=np.float64)
+        flat = np.ascontiguousarray(points.reshape(-1, 3))
+        visible = flat[:, 2] > 1e-9
+        pixels = np.full((len(flat), 2), np.nan)
+        if visible.any():
+            found, _ = cv2.projectPoints(
+                flat[visible], np.zeros(3), np.zeros(3), self.matrix, self.distortion
+            )
+            pixels[visible] = found.reshape(-1, 2)
+        return pixels.reshape(*points.shape[:-1], 2)
+
+    def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Viewing rays ``u' = K^-1 u`` with the distortion removed, scaled to z = 1."""
+        pixels = np.asarray(pixels, dtype=np.float64)
+        flat = np.ascontiguousarray(pixels.reshape(-1, 2))
+        result = np.ones((len(flat), 3))
+        if not self.distortion.any():
+            result[:, 1] = (flat[:, 1] - self.matrix[1, 2]) / self.matrix[1, 1]
+            result[:, 0] = (flat[:, 0] - self.matrix[0, 2] - self.matrix[0, 1] * result[:, 1]) / self.matrix[
+                0, 0
+            ]
+        elif len(flat):
+            import cv2
+
+            # OpenCV's default of 5 iterations leaves up to 0.1 px at the corners of a wide lens.
+            criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+            found = cv2.undistortPoints(
+                flat.reshape(-1, 1, 2), self.matrix, self.distortion, None, None, None, criteria
+            )
+            result[:, :2] = found.reshape(-1, 2)
+        return result.reshape(*pixels.shape[:-1], 3)
+
+    def row_time_s(
+        self, frame_time_s: float, rows: Float[np.ndarray, "*batch"]
+    ) -> Float[np.ndarray, "*batch"]:
+        """Time at which image rows were exposed, for a frame stamped at its first row [s]."""
+        return frame_time_s + np.asarray(rows) * self.row_delay_s
+
+    @classmethod
+    def load(cls, path: Path | str) -> Camera:
+        """Read a ROS ``camera_info`` YAML file (the format of ``camera_calibration``).
+
+        Our own optional field ``row_delay_s`` is read when present.
+
+        Raises
+        ------
+        InputError
+            Names the file, the field, what was found and what was expected.
+        """
+        from ..files import load_yaml_model
+        from ._camera_info import CameraInfoFile
+
+        info = load_yaml_model(path, CameraInfoFile)
+        try:
+            return info.to_camera()
+        except InputError as error:
+            raise InputError(path, error.problem, field=error.field) from error
+
+    def save(self, path: Path | str) -> None:
+        """Write a ROS ``camera_info`` YAML file."""
+        from ..files import save_yaml
+        from ._camera_info import camera_info_dict
+
+        save_yaml(path, camera_info_dict(self))
+
+    def pose_of_view(self, eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
+        """``T_world_camera`` of a camera at ``eye_m`` that looks at ``target_m`` [m]."""
+        eye, target = np.asarray(eye_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
+        forward = (target - eye) / np.linalg.norm(target - eye)
+        right = np.cross(forward, np.asarray(up, dtype=np.float64))
+        right /= np.linalg.norm(right)
+        return Pose(np.column_stack([right, np.cross(forward, right), forward]), eye)

@@ -1,0 +1,77 @@
+"""What can go wrong, one class per cause.
+
+Every message is one line: what was found, what was expected, where, and what
+to do. The command line turns each of these into exit code 2 and that line.
+"""
+
+from __future__ import annotations
+
+__all__ = [
+    "CalibrationError",
+    "DeviceError",
+    "InputError",
+    "MissingExtraError",
+    "StaleFrameError",
+    "VisuohapticError",
+]
+
+
+class VisuohapticError(Exception):
+    """Base of everything that this library raises on purpose."""
+
+
+class InputError(VisuohapticError, ValueError):
+    """A file, field or argument that cannot be used.
+
+    Parameters
+    ----------
+    where
+        File, or function argument, that was read.
+    problem
+        What was found and what was expected.
+    field
+        Field, column or row inside ``where``; empty when the whole is meant.
+    remedy
+        What to do next; empty when the problem says it already.
+    """
+
+    def __init__(self, where: object, problem: str, *, field: str = "", remedy: str = "") -> None:
+        self.where = str(where)
+        self.field = field
+        self.problem = problem
+        self.remedy = remedy
+        place = f"{self.where}: {field}" if field else self.where
+        text = f"{place}: {problem}" + (f"; {remedy}" if remedy else "")
+        super().__init__(" ".join(text.split()))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # Keyword-only arguments: the default would lose them between worker processes.
+        return (_rebuild_input_error, (type(self), self.where, self.problem, self.field, self.remedy))
+
+
+def _rebuild_input_error(
+    cls: type[InputError], where: str, problem: str, field: str, remedy: str
+) -> InputError:
+    return cls(where, problem, field=field, remedy=remedy)
+
+
+class CalibrationError(InputError):
+    """Calibration data that would give a sensor that lies: refused, with the reason."""
+
+
+class DeviceError(VisuohapticError):
+    """A camera or robot that does not answer as promised."""
+
+
+class StaleFrameError(DeviceError):
+    """The newest frame is older than the caller accepts."""
+
+
+class MissingExtraError(VisuohapticError, ImportError):
+    """An optional library that is not installed; the message has the install line."""
+
+    def __init__(self, module: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package '{module}', which is not installed; "
+            f"run: pip install 'visuohaptic[{extra}]'"
+        )

@@ -1,0 +1,36 @@
+"""What a robot knows of objects, and the measurements that this knowledge is made of."""
+
+from .measurement import Contact, ErrorBudget, Event, EventKind, ForceProfile, Motion, Reason, Wrench
+from .model import (
+    Appearance,
+    Estimate,
+    Geometry,
+    HapticTag,
+    Material,
+    Primitive,
+    PrimitiveKind,
+    Provenance,
+    StiffnessMap,
+    VisuoHapticObject,
+)
+
+__all__ = [
+    "Appearance",
+    "Contact",
+    "ErrorBudget",
+    "Estimate",
+    "Event",
+    "EventKind",
+    "ForceProfile",
+    "Geometry",
+    "HapticTag",
+    "Material",
+    "Motion",
+    "Primitive",
+    "PrimitiveKind",
+    "Provenance",
+    "Reason",
+    "StiffnessMap",
+    "VisuoHapticObject",
+    "Wrench",
+]

@@ -1,0 +1,32 @@
+"""Shared by all tests: real recordings where they are, shapes checked everywhere."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def data_folder() -> Path | None:
+    """Folder of the real recordings, if there is one."""
+    named = os.environ.get("VISUOHAPTIC_DATA")
+    candidates = [Path(named)] if named else [ROOT.parent / "shared" / "data"]
+    return next((folder for folder in candidates if folder.is_dir()), None)
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The real recordings; the test says so when they are absent."""
+    folder = data_folder()
+    if folder is None:
+        pytest.skip("real recordings not found: set VISUOHAPTIC_DATA or put them into ../shared/data")
+    return folder
+
+
+def pytest_report_header() -> str:
+    """One line at the top of every run."""
+    folder = data_folder()
+    return f"real recordings: {folder if folder else 'absent, their tests are skipped'}"
