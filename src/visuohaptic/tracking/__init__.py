@@ -1,0 +1,6 @@
+"""Pixels only: contours that are followed from frame to frame along constraint lines."""
+
+from .contour import Contour, ContourSettings, ContourTracker, PointReason
+from .lines import ConstraintLines
+
+__all__ = ["ConstraintLines", "Contour", "ContourSettings", "ContourTracker", "PointReason"]
