@@ -72,6 +72,8 @@ def _levels(measured, state, use, noise_var, prior):
         share(value, variance, use, 2 * SHARED, mean, spread)
         for k in range(n):
             if use[k]:
+                # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
+                mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
                 state[k, tilt], tilt_var[k] = _posterior(mean[k], spread[k], value[k], variance[k])
                 if not spread[k] < 1e30:
                     state[k, tilt], tilt_var[k] = 0.0, 0.0
@@ -169,7 +171,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curvatures(origin, direction, state, CURVATURE_LIMIT)
+        curvatures(origin, direction, state, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
         for k in range(n):
