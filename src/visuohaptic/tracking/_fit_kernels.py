@@ -52,6 +52,8 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
     flat, pu, pv, slope, curve, nv, tu = frame(origin, direction, state[T], state[SLOPE], state[CURVE])
     rows, columns = grey.shape
     size_u, size_v = (columns, rows) if flat else (rows, columns)
+    pixels = grey.reshape(-1)
+    step_u, step_v = (1, columns) if flat else (columns, 1)
     reach = half * abs(tu)
     u_first, u_last = int(math.floor(pu - reach)) + 1, int(math.floor(pu + reach))
     gap = int(math.ceil(near * state[BLUR] / abs(nv)))
@@ -74,8 +76,9 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
             total = 0
             square = 0
             moment = 0
+            at = begin * step_v + u * step_u
             for j in range(run):
-                value = np.int64(grey[begin + j, u]) if flat else np.int64(grey[u, begin + j])
+                value = np.int64(pixels[at + j * step_v])
                 total += value
                 square += value * value
                 moment += j * value
@@ -117,6 +120,8 @@ def step_fit(grey, origin, direction, half, near, prior, state):
         return
     rows, columns = grey.shape
     size_u, size_v = (columns, rows) if flat else (rows, columns)
+    pixels = grey.reshape(-1)
+    step_u, step_v = (1, columns) if flat else (columns, 1)
     reach = half * abs(tu)
     u_first, u_last = int(math.floor(pu - reach)) + 1, int(math.floor(pu + reach))
     run = int(math.ceil(near * b / abs(nv)))
@@ -150,8 +155,9 @@ def step_fit(grey, origin, direction, half, near, prior, state):
         lane_g = 0.0
         lane_step = 0.0
         lane_r = 0.0
+        at = begin * step_v + u * step_u
         for j in range(2 * run):
-            value = np.float64(grey[begin + j, u]) if flat else np.float64(grey[u, begin + j])
+            value = np.float64(pixels[at + j * step_v])
             z = (begin + j - ve) * nv
             x = z * scale + REACH * STEPS
             i = min(max(int(x + 0.5), 0), 2 * REACH * STEPS)

@@ -112,19 +112,26 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     state[:, HIGH_SLOPE] = 0.0
     state[:, STATUS] = OK
     at = np.full(n, 1e9)
+    blur_then = np.zeros(n)
     for sweep in range(sweeps):
         for k in range(n):
             if state[k, STATUS] == BORDER:
                 use[k] = False
                 continue
-            if sweep < 2 or abs(state[k, T] - at[k]) > 0.25:
+            moved = state[k, T] - at[k]
+            if abs(moved) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]:
                 if not plateaus(
                     grey, origin[k], direction[k], half[k], state[k], NEAR, PLATEAU_PX, measured[k]
                 ):
                     state[k, STATUS] = BORDER
                     use[k] = False
                     continue
-                at[k] = state[k, T]
+                blur_then[k] = state[k, BLUR]
+            else:
+                shift = moved / math.sqrt(1.0 + state[k, SLOPE] ** 2)
+                measured[k, 0, 1] -= shift
+                measured[k, 1, 1] -= shift
+            at[k] = state[k, T]
             if sweep == 0:
                 state[k, LOW], state[k, HIGH] = measured[k, 0, 2], measured[k, 1, 2]
                 use[k] = abs(state[k, HIGH] - state[k, LOW]) >= min_contrast
