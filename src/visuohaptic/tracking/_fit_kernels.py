@@ -272,6 +272,7 @@ def curvatures(origin, direction, state, noise_var, limit):
     of the noise of the point, while the correction by pure noise would raise that by 9 %.
     """
     n = origin.shape[0]
+    known = np.zeros(n, np.bool_)
     for k in range(n):
         state[k, CURVE] = 0.0
         if k == 0 or k == n - 1:
@@ -296,3 +297,17 @@ def curvatures(origin, direction, state, noise_var, limit):
         var *= state[k - 1, VAR] / (s1 * s1) + state[k, VAR] * own * own + state[k + 1, VAR] / (s2 * s2)
         kappa *= max(0.0, 1.0 - 4.0 * var / max(kappa * kappa, 1e-20))
         state[k, CURVE] = min(max(kappa, -limit), limit)
+        known[k] = True
+    for k in range(n):
+        # Ends and neighbours of lost points: the curvature next to them.
+        if not known[k]:
+            total = 0.0
+            count = 0
+            for i in range(max(k - 1, 0), min(k + 2, n), 2 if 0 < k < n - 1 else 1):
+                if known[i]:
+                    # Curvature per arc length keeps its value where the slope changes.
+                    total += state[i, CURVE] / (1.0 + state[i, SLOPE] ** 2) ** 1.5
+                    count += 1
+            if count > 0:
+                kappa = total / count * (1.0 + state[k, SLOPE] ** 2) ** 1.5
+                state[k, CURVE] = min(max(kappa, -limit), limit)

@@ -158,7 +158,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             state[k, LOW], state[k, HIGH] = prior[k, 0], prior[k, 1]
             for turn in range(3 if sweep == 0 else 2):
                 step_fit(grey, origin[k], direction[k], half[k], NEAR, prior[k], state[k])
-                if state[k, STATUS] != OK or abs(state[k, MOVED]) < 0.05 * state[k, BLUR]:
+                if state[k, STATUS] != OK or abs(state[k, MOVED]) < (0.25 if sweep == 0 else 0.05) * state[k, BLUR]:
                     break
         for k in range(n):
             use[k] = (
@@ -191,7 +191,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
 
 @njit(cache=True, nogil=True)
-def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
+def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
           occlusion, foam_step, seen_clear, sigma, reason):  # fmt: skip
     """Declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
     n = state.shape[0]
@@ -205,6 +205,11 @@ def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2
         ratio = s[SPREAD] / noise_var
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
+        # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
+        doubt = 0.1 * abs(s[CURVE])
+        if 0 < k < n - 1:
+            doubt += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
+        var += (doubt * half[k] * half[k] / 6.0) ** 2
         sigma[k] = math.sqrt(max(var, 0.0))
         code = 0
         if s[STATUS] == BORDER:
@@ -213,7 +218,7 @@ def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2
             code = 1
         elif polarity * height < 0.0:
             code = 4
-        elif abs(s[T] - found[k]) > max_move or not (sigma[k] < 1.0):
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
             code = 1
         elif s[T] < start[k] or s[T] > stop[k]:
             code = 3
