@@ -2,5 +2,6 @@
 
 from .contour import Contour, ContourSettings, ContourTracker, PointReason
 from .lines import ConstraintLines
+from .stripe import StripeModel
 
-__all__ = ["ConstraintLines", "Contour", "ContourSettings", "ContourTracker", "PointReason"]
+__all__ = ["ConstraintLines", "Contour", "ContourSettings", "ContourTracker", "PointReason", "StripeModel"]

@@ -72,6 +72,8 @@ def _levels(measured, state, use, noise_var, prior):
         share(value, variance, use, 2 * SHARED, mean, spread)
         for k in range(n):
             if use[k]:
+                # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
+                mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
                 state[k, tilt], tilt_var[k] = _posterior(mean[k], spread[k], value[k], variance[k])
                 if not spread[k] < 1e30:
                     state[k, tilt], tilt_var[k] = 0.0, 0.0
@@ -110,19 +112,26 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     state[:, HIGH_SLOPE] = 0.0
     state[:, STATUS] = OK
     at = np.full(n, 1e9)
+    blur_then = np.zeros(n)
     for sweep in range(sweeps):
         for k in range(n):
             if state[k, STATUS] == BORDER:
                 use[k] = False
                 continue
-            if sweep < 2 or abs(state[k, T] - at[k]) > 0.25:
+            moved = state[k, T] - at[k]
+            if abs(moved) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]:
                 if not plateaus(
                     grey, origin[k], direction[k], half[k], state[k], NEAR, PLATEAU_PX, measured[k]
                 ):
                     state[k, STATUS] = BORDER
                     use[k] = False
                     continue
-                at[k] = state[k, T]
+                blur_then[k] = state[k, BLUR]
+            else:
+                shift = moved / math.sqrt(1.0 + state[k, SLOPE] ** 2)
+                measured[k, 0, 1] -= shift
+                measured[k, 1, 1] -= shift
+            at[k] = state[k, T]
             if sweep == 0:
                 state[k, LOW], state[k, HIGH] = measured[k, 0, 2], measured[k, 1, 2]
                 use[k] = abs(state[k, HIGH] - state[k, LOW]) >= min_contrast
@@ -149,7 +158,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             state[k, LOW], state[k, HIGH] = prior[k, 0], prior[k, 1]
             for turn in range(3 if sweep == 0 else 2):
                 step_fit(grey, origin[k], direction[k], half[k], NEAR, prior[k], state[k])
-                if state[k, STATUS] != OK or abs(state[k, MOVED]) < 0.05 * state[k, BLUR]:
+                if state[k, STATUS] != OK or abs(state[k, MOVED]) < (0.25 if sweep == 0 else 0.05) * state[k, BLUR]:
                     break
         for k in range(n):
             use[k] = (
@@ -169,7 +178,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curvatures(origin, direction, state, CURVATURE_LIMIT)
+        curvatures(origin, direction, state, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
         for k in range(n):
@@ -182,7 +191,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
 
 @njit(cache=True, nogil=True)
-def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
+def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
           occlusion, foam_step, seen_clear, sigma, reason):  # fmt: skip
     """Declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
     n = state.shape[0]
@@ -196,6 +205,11 @@ def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2
         ratio = s[SPREAD] / noise_var
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
+        # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
+        doubt = 0.1 * abs(s[CURVE])
+        if 0 < k < n - 1:
+            doubt += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
+        var += (doubt * half[k] * half[k] / 6.0) ** 2
         sigma[k] = math.sqrt(max(var, 0.0))
         code = 0
         if s[STATUS] == BORDER:
@@ -204,7 +218,7 @@ def judge(state, found, start, stop, noise_var, polarity, min_contrast, max_chi2
             code = 1
         elif polarity * height < 0.0:
             code = 4
-        elif abs(s[T] - found[k]) > max_move or not (sigma[k] < 1.0):
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
             code = 1
         elif s[T] < start[k] or s[T] > stop[k]:
             code = 3

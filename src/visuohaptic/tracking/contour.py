@@ -205,20 +205,23 @@ class ContourTracker:
         """Search around ``guess`` (or everywhere), fit, judge; remember for the next frame."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
-        if guess is None:
-            span = float((stop - start).max())
-            stride = max(1, int(np.ceil(span / 64.0)))
-            first, positions = np.floor(start), int(span / stride) + 2
-            turns = 1
-        else:
-            stride, positions, turns = 2, chosen.window_px + 1, 0
-            first = np.rint(np.clip(guess, start, stop)) - chosen.window_px
         noise = chosen.noise_grey or float(np.sqrt(self._noise_var)) or 2.0
-        found, strength, energy, cap = search(
-            grey, lines.origin_px, lines.direction_px, rest, start, stop, first, positions, stride,
-            chosen.polarity, self._cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
-            chosen.weight_smooth / lines.spacing_px**2, turns,
-        )  # fmt: skip
+        cap, energy = self._cap, 0.0
+        strength = found = np.zeros(len(lines)) if guess is None else guess
+        # Everywhere first if need be, then around the guess at half the density.
+        for wide in (True, False) if guess is None else (False,):
+            if wide:
+                span = float((stop - start).max())
+                stride, turns = max(1, int(np.ceil(span / 64.0))), 1
+                first, positions = np.floor(start), int(span / stride) + 2
+            else:
+                stride, turns, positions = 2, 0, chosen.window_px + 1
+                first = np.rint(np.clip(found, start, stop)) - chosen.window_px
+            found, strength, energy, cap = search(
+                grey, lines.origin_px, lines.direction_px, rest, start, stop, first, positions, stride,
+                chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
+                chosen.weight_smooth / lines.spacing_px**2, turns,
+            )  # fmt: skip
 
         state = np.zeros((len(lines), columns.STATES))
         state[:, columns.T] = found
@@ -241,7 +244,7 @@ class ContourTracker:
         sigma = np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         judge(
-            state, found, start, stop, noise_var, chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
+            state, found, np.asarray(lines.half_width_px), start, stop, noise_var, chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
             chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, sigma, reason,
         )  # fmt: skip
         valid = reason == PointReason.OK
