@@ -134,11 +134,15 @@ class MeasurementWriter:
                 }
             )
         t_s, frame = profile.t_s, self.frame
-        self.write(f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", t_s, ros.force_wrench(profile, frame))
+        self.write(
+            f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", t_s, ros.force_wrench(profile, frame)
+        )
         self._diagnose(name, t_s, frame, profile.valid, profile.reason, values)
         self.write(f"/{name}/profile", "sensor_msgs/msg/PointCloud2", t_s, ros.profile_cloud(profile, frame))
         if profile.contacts:
-            self.write(f"/{name}/contact", "sensor_msgs/msg/PointCloud2", t_s, ros.contact_cloud(profile, frame))
+            self.write(
+                f"/{name}/contact", "sensor_msgs/msg/PointCloud2", t_s, ros.contact_cloud(profile, frame)
+            )
 
     def write_wrench(self, wrench: Wrench, name: str = "beam") -> None:
         """Force and moment with validity and covariance."""

@@ -85,7 +85,9 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
     }
 
 
-def diagnostics(t_s: float, frame: str, name: str, valid: bool, reason: str, values: Mapping[str, Any]) -> Message:
+def diagnostics(
+    t_s: float, frame: str, name: str, valid: bool, reason: str, values: Mapping[str, Any]
+) -> Message:
     """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers also when not valid."""
     level = 0 if valid else (3 if reason == "stale" else 1)
     status = {
@@ -149,7 +151,9 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
     Lengths in m, pressure in Pa; ``contact`` counts the regions from 0.
     """
     contacts = profile.contacts
-    points = np.concatenate([np.asarray(c.points_foam_m).reshape(-1, 2) for c in contacts] or [np.zeros((0, 2))])
+    points = np.concatenate(
+        [np.asarray(c.points_foam_m).reshape(-1, 2) for c in contacts] or [np.zeros((0, 2))]
+    )
     pressure = [contact_pressure_Pa(profile, contact) for contact in contacts]
     numbers = [np.full(len(contact.delta_m), place) for place, contact in enumerate(contacts)]
 
