@@ -82,7 +82,7 @@ def test_texts_are_escaped():
     assert "script" not in page.open
     assert "<script" not in report.html()
     assert "".join(page.text).count(nasty) == 11
-    # title, headline, about, menu, section, text, code, table's caption, head and cell, caption of the picture
+    # Page title, headline, about, menu, section, text, code, three in the table, one below the picture.
 
 
 def test_a_picture_survives_bit_for_bit():
