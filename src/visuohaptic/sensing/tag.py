@@ -70,12 +70,15 @@ def tag_from_push(
         phases = find_phases(record, settings=settings.events, events=usable)
     moved = bool(np.isfinite(phases.motion_s))
     fell = EventKind.FALL in kinds
-    fixed = False if moved else None
-    if not moved and stopped_by in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
+    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c).
+    fixed = False if moved or stopped_by == StopReason.PUSHED_FAR else None
+    if fixed is None and stopped_by in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
         fixed = True
     if not np.isfinite(phases.contact_s):
-        return HapticTag(explored=1, failed=int(fell), falls=True if fell else None)
-    static = _static_friction(record, phases) if moved else None
+        return HapticTag(explored=1, failed=int(fell), falls=True if fell else None, fixed=fixed)
+    dynamic = _dynamic_friction(record, phases, settings) if moved else None
+    # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
+    static = _static_friction(record, phases, dynamic) if dynamic is not None else None
     deformability, stiffness = _deformation(record, phases, settings)
     offset = None
     touched = phases.rising(record.t_s) & np.isfinite(record.contact_m)
@@ -87,7 +90,7 @@ def tag_from_push(
     rotation = _slope(record, phases, record.angle_rad, settings) if moved else None
     return HapticTag(
         static_friction_N=static,
-        dynamic_friction_N=_dynamic_friction(record, phases, settings) if moved else None,
+        dynamic_friction_N=dynamic,
         deceleration_s=_deceleration(record, phases, settings) if moved else None,
         drift=drift,
         deformability=deformability,
@@ -109,37 +112,75 @@ def _normal_quantile(p: float) -> float:
     return float(ndtri(p))
 
 
-def _static_friction(record: PushRecord, phases: Phases) -> Estimate | None:
-    """Maximum of the force in phase (a), less what the maximum of noise adds.
+def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | None) -> Estimate | None:
+    """Force at which the object breaks away, between the dynamic friction and the largest force.
 
-    The largest of m equal values with noise sigma lies E[max] = sigma
-    Phi^-1((m - 3/8) / (m + 1/4)) too high (Blom). m is the number of frames
-    that the noise lets compete for the maximum: one on a steep ramp, all of
-    them on a plateau.
+    The text takes the largest force of phase (a). Two corrections: the largest
+    of m equal values with noise sigma lies sigma Phi^-1((m - 3/8) / (m + 1/4))
+    too high (Blom), m being the number of frames that the noise lets compete;
+    and after the break-away the force goes on rising until the object is as
+    fast as the platform (its inertia), so the break-away itself is looked for.
     """
     valid = np.flatnonzero(record.force_valid)
     # The event is dated to the first frame on the plateau within its noise: the peak may be one later.
     until = int(np.searchsorted(record.t_s, phases.motion_s, side="right")) + 1
-    from_ = int(np.searchsorted(record.t_s, phases.contact_s))
-    inside = valid[(valid >= from_) & (valid < until)]
-    if len(inside) == 0:
-        return None
-    # The contact was there at once with the full force: no phase (a), static friction was not seen.
+    begin = int(np.searchsorted(record.t_s, phases.contact_s))
+    inside = valid[(valid >= begin) & (valid < until)]
+    # There at once with the full force: no phase (a), static friction was not seen.
     if not np.any(inside < until - 2):
         return None
     force = record.force_N[inside]
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
-    bias, value = 0.0, float(force.max())
+    bias = 0.0
     for _ in range(5):
         rivals = int(np.sum(force > force.max() - bias - 2.0 * sigma))
         bias = sigma * _normal_quantile((rivals - 0.375) / (rivals + 0.25))
-        value = float(force.max()) - bias
-    # The true peak lies between two frames: on average a quarter of the last step is missed.
-    peak = int(np.argmax(force))
-    step = max(float(force[peak] - force[peak - 1]) - 2.0 * sigma, 0.0) if peak > 0 else 0.0
-    sampled = step / np.sqrt(12.0) if peak == len(force) - 1 or force[peak] - force[-1] > 3 * sigma else 0.0
+    value = float(force.max()) - bias
+    onset = _break_away(record, begin, until)
+    uncertain = 0.0
+    if onset is not None:
+        t, uncertain = onset
+        value = min(value, float(np.interp(t, record.t_s[valid], record.force_N[valid])))
+    if dynamic is not None and value < dynamic.value:
+        value = dynamic.value  # Coulomb: it takes at least as much to start as to go on
     scale = record.force_scale_sigma * abs(value)
-    return Estimate(value, float(np.sqrt(sigma**2 + sampled**2 + scale**2)))
+    return Estimate(value, float(np.sqrt(sigma**2 + uncertain**2 + scale**2)))
+
+
+def _break_away(record: PushRecord, begin: int, until: int) -> tuple[float, float] | None:
+    """Time at which the object began to move, and what one does not know of the force then [N].
+
+    A rigid object at rest lets the foam deflect by exactly the travel. What is
+    missing is the object's way y; it starts like t^2, so the first two frames
+    with y > 0 tell when: (t_2 - t_0) / (t_1 - t_0) = sqrt(y_2 / y_1). None for
+    soft objects and too few frames.
+    """
+    begin = max(begin - 1, 0)
+    until = min(until + 3, len(record.t_s))
+    x, d, t = record.travel_m[begin:until], record.deflection_m[begin:until], record.t_s[begin:until]
+    if len(t) < 4 or not np.all(np.isfinite(d)):
+        return None
+    noise = float(np.median(record.deflection_sigma_m[begin:until]))
+    pressed = np.flatnonzero(d > 5 * noise)
+    if len(pressed) < 3:
+        return None
+    origin = int(pressed[0])
+    follows = (d[origin + 1] - d[origin]) / max(x[origin + 1] - x[origin], 1e-12)
+    way = (x - x[origin]) - (d - d[origin])
+    moved = np.flatnonzero(way[origin:] > 4 * noise) + origin
+    if len(moved) == 0 or moved[0] + 1 >= len(t) or moved[0] < 1:
+        return None
+    first = int(moved[0])
+    if first > origin + 1 and follows < 0.9:
+        return None  # the object yields from the start: it is soft
+    ratio = float(np.sqrt(max(way[first + 1], 0.0) / way[first]))
+    frame = float(t[first] - t[first - 1])
+    late = frame / (ratio - 1.0) if ratio > 1.05 else frame
+    late = float(np.clip(late, 0.0, frame))
+    force = record.force_N[begin:until]
+    # The object was at rest one frame before, so the truth lies within this step, uniformly at worst.
+    step = abs(float(force[first] - force[first - 1]))
+    return float(t[first] - late), step / np.sqrt(12.0)
 
 
 def _autocorrelation_frames(values: np.ndarray) -> float:
@@ -202,9 +243,9 @@ def _deformation(
     limit = 0.95 * float(record.deflection_m[where].max())
     if np.isfinite(phases.motion_s):
         where = where[record.deflection_m[where] <= limit]
-    if len(where) < 3:
-        return None, None
     travel, deflection = record.travel_m[where], record.deflection_m[where]
+    if len(where) < 3 or np.ptp(travel) <= settings.travel_sigma_m:
+        return None, None
     noise = float(np.median(record.deflection_sigma_m[where]))
     # Slope over the phase: the unknown place of first touch falls out.
     slope, scatter, intercept = _line_fit(travel, deflection)
@@ -249,9 +290,8 @@ def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> 
     # A relaxing foam and the last millimetre of odometry are no motion of the object.
     if at_stop - final < max(5.0 * noise, 0.1 * at_stop):
         return Estimate(0.0, frame / np.sqrt(12.0))
-    on_the_way = np.flatnonzero(deflection > final + max(2.0 * noise, 0.05 * (at_stop - final)))
-    until = t[int(on_the_way[-1])] + 0.5 * frame if len(on_the_way) else phases.stop_s + 0.5 * frame
-    duration = float(until - phases.stop_s)
+    arrived = np.flatnonzero(deflection <= final + max(2.0 * noise, 0.05 * (at_stop - final)))
+    duration = float(t[int(arrived[0])] - 0.5 * frame - phases.stop_s)
     # Once the object has left the foam its further way is unseen: the time is a lower bound.
     unseen = duration if final <= 2.0 * noise else 0.0
     return Estimate(duration, float(np.hypot(frame, unseen)))
