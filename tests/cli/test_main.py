@@ -106,6 +106,30 @@ def test_reports_are_for_people_on_stdout(verbs, capsys):
     assert capsys.readouterr().out == ""
 
 
+def test_a_verb_that_reports_nothing_has_its_result_printed(verbs, capsys):
+    result = {
+        "file": "a.mcap",
+        "duration_s": 1.5,
+        "size": [3, 4],
+        "whole": True,
+        "topics": [{"name": "/a", "n": None}],
+    }
+    registry = verbs("touch box", lambda args: result)
+    assert main(["touch", "box"], registry) == 0
+    assert capsys.readouterr().out.splitlines() == [
+        "file: a.mcap",
+        "duration_s: 1.5",
+        "size: 3, 4",
+        "whole: yes",
+        "topics",
+        "  1.",
+        "    name: /a",
+        "    n: unknown",
+    ]
+    assert main(["touch", "box", "--quiet"], registry) == 0
+    assert capsys.readouterr().out == ""
+
+
 def test_bad_input_is_one_line_and_code_2(verbs, capsys):
     error = InputError("foam.csv", "found 'x',\nexpected a number", field="line 3, strain")
     assert main(["touch", "box"], verbs("touch box", fail_with(error))) == 2

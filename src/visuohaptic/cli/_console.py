@@ -50,16 +50,21 @@ class Console:
         self.json = json
         self.quiet = quiet
         self.verbose = verbose
+        self._reported = False
 
     def report(self, text: str = "") -> None:
         """Print a line for people: on stdout, or on stderr when stdout carries JSON."""
+        self._reported = True
         if not self.quiet:
             _write(sys.stderr if self.json else sys.stdout, text)
 
     def result(self, value: Any) -> None:
-        """Print the machine-readable result, when it was asked for."""
+        """Print the result as JSON when that was asked for, else as lines if the verb said nothing."""
         if self.json:
             _write(sys.stdout, _json.dumps(value))
+        elif not self._reported and not self.quiet:
+            for line in _lines(_json.plain(value)):
+                _write(sys.stdout, line)
 
     def error(self, text: str) -> None:
         """Print the one line that says what went wrong."""
@@ -86,6 +91,31 @@ class _LogLine(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         text = f"visuohaptic: {record.levelname.lower()}: {record.getMessage()}"
         return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
+
+
+def _lines(value: Any, indent: str = "") -> Iterator[str]:
+    """A plain result for people: one field per line, what is inside another is indented."""
+    pairs = (
+        value.items() if isinstance(value, dict) else ((f"{i + 1}.", item) for i, item in enumerate(value))
+    )
+    for name, item in pairs:
+        if isinstance(item, (dict, list)) and item and not _is_flat(item):
+            yield f"{indent}{name}"
+            yield from _lines(item, indent + "  ")
+        else:
+            yield f"{indent}{name}: {_flat_text(item)}"
+
+
+def _is_flat(value: Any) -> bool:
+    return isinstance(value, list) and not any(isinstance(item, (dict, list)) for item in value)
+
+
+def _flat_text(value: Any) -> str:
+    if isinstance(value, (list, dict)):
+        return ", ".join(_flat_text(item) for item in value) if value else "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "unknown" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _write(stream: TextIO, text: str) -> None:
