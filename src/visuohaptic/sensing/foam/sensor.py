@@ -108,14 +108,22 @@ class FoamSensor:
         zero = ZeroReference.from_samples(
             seen[-1].t_s,
             np.array([strip.reference_px for strip in seen]),
-            np.array([np.where(strip.usable, strip.width_m, np.nan) for strip in seen]),
+            np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
             np.array([strip.foam_grey for strip in seen]),
+            doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
         )
         self._watch = ZeroWatch(zero)
         self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
         self._last_t_s = None
         self.optics.forget_motion()
         return zero
+
+    def reset(self) -> None:
+        """Forget the last frames and the foam's history; the zero reference stays."""
+        self.optics.reset()
+        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
+        self._last_t_s = None
+        self._last_sample = None
 
     def read(self, frame: Frame) -> ForceProfile:
         """Deflection, pressure and force of one frame, with uncertainty, validity and reason.
@@ -167,7 +175,9 @@ class FoamSensor:
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
         good = strip.usable & ~covered
-        seen, sigma = _with_doubtful(delta, sigma, good, strip.doubtful & ~covered, strip.front.chi2)
+        doubtful = strip.doubtful & ~covered
+        sigma = np.where(doubtful, np.hypot(sigma, scale * _doubt(strip)), sigma)
+        seen = good | _plausible(delta, sigma, good, doubtful)
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
         moved_px = strip.moved_px
         common = watch.sigma_m if watch is not None else 0.0
@@ -258,20 +268,24 @@ class FoamSensor:
         )
 
 
-def _with_doubtful(
+def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
+    """What a width may be wrong by where the edge is no clean step [m]: grows with the misfit."""
+    return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))
+
+
+def _plausible(
     delta: Float[np.ndarray, "K"],
     sigma: Float[np.ndarray, "K"],
     good: Bool[np.ndarray, "K"],
     doubtful: Bool[np.ndarray, "K"],
-    chi2: Float[np.ndarray, "K"],
-) -> tuple[Bool[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-    """Points that can be used, and their sigma: poor fits count where they lie between good neighbours.
+) -> Bool[np.ndarray, "K"]:
+    """Doubtful points that lie between their good neighbours, up to a few in a row.
 
     At the edge of a plate the front is a kink, which is no blurred step; its fit is
-    still ten times closer than a line between the neighbours. Its sigma grows with the
-    misfit. What lies outside of its neighbours is something else, and is not used.
+    still ten times closer than a line between the neighbours. What lies outside of
+    its neighbours is something else, and is not used.
     """
-    usable, wider = good.copy(), sigma.copy()
+    usable = np.zeros_like(good)
     known = np.flatnonzero(good)
     for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
         after = int(np.searchsorted(known, k))
@@ -279,12 +293,8 @@ def _with_doubtful(
             continue
         ends = delta[known[after - 1 : after + 1]]
         margin = _DOUBTFUL_MARGIN * abs(ends[1] - ends[0]) + 5.0 * float(sigma[k])
-        if ends.min() - margin <= delta[k] <= ends.max() + margin:
-            usable[k] = True
-            wider[k] = np.hypot(
-                1.5 * sigma[k] * np.sqrt(max(float(chi2[k]), 1.0)), 0.02 * (ends[1] - ends[0])
-            )
-    return usable, wider
+        usable[k] = ends.min() - margin <= delta[k] <= ends.max() + margin
+    return usable
 
 
 def _bridge(

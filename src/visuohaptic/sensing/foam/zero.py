@@ -49,9 +49,15 @@ class ZeroReference:
         width_m: Float[np.ndarray, "n K"],
         foam_grey: Float[np.ndarray, "n K"],
         *,
+        doubt_m: Float[np.ndarray, "K"] | float = 0.0,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
+
+        Parameters
+        ----------
+        doubt_m
+            What each width may be wrong by in all frames alike, for example by texture at its edge.
 
         Raises
         ------
@@ -87,7 +93,7 @@ class ZeroReference:
             np.nanmedian(reference_px, axis=0),
             width,
             # The median costs a factor sqrt(pi/2) over the mean.
-            1.2533 * scatter / np.sqrt(np.maximum(seen, 1)),
+            np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), doubt_m),
             np.nanmedian(foam_grey, axis=0),
             float(np.nanmean(foam_grey)),
         )
