@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 from pathlib import Path
 
 import cv2
@@ -49,6 +50,13 @@ def corner_views(seed: int, noise_px: float, count: int = 15, **more: float) -> 
     return views
 
 
+@functools.cache
+def fine_rays() -> np.ndarray:
+    """Three rays per pixel and axis: a pixel integrates over its area."""
+    fine = (np.arange(640 * 3) + 0.5) / 3 - 0.5, (np.arange(480 * 3) + 0.5) / 3 - 0.5
+    return CAMERA.rays(np.stack(np.meshgrid(*fine), axis=-1))
+
+
 def render(board: Board, pose: Pose) -> np.ndarray:
     """The printed board through lens and perspective: every pixel looks up its place on the print."""
     scale = 40  # print pixels per square
@@ -60,9 +68,7 @@ def render(board: Board, pose: Pose) -> np.ndarray:
         # As OpenCV's ChArUco boards, the first square is black.
         print_ = np.kron(((x + y) % 2 * 255).astype(np.uint8), np.ones((scale, scale), np.uint8))
     print_ = cv2.copyMakeBorder(print_, scale, scale, scale, scale, cv2.BORDER_CONSTANT, value=255)
-    step = 3  # rays per pixel and axis: the pixel integrates over its area
-    fine = (np.arange(640 * step) + 0.5) / step - 0.5, (np.arange(480 * step) + 0.5) / step - 0.5
-    rays = CAMERA.rays(np.stack(np.meshgrid(*fine), axis=-1))
+    rays = fine_rays()
     normal, origin = pose.rotation[:, 2], pose.translation_m
     points = rays * ((origin @ normal) / (rays @ normal))[..., None]
     flat = ((points - origin) @ pose.rotation)[..., :2] / board.square_m
