@@ -339,3 +339,50 @@ def test_bad_use(tmp_path: Path) -> None:
     (tmp_path / "b.mcap").write_bytes(b"hello, world")
     with pytest.raises(InputError, match="expected an MCAP file"):
         open_source(tmp_path / "b.mcap")
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+def test_all_compressions_whole_and_cut(tmp_path: Path, compression: str) -> None:
+    """Written by mcap-ros2-support; cut in the last chunk, what can be unpacked of it is read."""
+    from mcap.writer import CompressionType
+    from mcap_ros2.writer import Writer as RosWriter
+
+    from visuohaptic.recording import ros_messages
+
+    path = tmp_path / "a.mcap"
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 255, (48, 64), dtype=np.uint8) for _ in range(12)]
+    with path.open("wb") as stream:
+        writer = RosWriter(stream, chunk_size=1 << 20, compression=CompressionType[compression])
+        schema = writer.register_msgdef("sensor_msgs/msg/Image", definition("sensor_msgs/msg/Image"))
+        for number, image in enumerate(images):
+            writer.write_message("/i", schema, ros_messages.image(number, image, "c"), log_time=number)
+        writer.finish()
+    with open_source(path) as source:
+        for frame, image in zip(source, images, strict=True):
+            np.testing.assert_array_equal(frame.image, image)
+    if compression == "NONE":
+        # One chunk holds all; its first half is whole messages.
+        path.write_bytes(path.read_bytes()[:20_000])
+        with open_source(path) as source:
+            assert len(list(source)) == 6
+
+
+def test_decompression_bomb_is_left_out(tmp_path: Path) -> None:
+    import struct
+
+    import zstandard
+
+    path = tmp_path / "a.mcap"
+    writer = MeasurementWriter(path)
+    writer.write_event(Event(EventKind.CONTACT, 1.0))
+    writer.close()
+    whole = path.read_bytes()
+    packed = zstandard.compress(b"\0" * 50_000_000)
+    for claimed in (50, 1 << 40):
+        body = struct.pack("<QQQI", 0, 0, claimed, 0) + struct.pack("<I", 4) + b"zstd"
+        body += struct.pack("<Q", len(packed)) + packed
+        path.write_bytes(whole[:8] + struct.pack("<BQ", 6, len(body)) + body + whole[8:])
+        file = McapFile(path)
+        assert len(list(file.messages())) == 1
+        assert "unpacks to 51 bytes, expected 50" in str(file.damage) or "claims" in str(file.damage)

@@ -43,8 +43,8 @@ class MeasurementWriter:
         Name of the sensor's frame of coordinates.
     chunk_bytes
         Messages are collected up to this size before they are compressed and
-        written. 0 writes each at once; larger is smaller on disk (about a
-        third for force profiles at 64 kB) but may lose the last chunk in a crash.
+        written. 0 writes each at once; 64 kB takes about a third of the space
+        for force profiles but may lose the last chunk in a crash.
 
     Notes
     -----

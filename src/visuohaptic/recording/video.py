@@ -82,9 +82,11 @@ class VideoSource(RecordedSource):
             container.close()
             raise InputError(self._path, "has no video stream")
         stream = container.streams.video[0]
-        if stream.time_base is None:
+        if stream.codec_context is None or stream.time_base is None:
             container.close()
-            raise InputError(self._path, "has no time base")
+            raise InputError(self._path, "its video stream is of no known codec, or has no time base")
+        # The decoder obeys too: a stream may name another size than the container does.
+        stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
         stream.thread_type = "AUTO"
         return container, stream
 
