@@ -6,6 +6,9 @@ edge along its normal, ``b`` blur including the pixel's own 1/12 px^2, ``q`` arc
 length along the edge, ``N`` pixels per unit of z.
 """
 
+# mypy: disable-error-code="no-untyped-def, assignment"
+# Kernels are typed by numba at the call; their arrays are described in the docstrings.
+# ruff: noqa: RUF046
 from __future__ import annotations
 
 import math
@@ -14,7 +17,8 @@ import numpy as np
 from numba import njit
 
 #: Rows of the per-point state; see ``edge_fit.fit_edges``.
-T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2, SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(17)  # fmt: skip
+T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2 = range(10)
+SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(10, 17)
 STATES = 17
 OK, BORDER, FLAT = 0.0, 1.0, 2.0
 
@@ -46,8 +50,8 @@ def frame(origin, direction, t, m, kappa):
 def plateaus(grey, origin, direction, half, state, near, length, out):
     """Line fits to the grey levels in front of and behind the edge.
 
-    ``out`` (2, 6): pixels, mean of z, mean level, slope of the level, variance of z, residual variance. Returns False
-    when the window leaves the image.
+    ``out`` (2, 6): pixels, mean of z, mean level, slope of the level, variance of z,
+    residual variance. Returns False when the window leaves the image.
     """
     flat, pu, pv, slope, curve, nv, tu = frame(origin, direction, state[T], state[SLOPE], state[CURVE])
     rows, columns = grey.shape
