@@ -300,8 +300,10 @@ def curvatures(origin, direction, state, noise_var, limit):
         var = base * base * noise_var
         var *= state[k - 1, VAR] / (s1 * s1) + state[k, VAR] * own * own + state[k + 1, VAR] / (s2 * s2)
         kappa *= max(0.0, 1.0 - 4.0 * var / max(kappa * kappa, 1e-20))
-        state[k, CURVE] = min(max(kappa, -limit), limit)
-        known[k] = True
+        # Sharper than that is a jump to something else, not a curve.
+        if abs(kappa) < 1.5 * limit * (1.0 + state[k, SLOPE] ** 2) ** 1.5:
+            state[k, CURVE] = min(max(kappa, -limit), limit)
+            known[k] = True
     for k in range(n):
         # Ends and neighbours of lost points: the curvature next to them.
         if not known[k]:

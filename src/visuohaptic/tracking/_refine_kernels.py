@@ -54,15 +54,33 @@ MIN_BLUR, MAX_BLUR = 0.45, 6.0
 
 @njit(cache=True, fastmath=True, nogil=True)
 def start_slopes(origin, direction, position, slope):
-    """Slope dt/ds of the chord between the neighbours of each point (one-sided at the ends)."""
+    """Slope dt/ds at each point from its two neighbours.
+
+    The mean of both sides; the flatter one where they differ by more than a bent
+    foam can: the other side is a jump to something else.
+    """
     n = origin.shape[0]
     for k in range(n):
-        a, b = max(k - 1, 0), min(k + 1, n - 1)
         dx, dy = direction[k, 0], direction[k, 1]
-        x = origin[b, 0] + position[b] * direction[b, 0] - origin[a, 0] - position[a] * direction[a, 0]
-        y = origin[b, 1] + position[b] * direction[b, 1] - origin[a, 1] - position[a] * direction[a, 1]
-        s = -x * dy + y * dx
-        slope[k] = 0.0 if abs(s) < 1.0 else min(max((x * dx + y * dy) / s, -2.5), 2.5)
+        x, y = origin[k, 0] + position[k] * dx, origin[k, 1] + position[k] * dy
+        total = 0.0
+        flattest = 1e9
+        count = 0
+        lowest, highest = 1e9, -1e9
+        for i in (k - 1, k + 1):
+            if 0 <= i < n:
+                ax = origin[i, 0] + position[i] * direction[i, 0] - x
+                ay = origin[i, 1] + position[i] * direction[i, 1] - y
+                s = -ax * dy + ay * dx
+                if abs(s) > 1.0:
+                    m = (ax * dx + ay * dy) / s
+                    total += m
+                    count += 1
+                    lowest, highest = min(lowest, m), max(highest, m)
+                    if abs(m) < abs(flattest):
+                        flattest = m
+        m = 0.0 if count == 0 else (flattest if highest - lowest > 1.2 else total / count)
+        slope[k] = min(max(m, -2.5), 2.5)
 
 
 @njit(cache=True, nogil=True)
@@ -242,7 +260,10 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
         # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
-        var += math.pi * s[BLUR] ** 2 * s[TEXTURE] / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
+        # One plateau has few patches: a calm one beside an uneven one is luck.
+        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
+        uneven = max(s[TEXTURE], near.mean())
+        var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
         # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
         doubt = 0.1 * abs(s[CURVE])
         if 0 < k < n - 1:
