@@ -269,7 +269,7 @@ def share(value, variance, use, half, mean, spread):
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def curvatures(origin, direction, state, noise_var, limit):
+def curvatures(origin, direction, state, use, noise_var, limit):
     """Curvature of the parabola through each point and its two neighbours, in the frame of its line.
 
     Shrunk to zero below two standard deviations: what is left uncorrected then is a fifth
@@ -281,7 +281,7 @@ def curvatures(origin, direction, state, noise_var, limit):
         state[k, CURVE] = 0.0
         if k == 0 or k == n - 1:
             continue
-        if state[k - 1, STATUS] != OK or state[k, STATUS] != OK or state[k + 1, STATUS] != OK:
+        if not (use[k - 1] and use[k] and use[k + 1]):
             continue
         dx, dy = direction[k, 0], direction[k, 1]
         x = origin[k, 0] + state[k, T] * dx

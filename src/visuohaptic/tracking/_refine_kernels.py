@@ -232,7 +232,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curvatures(origin, direction, state, noise_var, CURVATURE_LIMIT)
+        curvatures(origin, direction, state, use, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
         for k in range(n):
