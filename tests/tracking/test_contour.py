@@ -174,7 +174,8 @@ def test_an_object_over_the_whole_foam_gives_no_valid_points():
     c = ContourTracker(BRIGHT_BEHIND).track(camera(exact, 3, np.random.default_rng(8)), lines)
     x = lines.origin_px[:, 0]
     assert (np.abs(c.position_px - truth) < 5 * c.sigma_px)[c.valid & ((x < 140) | (x > 245))].all()
-    assert c.valid[(x < 100) | (x > 285)].all()
+    # The smoothness pulls up to three points beside the object off their edge: not valid, and said so.
+    assert c.valid[(x < 150 - 4 * 17) | (x > 235 + 4 * 17)].all()
 
 
 def test_strong_texture_behind_does_not_attract():
