@@ -70,7 +70,9 @@ def _speed(rng: np.random.Generator) -> dict:
     ours()
     # The snake gets a strip of 1600 x 240 and the contour of the frame before, 3 px away at most.
     strip = gaussian(frames[0][360:600].astype(float), 1.0, preserve_range=True) / 255.0
-    points = np.stack([fronts[2][front_lines.origin_px[:, 0].astype(int)] - 360.0, front_lines.origin_px[:, 0]], 1)
+    points = np.stack(
+        [fronts[2][front_lines.origin_px[:, 0].astype(int)] - 360.0, front_lines.origin_px[:, 0]], 1
+    )
 
     def peer() -> None:
         active_contour(strip, points, boundary_condition="fixed", max_num_iter=2500)
@@ -117,7 +119,13 @@ def run() -> list[dict]:
         biases.append(abs(bias))
         common = {"peer": 1.0, "unit": "ratio"}
         rows.append(
-            {"name": f"contour: noise / bound, blur {blur}", "ours": over, "ratio": over, "floor": 1.15, "aim": 1.05}
+            {
+                "name": f"contour: noise / bound, blur {blur}",
+                "ours": over,
+                "ratio": over,
+                "floor": 1.15,
+                "aim": 1.05,
+            }
             | common
             | {"peer_name": "Cramer-Rao bound, all else known"}
         )
@@ -136,4 +144,5 @@ def run() -> list[dict]:
 
 if __name__ == "__main__":
     for row in run():
-        print(f"{row['name']:55s} {row['ours']:10.4g} peer {row['peer']:8.4g} ratio {row['ratio']:8.4g} {row['unit']}")
+        figures = f"{row['ours']:10.4g} peer {row['peer']:8.4g} ratio {row['ratio']:8.4g} {row['unit']}"
+        print(f"{row['name']:55s} {figures}")

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+
 from visuohaptic.tracking import _fit_kernels as fit
 from visuohaptic.tracking import _kernels
 
@@ -108,8 +109,8 @@ def test_share_trusts_neighbours_as_far_as_they_agree():
     for scatter in (0.0, 3.0):
         value = rng.standard_normal(200) + scatter * rng.standard_normal(200)
         fit.share(value, np.ones(200), np.ones(200, np.bool_), 10, mean, spread)
-        # Twenty neighbours: own noise / 20 when they agree, the scatter squared when not (within its own spread).
-        low, high = ((0.0, 0.25) if scatter == 0.0 else (5.0, 13.0))
+        # Twenty neighbours: own noise / 20 when they agree, the scatter squared when not.
+        low, high = (0.0, 0.25) if scatter == 0.0 else (5.0, 13.0)
         assert low < spread.mean() < high
 
 

@@ -6,6 +6,9 @@ edge along its normal, ``b`` blur including the pixel's own 1/12 px^2, ``q`` arc
 length along the edge, ``N`` pixels per unit of z.
 """
 
+# mypy: disable-error-code="no-untyped-def, assignment"
+# Kernels are typed by numba at the call; their arrays are described in the docstrings.
+# ruff: noqa: RUF046
 from __future__ import annotations
 
 import math
@@ -14,7 +17,8 @@ import numpy as np
 from numba import njit
 
 #: Rows of the per-point state; see ``edge_fit.fit_edges``.
-T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2, SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(17)  # fmt: skip
+T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2 = range(10)
+SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(10, 17)
 STATES = 17
 OK, BORDER, FLAT = 0.0, 1.0, 2.0
 
@@ -46,8 +50,8 @@ def frame(origin, direction, t, m, kappa):
 def plateaus(grey, origin, direction, half, state, near, length, out):
     """Line fits to the grey levels in front of and behind the edge.
 
-    ``out`` (2, 6): pixels, mean of z, mean level, slope of the level, variance of z, residual variance. Returns False
-    when the window leaves the image.
+    ``out`` (2, 6): pixels, mean of z, mean level, slope of the level, variance of z,
+    residual variance. Returns False when the window leaves the image.
     """
     flat, pu, pv, slope, curve, nv, tu = frame(origin, direction, state[T], state[SLOPE], state[CURVE])
     rows, columns = grey.shape
@@ -265,7 +269,7 @@ def share(value, variance, use, half, mean, spread):
 
 
 @njit(cache=True, fastmath=True, nogil=True)
-def curvatures(origin, direction, state, noise_var, limit):
+def curvatures(origin, direction, state, use, noise_var, limit):
     """Curvature of the parabola through each point and its two neighbours, in the frame of its line.
 
     Shrunk to zero below two standard deviations: what is left uncorrected then is a fifth
@@ -277,7 +281,7 @@ def curvatures(origin, direction, state, noise_var, limit):
         state[k, CURVE] = 0.0
         if k == 0 or k == n - 1:
             continue
-        if state[k - 1, STATUS] != OK or state[k, STATUS] != OK or state[k + 1, STATUS] != OK:
+        if not (use[k - 1] and use[k] and use[k + 1]):
             continue
         dx, dy = direction[k, 0], direction[k, 1]
         x = origin[k, 0] + state[k, T] * dx
@@ -296,8 +300,10 @@ def curvatures(origin, direction, state, noise_var, limit):
         var = base * base * noise_var
         var *= state[k - 1, VAR] / (s1 * s1) + state[k, VAR] * own * own + state[k + 1, VAR] / (s2 * s2)
         kappa *= max(0.0, 1.0 - 4.0 * var / max(kappa * kappa, 1e-20))
-        state[k, CURVE] = min(max(kappa, -limit), limit)
-        known[k] = True
+        # Sharper than that is a jump to something else, not a curve.
+        if abs(kappa) < 1.5 * limit * (1.0 + state[k, SLOPE] ** 2) ** 1.5:
+            state[k, CURVE] = min(max(kappa, -limit), limit)
+            known[k] = True
     for k in range(n):
         # Ends and neighbours of lost points: the curvature next to them.
         if not known[k]:

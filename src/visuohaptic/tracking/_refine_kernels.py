@@ -5,6 +5,8 @@ shading and blur with their neighbours as far as these agree, and makes one or t
 scoring steps per point.
 """
 
+# mypy: disable-error-code="no-untyped-def, assignment"
+# Kernels are typed by numba at the call; their arrays are described in the docstrings.
 from __future__ import annotations
 
 import math
@@ -13,16 +15,36 @@ import numpy as np
 from numba import njit
 
 from ._fit_kernels import (
-    BLUR, BLUR_INFO, BLUR_STEP, BORDER, CHI2, COUNT, CURVE, FLAT, HIGH, HIGH_SLOPE, LOW, LOW_SLOPE, MOVED, OK,
-    SLOPE, SPREAD, STATUS, T, TEXTURE, VAR, curvatures, plateaus, share, step_fit,
+    BLUR,
+    BLUR_INFO,
+    BLUR_STEP,
+    BORDER,
+    CHI2,
+    COUNT,
+    CURVE,
+    FLAT,
+    HIGH,
+    HIGH_SLOPE,
+    LOW,
+    LOW_SLOPE,
+    MOVED,
+    OK,
+    SLOPE,
+    SPREAD,
+    STATUS,
+    TEXTURE,
+    VAR,
+    T,
+    curvatures,
+    plateaus,
+    share,
+    step_fit,
 )  # fmt: skip
 
 #: Edge pixels reach this many blurs from the edge; the plateaus begin there.
 NEAR = 3.0
-#: Pixels along z of one plateau.
-PLATEAU_PX = 8.0
-#: Independent patches of texture along one point's width, and lever of a slant of the level (px).
-PATCHES, SLANT_PX = 1.5, 3.0
+#: Independent patches of texture along one point (one: the safe end), lever of a slanting level (px).
+PATCHES, SLANT_PX = 1.0, 3.0
 #: Neighbours on either side that share levels, shading and blur.
 SHARED = 10
 #: Largest curvature that is corrected (1/px).
@@ -32,15 +54,33 @@ MIN_BLUR, MAX_BLUR = 0.45, 6.0
 
 @njit(cache=True, fastmath=True, nogil=True)
 def start_slopes(origin, direction, position, slope):
-    """Slope dt/ds of the chord between the neighbours of each point (one-sided at the ends)."""
+    """Slope dt/ds at each point from its two neighbours.
+
+    The mean of both sides; the flatter one where they differ by more than a bent
+    foam can: the other side is a jump to something else.
+    """
     n = origin.shape[0]
     for k in range(n):
-        a, b = max(k - 1, 0), min(k + 1, n - 1)
         dx, dy = direction[k, 0], direction[k, 1]
-        x = origin[b, 0] + position[b] * direction[b, 0] - origin[a, 0] - position[a] * direction[a, 0]
-        y = origin[b, 1] + position[b] * direction[b, 1] - origin[a, 1] - position[a] * direction[a, 1]
-        s = -x * dy + y * dx
-        slope[k] = 0.0 if abs(s) < 1.0 else min(max((x * dx + y * dy) / s, -2.5), 2.5)
+        x, y = origin[k, 0] + position[k] * dx, origin[k, 1] + position[k] * dy
+        total = 0.0
+        flattest = 1e9
+        count = 0
+        lowest, highest = 1e9, -1e9
+        for i in (k - 1, k + 1):
+            if 0 <= i < n:
+                ax = origin[i, 0] + position[i] * direction[i, 0] - x
+                ay = origin[i, 1] + position[i] * direction[i, 1] - y
+                s = -ax * dy + ay * dx
+                if abs(s) > 1.0:
+                    m = (ax * dx + ay * dy) / s
+                    total += m
+                    count += 1
+                    lowest, highest = min(lowest, m), max(highest, m)
+                    if abs(m) < abs(flattest):
+                        flattest = m
+        m = 0.0 if count == 0 else (flattest if highest - lowest > 1.2 else total / count)
+        slope[k] = min(max(m, -2.5), 2.5)
 
 
 @njit(cache=True, nogil=True)
@@ -63,7 +103,7 @@ def _levels(measured, state, use, noise_var, prior):
     uneven = np.empty(n)
     state[:, TEXTURE] = 0.0
     for side in range(2):
-        level, tilt = (LOW, LOW_SLOPE) if side == 0 else (HIGH, HIGH_SLOPE)
+        tilt = LOW_SLOPE if side == 0 else HIGH_SLOPE
         texture = np.ones(n)
         for k in range(n):
             m = measured[k, side]
@@ -78,7 +118,9 @@ def _levels(measured, state, use, noise_var, prior):
         for k in range(n):
             if use[k]:
                 if spread[k] < 1e30:
-                    slant = (value[k] - mean[k]) ** 2 - 4.0 * (noise_var / (measured[k, side, 0] * measured[k, side, 4]))
+                    slant = (value[k] - mean[k]) ** 2 - 4.0 * (
+                        noise_var / (measured[k, side, 0] * measured[k, side, 4])
+                    )
                     state[k, TEXTURE] += uneven[k] + SLANT_PX**2 * max(slant, 0.0)
                 # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
                 mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
@@ -101,7 +143,7 @@ def _levels(measured, state, use, noise_var, prior):
 
 
 @njit(cache=True, nogil=True)
-def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast):
+def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
 
     Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
@@ -130,7 +172,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             moved = state[k, T] - at[k]
             if abs(moved) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]:
                 if not plateaus(
-                    grey, origin[k], direction[k], half[k], state[k], NEAR, PLATEAU_PX, measured[k]
+                    grey, origin[k], direction[k], half[k], state[k], NEAR, plateau_px, measured[k]
                 ):
                     state[k, STATUS] = BORDER
                     use[k] = False
@@ -165,9 +207,12 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                     prior[k, side] = measured[k, side, 2]
                     prior[k, 2 + side] = measured[k, side, 0]
             state[k, LOW], state[k, HIGH] = prior[k, 0], prior[k, 1]
-            for turn in range(3 if sweep == 0 else 2):
+            for _turn in range(3 if sweep == 0 else 2):
                 step_fit(grey, origin[k], direction[k], half[k], NEAR, prior[k], state[k])
-                if state[k, STATUS] != OK or abs(state[k, MOVED]) < (0.25 if sweep == 0 else 0.05) * state[k, BLUR]:
+                if (
+                    state[k, STATUS] != OK
+                    or abs(state[k, MOVED]) < (0.25 if sweep == 0 else 0.05) * state[k, BLUR]
+                ):
                     break
         for k in range(n):
             use[k] = (
@@ -187,7 +232,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curvatures(origin, direction, state, noise_var, CURVATURE_LIMIT)
+        curvatures(origin, direction, state, use, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
         for k in range(n):
@@ -215,7 +260,10 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
         # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
-        var += math.pi * s[BLUR] ** 2 * s[TEXTURE] / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
+        # One plateau has few patches: a calm one beside an uneven one is luck.
+        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
+        uneven = max(s[TEXTURE], near.mean())
+        var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
         # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
         doubt = 0.1 * abs(s[CURVE])
         if 0 < k < n - 1:

@@ -49,6 +49,7 @@ class ContourSettings:
     polarity: int = 0  #: +1 brighter at larger t, -1 darker, 0 either
     blur_px: float = 1.0  #: start value of the blur of the optics (Gaussian sigma), without the pixel [px]
     min_contrast: float = 8.0  #: smallest usable step [grey levels]
+    plateau_px: float = 8.0  #: pixels on either side that tell the grey levels; less for a thin stripe [px]
     noise_grey: float | None = None  #: standard deviation of one pixel; None: estimated per frame
     window_px: int = 15  #: search on either side of the prediction while tracking [px]
     full_search_every: int = 60  #: frames between searches of the whole range while all is well
@@ -58,21 +59,37 @@ class ContourSettings:
     clear_margin_px: float = 6.0  #: distance from both contours that is not tested for occluders [px]
 
     def __post_init__(self) -> None:
-        positive = ("weight_edge", "blur_px", "min_contrast", "window_px", "full_search_every", "max_chi2", "max_jump")
+        positive = (
+            "weight_edge",
+            "blur_px",
+            "min_contrast",
+            "window_px",
+            "full_search_every",
+            "max_chi2",
+            "max_jump",
+        )
         for name in positive:
             if not getattr(self, name) > 0:
                 raise InputError(
                     "ContourSettings", f"found {getattr(self, name)}, expected more than 0", field=name
                 )
+        if self.plateau_px < 2:
+            raise InputError(
+                "ContourSettings", f"found {self.plateau_px}, expected 2 or more", field="plateau_px"
+            )
         if self.polarity not in (-1, 0, 1):
             raise InputError(
                 "ContourSettings", f"found {self.polarity}, expected -1, 0 or 1", field="polarity"
             )
         if self.weight_smooth < 0 or self.weight_jump < 0:
-            raise InputError("ContourSettings", "found a negative weight, expected 0 or more", field="weight_*")
+            raise InputError(
+                "ContourSettings", "found a negative weight, expected 0 or more", field="weight_*"
+            )
         if self.noise_grey is not None and not self.noise_grey > 0:
             raise InputError(
-                "ContourSettings", f"found {self.noise_grey}, expected more than 0 or None", field="noise_grey"
+                "ContourSettings",
+                f"found {self.noise_grey}, expected more than 0 or None",
+                field="noise_grey",
             )
 
 
@@ -180,7 +197,9 @@ class ContourTracker:
             )
         if clear is not None and (clear.shape != (count,) or clear.dtype != np.bool_):
             raise InputError(
-                "ContourTracker.track", f"found {clear.dtype} {clear.shape}, expected bool ({count},)", field="clear"
+                "ContourTracker.track",
+                f"found {clear.dtype} {clear.shape}, expected bool ({count},)",
+                field="clear",
             )
         seen = clear if clear is not None else np.ones(count, dtype=np.bool_)
         due = guess is None or self._age >= self.settings.full_search_every
@@ -230,7 +249,7 @@ class ContourTracker:
         given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
         noise_var = refine(
             grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
-            5 if cold else 2, 1.0 if cold else 0.3, chosen.min_contrast,
+            5 if cold else 2, 1.0 if cold else 0.3, chosen.min_contrast, chosen.plateau_px,
         )  # fmt: skip
         if not given and self._noise_var > 0.0:
             # A dark or changed frame must not wait for the mean: never below half of this frame's value.
@@ -240,11 +259,19 @@ class ContourTracker:
         blur = state[:, columns.BLUR].copy()
         step = np.empty(len(lines))
         begin = np.maximum(start, 0.0) + chosen.clear_margin_px
-        foam_edge(grey, lines.origin_px, lines.direction_px, begin, position - chosen.clear_margin_px - 2.0 * blur, step)
+        foam_edge(
+            grey,
+            lines.origin_px,
+            lines.direction_px,
+            begin,
+            position - chosen.clear_margin_px - 2.0 * blur,
+            step,
+        )
         sigma = np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         judge(
-            state, found, np.asarray(lines.half_width_px), start, stop, noise_var, chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
+            state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
+            chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
             chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, sigma, reason,
         )  # fmt: skip
         valid = reason == PointReason.OK

@@ -38,7 +38,7 @@ class ConstraintLines:
         if count == 0 or origin.shape != (count, 2) or direction.shape != (count, 2):
             raise InputError(
                 "ConstraintLines",
-                f"found origins {origin.shape} and directions {direction.shape}, expected (K, 2) twice, K > 0",
+                f"found origins {origin.shape} and directions {direction.shape}, expected (K, 2) twice",
             )
         set_field = object.__setattr__
         set_field(self, "origin_px", origin)
@@ -49,11 +49,15 @@ class ConstraintLines:
             if values.ndim == 0:
                 values = np.full(count, float(values))
             if values.shape != (count,):
-                raise InputError("ConstraintLines", f"found shape {values.shape}, expected ({count},)", field=name)
+                raise InputError(
+                    "ConstraintLines", f"found shape {values.shape}, expected ({count},)", field=name
+                )
             total += values.sum()
             set_field(self, name, np.ascontiguousarray(values))
         if not np.isfinite(total):
-            raise InputError("ConstraintLines", "found a value that is not finite", remedy="leave out such lines")
+            raise InputError(
+                "ConstraintLines", "found a value that is not finite", remedy="leave out such lines"
+            )
         length = np.einsum("ki,ki->k", direction, direction)
         if np.abs(length - 1.0).max() > 1e-6:
             worst = int(np.argmax(np.abs(length - 1.0)))
