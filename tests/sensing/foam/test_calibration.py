@@ -110,7 +110,7 @@ def law(strain):
         (GOOD[:8], law(GOOD[:8]), "found 8 different strains"),
         (GOOD / 3, law(GOOD / 3), "found strains 0.00 to 0.20"),
         (GOOD[20:], law(GOOD[20:]), "found strains 0.20 to 0.60"),
-        (GOOD, np.where(GOOD == GOOD[5], np.nan, law(GOOD)), "found NaN or infinity"),
+        (GOOD, np.where(GOOD[5] == GOOD, np.nan, law(GOOD)), "found NaN or infinity"),
         (np.repeat(GOOD[::4], 4), np.repeat(law(GOOD[::4]), 4), "repeated exactly"),
         (GOOD, -law(GOOD), "expected compression positive"),
         (GOOD, law(GOOD) - 4e3, "expected 0 or more"),

@@ -27,8 +27,8 @@ Symbols: eps = delta / w strain, theta slope angle of the front contour
     and the mean over the thickness of the squared shear of a linear column is a
     third of that at the front. Columns are not linear and relieve their shear by
     moving sideways, which kappa < 1 stands for. It is one number for many foams
-    and bodies (0.27 +- 0.1 over simulated ones), and can be calibrated with a
-    plate narrower than the strip.
+    and bodies (0.27 +- 0.1, chosen on small simulations of four foams under five bodies),
+    and can be calibrated with a plate narrower than the strip.
 """
 
 from __future__ import annotations

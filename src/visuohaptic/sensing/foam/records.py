@@ -168,7 +168,7 @@ def _rows(path: Path | str) -> tuple[list[tuple[int, dict[str, str]]], list[str]
     if first is None:
         raise CalibrationError(path, "is empty, expected a header line and rows")
     names = [name.strip().lower() for name in first[1]]
-    if all(_is_number(name) for name in names):
+    if any(_is_number(name) for name in names):
         raise CalibrationError(
             path,
             "found numbers, expected a header with column names",

@@ -61,7 +61,9 @@ def section_stress(
     stress = curve.stress(strain)
     end_slope = float(curve.slope(np.array(curve.max_strain)))
     load = stress[-1] * np.linspace(0.0, 1.0, 400) ** 1.5
-    load = load * (0.5 if section == "triangle" else float(height.min()))
+    load = load * (
+        0.5 if section == "triangle" else float(section_height(section, np.array(1.0), front_ratio))
+    )
     local = load[:, None] / height[None, :]
     inside = np.interp(local, stress, strain)
     # Foam densifies: the tangent underestimates its stiffness, and nothing is compressed away.
