@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
 from ..camera import Camera
-from ._kernels import add_plane, add_signed_coverage
+from ._kernels import add_filtered_coverage, add_plane, add_signed_coverage
 from .look import Surface
 from .textures import MATERIALS, texture_tile
 
@@ -23,7 +24,7 @@ class Plane:
 
     matrices: Float[np.ndarray, "rows 3 3"]
     surface: Surface
-    gradient: Float[np.ndarray, "3"]  #: light is ``g0 + g1 a + g2 b``
+    light: float = 1.0  #: multiplies the mean level
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,26 +44,63 @@ class Coverage:
         )
 
 
-def coverage(polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int) -> Coverage | None:
-    """Exact area of each pixel inside a polygon of either direction; ``None`` when it is outside."""
+def coverage(
+    polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int, blur_px: float = 0.0
+) -> Coverage | None:
+    """Share of each pixel that a polygon of either direction covers, behind a Gaussian blur.
+
+    The polygon's indicator convolved with the pixel's square and a Gaussian of
+    standard deviation ``blur_px``, at each pixel; ``None`` when it is outside.
+    """
     if len(polygon_px) < 3 or not np.isfinite(polygon_px).all():
         return None
+    sharp = blur_px < SHARP_PX
+    radius = 1 if sharp else _filter_table(blur_px)[0]
     # One more pixel on each side: rounding along an edge must not leave the window.
-    low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - 1
-    high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + 2
+    low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - radius - 1
+    high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + radius + 2
     # The window keeps all columns left of the image, since the sum runs from there.
     y0, y1 = max(low[1], 0), min(high[1], rows)
     if y1 <= y0 or low[0] >= columns or high[0] <= 0:
         return None
     share = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
-    add_signed_coverage(np.ascontiguousarray(polygon_px), low[0], y0, share)
+    polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
+    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
+    x, y = polygon[:, 0], polygon[:, 1]
+    if x @ np.roll(y, -1) > y @ np.roll(x, -1):
+        polygon = polygon[::-1].copy()
+    if sharp:
+        add_signed_coverage(polygon, low[0], y0, share)
+    else:
+        radius, table, integral = _filter_table(blur_px)
+        add_filtered_coverage(polygon, low[0], y0, blur_px, table, integral, radius, share)
     x0, x1 = max(low[0], 0), min(high[0], columns)
     share = share[:, x0 - low[0] : x1 - low[0]]
-    x, y = polygon_px[:, 0], polygon_px[:, 1]
-    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
-    if x @ np.roll(y, -1) > y @ np.roll(x, -1):
-        share = -share
-    return Coverage(int(x0), int(y0), np.clip(share, 0, 1))
+    np.clip(share, 0, 1, out=share)
+    return Coverage(int(x0), int(y0), share)
+
+
+#: Below this the blur is left out: a pixel is a hundred times wider in variance.
+SHARP_PX = 0.03
+
+#: Steps per pixel of the tabulated filter; linear interpolation errs by 1 / (8 steps^2) of its curvature.
+_TABLE_STEPS = 256
+
+
+@lru_cache(maxsize=16)
+def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
+    """Radius [px], and the filter of square and Gaussian with its integral, at even steps."""
+    from scipy.special import ndtr
+
+    radius = int(np.ceil(4.2 * blur_px + 0.5))
+    x = np.linspace(-radius - 1, radius + 1, _TABLE_STEPS * (2 * radius + 2) + 1)
+
+    def primitive(z: np.ndarray) -> np.ndarray:  # of the normal distribution function
+        z = z / blur_px
+        return blur_px * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
+
+    table = ndtr((x + 0.5) / blur_px) - ndtr((x - 0.5) / blur_px)
+    return radius, table, primitive(x + 0.5) - primitive(x - 0.5)
 
 
 #: Signed polygon of a hole [px], and the faces of the solid that is seen there, as planes and polygons.
@@ -72,8 +110,10 @@ Hole = tuple[np.ndarray, float, list[Plane], list[np.ndarray]]
 class Canvas:
     """Float picture of a camera onto which layers are painted from far to near."""
 
-    def __init__(self, camera: Camera, channels: int) -> None:
+    def __init__(self, camera: Camera, channels: int, blur_px: float, distance_m: float) -> None:
         self.camera = camera
+        self.blur_px = blur_px
+        self._pixel_m = distance_m / camera.focal_px
         self.image = np.zeros((camera.height, camera.width, channels), np.float32)
         self._rays = _ray_table(camera)
 
@@ -84,11 +124,10 @@ class Canvas:
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
         """Coverage of a polygon in this picture."""
-        return coverage(polygon_px, *self.image.shape[:2])
+        return coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
 
     def fill(self, plane: Plane) -> None:
         """The farthest layer, everywhere."""
-        self.image[:] = 0
         self._add(plane, np.zeros((0, 0), np.float32), 0, 0)
 
     def paint_parts(
@@ -162,12 +201,28 @@ class Canvas:
             y0,
             self._rays,
             plane.matrices,
-            texture_tile(surface.material, surface.seed, _TILE_TEXELS) if surface.texture else _NO_TILE,
+            self._tile(surface) if surface.texture else _NO_TILE,
             _TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
             surface.levels(self.image.shape[2]).astype(np.float32),
-            plane.gradient,
+            plane.light,
         )
+
+    def _tile(self, surface: Surface) -> np.ndarray:
+        """The surface's texture as blurred by lens and pixel at the sensor's distance."""
+        texel_m = MATERIALS[surface.material] / _TILE_TEXELS
+        sigma = float(np.sqrt(self.blur_px**2 + 1 / 12) * self._pixel_m / texel_m)
+        return _blurred_tile(surface.material, surface.seed, round(sigma, 2))
+
+
+@lru_cache(maxsize=32)
+def _blurred_tile(material: str, seed: int, sigma_texels: float) -> np.ndarray:
+    import cv2
+
+    tile = texture_tile(material, seed, _TILE_TEXELS)
+    pad = min(int(4 * sigma_texels) + 1, _TILE_TEXELS)
+    wrapped = np.pad(tile, pad, mode="wrap")
+    return np.ascontiguousarray(cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad])
 
 
 _NO_TILE = np.full((16, 16), 128, np.uint8)

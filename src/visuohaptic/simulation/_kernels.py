@@ -7,7 +7,7 @@ from math import floor
 import numpy as np
 from numba import njit
 
-__all__ = ["add_plane", "add_signed_coverage", "develop"]
+__all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
 
 
 @njit(cache=True)
@@ -68,7 +68,73 @@ def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray
             cover[row, column] = total
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True)
+def add_filtered_coverage(
+    polygon: np.ndarray,
+    x0: int,
+    y0: int,
+    sigma: float,
+    table: np.ndarray,
+    integral: np.ndarray,
+    radius: int,
+    cover: np.ndarray,
+) -> None:
+    """Like :func:`add_signed_coverage`, through the pixel's square and a Gaussian.
+
+    The derivative along the row of a filtered region is the filter, integrated along its edge over
+    dy. Edges are cut into pieces of 0.6 sigma with two Gauss points each; ``table`` has
+    the filter b(x) and ``integral`` its integral, both (n,) at x from ``-radius - 1`` to
+    ``radius + 1`` px in even steps, with b = 0 beyond ``radius``.
+    """
+    height, width = cover.shape
+    count = len(polygon)
+    per_px = (len(table) - 1) / (2.0 * radius + 2.0)
+    taps = 2 * radius + 2
+    weights = np.zeros(taps)
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        xa, ya = polygon[i, 0] - x0, polygon[i, 1] - y0
+        dx, dy = polygon[j, 0] - x0 - xa, polygon[j, 1] - y0 - ya
+        if dy == 0.0:
+            continue
+        length = np.sqrt(dx * dx + dy * dy)
+        pieces = max(1, int(np.ceil(length / (0.6 * np.sqrt(sigma * sigma + 0.05)))))
+        for piece in range(pieces):
+            for side in range(2):
+                share = (piece + 0.5 + (0.28867513459481287 if side else -0.28867513459481287)) / pieces
+                x, y = xa + share * dx, ya + share * dy
+                top, left = floor(y) - radius, floor(x) - radius
+                if top + taps <= 0 or top >= height:
+                    continue
+                before = 0.0
+                for k in range(taps):
+                    at = min(max((left + k - x + radius + 1.0) * per_px, 0.0), len(table) - 1.001)
+                    cell = int(at)
+                    value = integral[cell] + (at - cell) * (integral[cell + 1] - integral[cell])
+                    if k == taps - 1:
+                        value = 1.0
+                    weights[k] = value - before
+                    before = value
+                for m in range(taps):
+                    row = top + m
+                    if row < 0 or row >= height:
+                        continue
+                    at = min(max((row - y + radius + 1.0) * per_px, 0.0), len(table) - 1.001)
+                    cell = int(at)
+                    part = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
+                    part *= 0.5 * dy / pieces
+                    for k in range(taps):
+                        column = left + k
+                        if 0 <= column < width:
+                            cover[row, column] += part * weights[k]
+    for row in range(height):
+        total = 0.0
+        for column in range(width):
+            total += cover[row, column]
+            cover[row, column] = total
+
+
+@njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 def add_plane(
     image: np.ndarray,
     weight: np.ndarray,
@@ -80,55 +146,63 @@ def add_plane(
     texels_per_m: float,
     amplitude: float,
     colour: np.ndarray,
-    gradient: np.ndarray,
+    light: float,
 ) -> None:
     """Add ``weight`` times the look of a textured plane to a window of the image.
 
-    ``image`` (H, W, C) float32; ``weight`` (h, w) float32 or (0, 0) for weight 1
-    everywhere; ``rays`` (H, W, 2) or (1, W, 2) normalised viewing rays, the latter
-    with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3) from
-    a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8 with T
-    a power of two, mean 128, standard deviation 42; value
-    ``colour * (g0 + g1 a + g2 b) + amplitude * (tile - 128) / 42``.
+    ``image`` (H, W, C) float32; ``weight`` (h, w) float32, or (0, 0) for weight 1
+    everywhere, which replaces the image; ``rays`` (H, W, 2) or (1, W, 2) normalised viewing rays, the
+    latter with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3)
+    from a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8
+    with T a power of two, mean 128, standard deviation 42; value
+    ``colour * light + amplitude * (tile - 128) / 42``.
     """
     everywhere = weight.shape[0] == 0
-    if everywhere:
-        height, width = image.shape[:2]
-    else:
-        height, width = weight.shape
+    height, width = (image.shape[0], image.shape[1]) if everywhere else weight.shape
     channels = image.shape[2]
     mask = tile.shape[0] - 1
     table_rays = rays.shape[0] > 1
     factor = np.float32(amplitude / 42.0)
+    lit = (colour * light).astype(np.float32)
+    mean = np.float32(128.0)
+    # Texture coordinates stay positive when cast to integers: the tile repeats.
+    shift = 4096.0 * tile.shape[0]
     for r in range(height):
         row = r + y0
         m = matrices[row if matrices.shape[0] > 1 else 0]
-        # The row's share of the matrix product, and texture coordinates instead of metres.
+        ax, ay, ac = m[0, 0] * texels_per_m, m[0, 1] * texels_per_m, m[0, 2] * texels_per_m
+        bx, by, bc = m[1, 0] * texels_per_m, m[1, 1] * texels_per_m, m[1, 2] * texels_per_m
+        wx, wy, wc = m[2, 0], m[2, 1], m[2, 2]
+        row_y = rays[0, 0, 1] + row * rays[0, 1, 1]
         for c in range(width):
             w = np.float32(1.0) if everywhere else weight[r, c]
-            if w <= np.float32(1e-5):
+            if w <= np.float32(1e-6):
                 continue
             column = c + x0
-            if table_rays:
-                x, y = rays[row, column, 0], rays[row, column, 1]
-            else:
-                x, y = rays[0, column, 0], rays[0, 0, 1] + row * rays[0, 1, 1]
-            scale = 1.0 / (m[2, 0] * x + m[2, 1] * y + m[2, 2])
-            a = (m[0, 0] * x + m[0, 1] * y + m[0, 2]) * scale
-            b = (m[1, 0] * x + m[1, 1] * y + m[1, 2]) * scale
             value = np.float32(0.0)
-            if factor != 0.0 and abs(a) < 1e5 and abs(b) < 1e5:
-                s, t = a * texels_per_m, b * texels_per_m
-                i, j = floor(s), floor(t)
-                fs, ft = np.float32(s - i), np.float32(t - j)
-                i0, j0 = i & mask, j & mask
-                i1, j1 = (i + 1) & mask, (j + 1) & mask
-                upper = tile[j0, i0] + fs * (np.float32(tile[j0, i1]) - np.float32(tile[j0, i0]))
-                lower = tile[j1, i0] + fs * (np.float32(tile[j1, i1]) - np.float32(tile[j1, i0]))
-                value = factor * (upper + ft * (lower - upper) - np.float32(128.0))
-            light = np.float32(max(0.0, gradient[0] + gradient[1] * a + gradient[2] * b))
+            if factor != 0.0:
+                if table_rays:
+                    x, y = rays[row, column, 0], rays[row, column, 1]
+                else:
+                    x, y = rays[0, column, 0], row_y
+                scale = 1.0 / (wx * x + wy * y + wc)
+                s = (ax * x + ay * y + ac) * scale + shift
+                t = (bx * x + by * y + bc) * scale + shift
+                if 0.0 < s < 2.0 * shift and 0.0 < t < 2.0 * shift:
+                    i, j = int(s), int(t)
+                    fs, ft = np.float32(s - i), np.float32(t - j)
+                    i0, j0 = i & mask, j & mask
+                    i1, j1 = (i + 1) & mask, (j + 1) & mask
+                    first, second = np.float32(tile[j0, i0]), np.float32(tile[j1, i0])
+                    upper = first + fs * (np.float32(tile[j0, i1]) - first)
+                    lower = second + fs * (np.float32(tile[j1, i1]) - second)
+                    value = factor * (upper + ft * (lower - upper) - mean)
             for k in range(channels):
-                image[row, column, k] += w * max(np.float32(0.0), colour[k] * light + value)
+                level = max(np.float32(0.0), lit[k] + value)
+                if everywhere:
+                    image[row, column, k] = level
+                else:
+                    image[row, column, k] += w * level
 
 
 @njit(cache=True)

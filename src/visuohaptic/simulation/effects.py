@@ -19,8 +19,8 @@ __all__ = ["CameraEffects"]
 class CameraEffects:
     """Imperfections of a camera; the default is a good one in even light.
 
-    The lens blurs first, then light and gain scale, then noise is added, then
-    levels are clipped to 0..255 and rounded, then JPEG.
+    The lens blurs first (the renderer does it, edge by edge), then light and gain
+    scale, then noise is added, then levels are clipped to 0..255 and rounded, then JPEG.
     """
 
     blur_px: float = 0.8  #: standard deviation of the Gaussian point spread, on top of the pixel's square
@@ -50,20 +50,6 @@ class CameraEffects:
             raise InputError(
                 "CameraEffects", f"found {self.jpeg_quality}, expected 1..100", field="jpeg_quality"
             )
-
-    def blurred(
-        self, image: Float32[np.ndarray, "rows columns channels"]
-    ) -> Float32[np.ndarray, "rows columns channels"]:
-        """The image behind the lens; a Gaussian of ``blur_px``."""
-        if self.blur_px == 0:
-            return image
-        import cv2
-
-        # 4 sigma leave 6e-5 of the weight outside.
-        radius = max(1, int(np.ceil(4 * self.blur_px)))
-        kernel = cv2.getGaussianKernel(2 * radius + 1, self.blur_px, cv2.CV_32F)
-        result = cv2.sepFilter2D(image, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
-        return result.reshape(image.shape)
 
     def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
         """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere."""

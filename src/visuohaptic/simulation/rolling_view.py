@@ -117,16 +117,7 @@ class RollingView:
         matrices = []
         for pose, origin, a, b in zip(self.poses_camera_foam, origin_foam_m, along_a, along_b, strict=True):
             columns = np.column_stack([pose.rotation @ a, pose.rotation @ b, pose.apply(origin)])
-            determinant = np.linalg.det(columns)
-            # The adjugate times a sign: finite even for a plane seen edge-on.
-            adjugate = np.array(
-                [
-                    np.cross(columns[:, 1], columns[:, 2]),
-                    np.cross(columns[:, 2], columns[:, 0]),
-                    np.cross(columns[:, 0], columns[:, 1]),
-                ]
-            )
-            matrices.append(adjugate if determinant >= 0 else -adjugate)
+            matrices.append(_adjugate(columns))
         if self.keys == 1:
             return np.array(matrices)
         weights = self.weights(np.arange(self.camera.height))
@@ -134,13 +125,15 @@ class RollingView:
 
     def _inside(self, points_camera_m: np.ndarray) -> np.ndarray:
         """Distances (n, 5) to the borders of the view at the middle key; negative is outside."""
-        x, y, z = np.moveaxis(points_camera_m[:, self.keys // 2], -1, 0)
+        x, y, z = points_camera_m[:, self.keys // 2].T
         low, high = _ray_limits(self.camera)
         return np.stack(
             [z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y], axis=-1
         )
 
     def _clipped(self, points: np.ndarray) -> np.ndarray:
+        if np.asarray(self._inside(points) >= 0).all():
+            return points
         for border in range(5):
             if len(points) < 3:
                 break
@@ -171,6 +164,19 @@ def _ray_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     low, high = rays.min(axis=0), rays.max(axis=0)
     margin = 0.5 * MARGIN * (high - low)
     return low - margin, high + margin
+
+
+def _adjugate(m: np.ndarray) -> np.ndarray:
+    """Inverse of a 3 x 3 matrix times the size of its determinant: finite for a plane seen edge-on."""
+    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
+    result = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    return result if float(m[0] @ result[:, 0]) >= 0 else -result
 
 
 def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:

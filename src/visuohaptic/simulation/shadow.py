@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ._solids import at_height
 from .look import Look
 from .rolling_view import RollingView
 from .scene import FoamScene
@@ -17,16 +18,13 @@ _REDUCTION = 8
 def shade_floor(
     image: np.ndarray, view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
 ) -> None:
-    """Darken the floor around the feet of outlines (n, 2) in frame F, in place."""
+    """Darken the floor around the feet of outlines (n, K, 2) in frame F, in place."""
     import cv2
 
     rows, columns, channels = image.shape
     small = np.zeros((rows // _REDUCTION + 1, columns // _REDUCTION + 1), np.uint8)
-    mid = view.keys // 2
     for outline in outlines_m:
-        foot = np.column_stack([outline, np.full(len(outline), -scene.floor_below_m)])
-        points = view.poses_camera_foam[mid].apply(foot)
-        polygon = view.polygon(np.repeat(points[:, None], view.keys, axis=1))
+        polygon = view.polygon(view.to_camera(at_height(outline, -scene.floor_below_m)))
         if len(polygon) >= 3:
             fixed = np.rint((polygon + 0.5) / _REDUCTION * 16 - 8).astype(np.int32)
             cv2.fillPoly(small, [fixed], 255, shift=4)
