@@ -141,6 +141,9 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     if onset is not None:
         t, uncertain = onset
         value = min(value, float(np.interp(t, record.t_s[valid], record.force_N[valid])))
+    elif dynamic is not None:
+        # Break-away not seen (a soft object): inertia may have added a part of the peak.
+        uncertain = 0.25 * max(value - dynamic.value, 0.0)
     if dynamic is not None and value < dynamic.value:
         value = dynamic.value  # Coulomb: it takes at least as much to start as to go on
     scale = record.force_scale_sigma * abs(value)
@@ -349,7 +352,7 @@ def _merge(a: Estimate | None, b: Estimate | None) -> Estimate | None:
 
 
 def predictive_interval(
-    estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.3, prior_samples: float = 2.0
+    estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.25, prior_samples: float = 1.0
 ) -> tuple[float, float]:
     """Interval in which the next push, at another contact point, is expected.
 
