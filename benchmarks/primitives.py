@@ -66,20 +66,19 @@ def run(count: int = 500, seed: int = SEED, *, verbose: bool = False) -> list[di
         name: str, ours: float, peer: float, unit: str, floor: float | None, aim: float | None
     ) -> dict[str, object]:
         ratio = ours / peer if peer else float("nan")
-        return {
-            "name": name, "ours": ours, "peer": peer, "ratio": ratio, "unit": unit, "floor": floor, "aim": aim,
-        }  # fmt: skip
+        return dict(name=name, ours=ours, peer=peer, ratio=ratio, unit=unit, floor=floor, aim=aim)  # noqa: C408
 
     robust = float(np.median(np.abs(deviation)) / 0.6745)
+    printed_share = right_printed / count
+    error, error_peer = float(np.median(radius)), float(np.median(radius_peer))
+    cpu_ms = float(np.median(seconds)) * 1e3
     return [
-        row("primitives: right kind, all contacts", right / count, right_printed / count, "1", 0.95, 0.98),
-        row("primitives: right kind, clear ones", right_clear / clear, right_printed / count, "1", 0.95, 0.98),
-        row("primitives: circle radius error, median", float(np.median(radius)), float(np.median(radius_peer)),
-            "1", 0.05, 0.03),
+        row("primitives: right kind, all contacts", right / count, printed_share, "1", 0.95, 0.98),
+        row("primitives: right kind, clear ones", right_clear / clear, printed_share, "1", 0.95, 0.98),
+        row("primitives: circle radius error, median", error, error_peer, "1", 0.05, 0.03),
         row("primitives: true / declared sigma of the radius", robust, 1.0, "1", None, None),
-        row("primitives: CPU time per contact, median", float(np.median(seconds)) * 1e3, float("nan"), "ms",
-            None, None),
-    ]  # fmt: skip
+        row("primitives: CPU time per contact, median", cpu_ms, float("nan"), "ms", None, None),
+    ]
 
 
 if __name__ == "__main__":

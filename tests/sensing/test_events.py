@@ -95,7 +95,8 @@ def _profile(t_s: float, depths: dict[float, float], reason: Reason = Reason.OK)
             found.append(
                 Contact(
                     s_start_m=centre - 0.02, s_end_m=centre + 0.02, force_N=1.0, budget=ErrorBudget(0.01),
-                    valid=True, reason=reason, points_foam_m=points, point_sigma_m=sigma, delta_m=delta[inside],
+                    valid=True, reason=reason, points_foam_m=points, point_sigma_m=sigma,
+                    delta_m=delta[inside],
                 )
             )  # fmt: skip
     return ForceProfile(
