@@ -201,8 +201,8 @@ def test_real_pushes_spread_and_the_tag_carries_it(data: Path) -> None:
 def test_plain_numbers_and_full_forms_are_read() -> None:
     text = """
     {static_friction_N: 8.1, dynamic_friction_N: {value: 7.5, sigma: 0.2, spread: 1.1, samples: 3},
-    drift: 0.03, rotation_rad_per_m: 0.0, deformability: 1e-3, deceleration_s: null, fixed: false, falls: false,
-    explored: 1, failed: 0}
+    drift: 0.03, rotation_rad_per_m: 0.0, deformability: 1e-3, deceleration_s: null, fixed: false,
+    falls: false, explored: 1, failed: 0}
     """
     tag = tag_from_dict(yaml.safe_load(text))
     assert tag.static_friction_N == Estimate(8.1, 0.0)
