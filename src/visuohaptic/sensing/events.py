@@ -36,7 +36,7 @@ class EventSettings:
     contact_m: float = 1e-4  #: and above this [m]
     release_share: float = 0.5  #: hysteresis: released below this share of the contact threshold
     confirm_frames: int = 2  #: frames in a row for contact and release
-    motion_slope: float = 0.3  #: deflection by travel below which the object moves
+    motion_slope: float = 0.3  #: deflection by travel, as a share of its rise, below which the object moves
     motion_sigmas: float = 2.0  #: confidence of the slope
     motion_travel_m: float = 0.002  #: travel over which the slope is measured
     motion_frames: int = 4
@@ -129,12 +129,15 @@ class DeflectionEvents:
         centred = x - x.mean()
         power = float(centred @ centred)
         slope = float(centred @ d) / power
-        if slope + c.motion_sigmas * s / np.sqrt(power) >= c.motion_slope:
-            return None
         # The plateau began when the deflection first came within its noise of the later level.
-        level = float(np.median(d[-max(2, len(d) // 2) :]))
-        reached = np.flatnonzero(deflection >= min(level, float(d.max())) - 2.0 * s)
-        return float(t[int(reached[0])]) if len(reached) else float(t[begin])
+        level = min(float(np.median(d[-max(2, len(d) // 2) :])), float(d.max()))
+        reached = int(np.flatnonzero(deflection >= level - 2.0 * s)[0])
+        # A soft object lets the foam follow only in part: the rise so far is the measure.
+        way = float(travel[reached] - travel[0])
+        rise = min(1.0, level / way) if way > 0 else 1.0
+        if slope + c.motion_sigmas * s / np.sqrt(power) >= c.motion_slope * rise:
+            return None
+        return float(t[reached])
 
 
 @dataclass(slots=True)

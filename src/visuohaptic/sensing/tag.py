@@ -141,6 +141,9 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     if onset is not None:
         t, uncertain = onset
         value = min(value, float(np.interp(t, record.t_s[valid], record.force_N[valid])))
+    elif dynamic is not None:
+        # Break-away not seen (a soft object): inertia may have added a part of the peak.
+        uncertain = 0.25 * max(value - dynamic.value, 0.0)
     if dynamic is not None and value < dynamic.value:
         value = dynamic.value  # Coulomb: it takes at least as much to start as to go on
     scale = record.force_scale_sigma * abs(value)
@@ -155,6 +158,7 @@ def _break_away(record: PushRecord, begin: int, until: int) -> tuple[float, floa
     with y > 0 tell when: (t_2 - t_0) / (t_1 - t_0) = sqrt(y_2 / y_1). None for
     soft objects and too few frames.
     """
+    frames = until - 1 - begin  # of phase (a)
     begin = max(begin - 1, 0)
     until = min(until + 3, len(record.t_s))
     x, d, t = record.travel_m[begin:until], record.deflection_m[begin:until], record.t_s[begin:until]
@@ -171,16 +175,18 @@ def _break_away(record: PushRecord, begin: int, until: int) -> tuple[float, floa
     if len(moved) == 0 or moved[0] + 1 >= len(t) or moved[0] < 1:
         return None
     first = int(moved[0])
-    if first > origin + 1 and follows < 0.9:
+    if frames >= 3 and follows < 0.9:
         return None  # the object yields from the start: it is soft
     ratio = float(np.sqrt(max(way[first + 1], 0.0) / way[first]))
     frame = float(t[first] - t[first - 1])
     late = frame / (ratio - 1.0) if ratio > 1.05 else frame
     late = float(np.clip(late, 0.0, frame))
     force = record.force_N[begin:until]
-    # The object was at rest one frame before, so the truth lies within this step, uniformly at worst.
+    # The object was at rest one frame before, so the truth lies within this step, uniformly at worst;
+    # and it may have gone a way below the noise before that.
     step = abs(float(force[first] - force[first - 1]))
-    return float(t[first] - late), step / np.sqrt(12.0)
+    stiffness = float(np.max(np.abs(np.diff(force[: first + 1]))) / max(np.ptp(d[: first + 1]), noise))
+    return float(t[first] - late), float(np.hypot(step / np.sqrt(12.0), 2.0 * noise * stiffness))
 
 
 def _autocorrelation_frames(values: np.ndarray) -> float:
@@ -346,7 +352,7 @@ def _merge(a: Estimate | None, b: Estimate | None) -> Estimate | None:
 
 
 def predictive_interval(
-    estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.3, prior_samples: float = 2.0
+    estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.25, prior_samples: float = 1.0
 ) -> tuple[float, float]:
     """Interval in which the next push, at another contact point, is expected.
 
