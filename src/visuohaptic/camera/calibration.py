@@ -60,7 +60,7 @@ class Board:
         return cv2.aruco.CharucoBoard(
             (self.columns, self.rows),
             self.square_m,
-            self.marker_m,
+            self.marker_m or 0.0,
             cv2.aruco.getPredefinedDictionary(code),
         )
 

@@ -64,9 +64,7 @@ def run(args: Any) -> dict[str, Any]:
     if args.zero_frames < 0:
         raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
     sensor = FoamSensor.load(args.config)
-    with open_source(
-        args.source, camera=sensor.setup.camera, start_s=args.start, stop_s=args.stop
-    ) as source:
+    with open_source(args.source, camera=sensor.setup.camera, start_s=args.start, stop_s=args.stop) as source:
         if args.zero:
             return _zero(args, sensor, source)
         return _measure(args, sensor, source)

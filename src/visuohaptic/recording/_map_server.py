@@ -133,7 +133,7 @@ def _read_pgm(path: Path) -> Float[np.ndarray, "rows columns"]:
         values = values[:count]
     if values.min() < 0 or values.max() > top:
         raise InputError(path, f"has pixels from {values.min()} to {values.max()}, its maxval is {top}")
-    return values.reshape(height, width) / float(top)
+    return values.reshape(height, width).astype(np.float64) / top
 
 
 def _read_other(path: Path) -> tuple[Float[np.ndarray, "rows columns"], Bool[np.ndarray, "rows columns"]]:

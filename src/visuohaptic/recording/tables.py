@@ -135,7 +135,7 @@ class TableWriter:
             raise InputError(self.path, "is closed")
         if self._kind is None:
             self._begin(type(measured))
-        if type(measured) is not self._kind:
+        if self._kind is not None and type(measured) is not self._kind:
             raise InputError(
                 self.path,
                 f"found a {type(measured).__name__}, expected {self._kind.__name__} as before",

@@ -90,8 +90,14 @@ class DeflectionEvents:
             if self._below == 1:
                 self._first = (t_s, deflection_m)
             if self._below >= c.confirm_frames:
+                lost: tuple[Event, ...] = (Event(EventKind.RELEASE, self._first[0], self.s_m),)
+                peak = max(self._history, key=lambda row: row[1])
+                # The platform went on and yet the contact was lost: the object ran ahead of it.
+                ran_ahead = not self.moving and travel_m is not None and travel_m > peak[3]
+                if ran_ahead:
+                    lost = (Event(EventKind.MOTION, peak[0], self.s_m), *lost)
                 self.in_contact, self.moving, self._history, self._rate = False, False, [], 0.0
-                return (Event(EventKind.RELEASE, self._first[0], self.s_m),)
+                return lost
             return ()
         self._below = 0
         self._remember(t_s, deflection_m, sigma_m, travel_m)

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 #: Rows of the per-point state; see ``edge_fit.fit_edges``.
-T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2, SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO = range(16)  # fmt: skip
-STATES = 16
+T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2, SPREAD, COUNT, MOVED, STATUS, BLUR_STEP, BLUR_INFO, TEXTURE = range(17)  # fmt: skip
+STATES = 17
 OK, BORDER, FLAT = 0.0, 1.0, 2.0
 
 STEPS = 32  # table entries per unit of z / b

@@ -14,13 +14,15 @@ from numba import njit
 
 from ._fit_kernels import (
     BLUR, BLUR_INFO, BLUR_STEP, BORDER, CHI2, COUNT, CURVE, FLAT, HIGH, HIGH_SLOPE, LOW, LOW_SLOPE, MOVED, OK,
-    SLOPE, SPREAD, STATUS, T, VAR, curvatures, plateaus, share, step_fit,
+    SLOPE, SPREAD, STATUS, T, TEXTURE, VAR, curvatures, plateaus, share, step_fit,
 )  # fmt: skip
 
 #: Edge pixels reach this many blurs from the edge; the plateaus begin there.
 NEAR = 3.0
 #: Pixels along z of one plateau.
 PLATEAU_PX = 8.0
+#: Independent patches of texture along one point's width, and lever of a slant of the level (px).
+PATCHES, SLANT_PX = 1.5, 3.0
 #: Neighbours on either side that share levels, shading and blur.
 SHARED = 10
 #: Largest curvature that is corrected (1/px).
@@ -58,6 +60,8 @@ def _levels(measured, state, use, noise_var, prior):
     mean = np.empty(n)
     spread = np.empty(n)
     tilt_var = np.empty(n)
+    uneven = np.empty(n)
+    state[:, TEXTURE] = 0.0
     for side in range(2):
         level, tilt = (LOW, LOW_SLOPE) if side == 0 else (HIGH, HIGH_SLOPE)
         texture = np.ones(n)
@@ -67,11 +71,15 @@ def _levels(measured, state, use, noise_var, prior):
                 # Texture is correlated over a few pixels: its pixels count for a quarter.
                 if m[5] > 1.5 * noise_var:
                     texture[k] = 1.0 + 4.0 * (m[5] / noise_var - 1.0)
+                uneven[k] = max(m[5] - noise_var * (1.0 + 3.0 * math.sqrt(2.0 / m[0])), 0.0) / PATCHES
                 value[k] = m[3]
                 variance[k] = noise_var * texture[k] / (m[0] * m[4])
         share(value, variance, use, 2 * SHARED, mean, spread)
         for k in range(n):
             if use[k]:
+                if spread[k] < 1e30:
+                    slant = (value[k] - mean[k]) ** 2 - 4.0 * (noise_var / (measured[k, side, 0] * measured[k, side, 4]))
+                    state[k, TEXTURE] += uneven[k] + SLANT_PX**2 * max(slant, 0.0)
                 # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
                 mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
                 state[k, tilt], tilt_var[k] = _posterior(mean[k], spread[k], value[k], variance[k])
@@ -85,7 +93,8 @@ def _levels(measured, state, use, noise_var, prior):
         share(value, variance, use, SHARED, mean, spread)
         for k in range(n):
             if use[k]:
-                best, var = _posterior(mean[k], spread[k], value[k], variance[k])
+                # Texture that the neighbours have too does not average out.
+                best, var = _posterior(mean[k], spread[k] + uneven[k], value[k], variance[k])
                 var += measured[k, side, 1] ** 2 * tilt_var[k]
                 prior[k, side] = best
                 prior[k, 2 + side] = noise_var / max(var, 1e-6 * noise_var)
@@ -205,6 +214,8 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
         ratio = s[SPREAD] / noise_var
         if ratio > 2.2:
             var = max(var, s[VAR] * noise_var * ratio)
+        # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
+        var += math.pi * s[BLUR] ** 2 * s[TEXTURE] / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
         # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
         doubt = 0.1 * abs(s[CURVE])
         if 0 < k < n - 1:

@@ -9,8 +9,8 @@ nodes. Half strip, symmetry plane at s = 0, back face fixed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Callable
 
 import numpy as np
 import scipy.sparse as sp
@@ -24,15 +24,19 @@ class Foam:
     width: float = 0.02
     height: float = 0.01
 
+    @property
+    def terms(self):
+        return tuple(zip(self.mu, self.alpha, strict=True))
+
     def stress(self, strain):
         """Exact uniaxial nominal stress, compression positive."""
         return -self.dw(1 - np.asarray(strain))
 
-    def dw(self, l):
-        return sum(2 * m / a * (l**a - 1) / l for m, a in zip(self.mu, self.alpha))
+    def dw(self, stretch):
+        return sum(2 * m / a * (stretch**a - 1) / stretch for m, a in self.terms)
 
-    def ddw(self, l):
-        return sum(2 * m / a * ((a - 1) * l ** (a - 2) + l**-2) for m, a in zip(self.mu, self.alpha))
+    def ddw(self, stretch):
+        return sum(2 * m / a * ((a - 1) * stretch ** (a - 2) + stretch**-2) for m, a in self.terms)
 
 
 def plate(half: float, r: float = 0.001) -> Callable:
@@ -107,8 +111,8 @@ def press(foam: Foam, body: Callable, depths, *, length=0.06, centre=0.0, fine=3
         F = np.eye(2) + np.einsum("eni,egjn->egij", u[quads], B)
         if np.any(np.linalg.det(F) <= 0.02):
             return None
-        U, l, Vt = np.linalg.svd(F)
-        p, d = foam.dw(l), foam.ddw(l)
+        U, lam, Vt = np.linalg.svd(F)
+        p, d = foam.dw(lam), foam.ddw(lam)
         P = np.einsum("egia,ega,egaj->egij", U, p, Vt) * W[..., None, None]
         f = np.zeros((nx * ny, 2))
         np.add.at(f, quads, np.einsum("egij,egjn->eni", P, B))
@@ -121,11 +125,11 @@ def press(foam: Foam, body: Callable, depths, *, length=0.06, centre=0.0, fine=3
         f[top, 0] += -force * sl
         if not tangent:
             return f.ravel(), 2 * force.sum()
-        diff = l[..., 0] - l[..., 1]
-        mid = foam.ddw(l.mean(-1))
+        diff = lam[..., 0] - lam[..., 1]
+        mid = foam.ddw(lam.mean(-1))
         al = np.where(np.abs(diff) > 1e-5, (p[..., 0] - p[..., 1]) / np.where(diff == 0, 1, diff), mid)
-        be = p.sum(-1) / l.sum(-1)
-        T = np.zeros(l.shape[:2] + (2, 2, 2, 2))
+        be = p.sum(-1) / lam.sum(-1)
+        T = np.zeros((*lam.shape[:2], 2, 2, 2, 2))
         T[..., 0, 0, 0, 0], T[..., 1, 1, 1, 1] = d[..., 0], d[..., 1]
         T[..., 0, 1, 0, 1] = T[..., 1, 0, 1, 0] = (al + be) / 2
         T[..., 0, 1, 1, 0] = T[..., 1, 0, 0, 1] = (al - be) / 2

@@ -49,7 +49,9 @@ def test_unseen_points_are_refused() -> None:
 
 
 def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
-    watch = ZeroWatch(_zero(np.random.default_rng(1)), DriftSettings(time_constant_s=1.0, rest_s=0.5, limit=0.03))
+    watch = ZeroWatch(
+        _zero(np.random.default_rng(1)), DriftSettings(time_constant_s=1.0, rest_s=0.5, limit=0.03)
+    )
     usable = np.ones(K, dtype=bool)
     for t in np.arange(0, 5, 0.1):
         watch.update(float(t), np.full(K, 0.0197), touched=True, usable=usable)

@@ -40,8 +40,8 @@ def interior_grey(image, origin_px, direction_px, extent_px):  # type: ignore[no
 
 def covered_points(
     grey: Float[np.ndarray, "K"], zero_grey: Float[np.ndarray, "K"], s: Float[np.ndarray, "K"]
-) -> tuple[Bool[np.ndarray, "K"], float]:
-    """Points whose foam looks different from the zero reference, and the common change of light.
+) -> Bool[np.ndarray, "K"]:
+    """Points whose foam looks different from the zero reference.
 
     The light may change by a factor that varies slowly along the strip (a straight line in s,
     fitted robustly); a local difference means that something covers the foam.
@@ -50,7 +50,7 @@ def covered_points(
         ratio = grey / zero_grey
     seen = np.isfinite(ratio)
     if seen.sum() < 8:
-        return np.ones(len(grey), dtype=bool), float("nan")
+        return np.ones(len(grey), dtype=bool)
     centred = s - s.mean()
     design = np.column_stack([np.ones_like(centred), centred / max(np.abs(centred).max(), 1e-12)])
     keep = seen
@@ -63,5 +63,5 @@ def covered_points(
             break
         coefficients = np.linalg.lstsq(design[keep], ratio[keep], rcond=None)[0]
     light = design @ coefficients
-    covered = ~seen | (np.abs(ratio - light) > _TOLERANCE * np.abs(light))
-    return covered, float(coefficients[0])
+    covered: Bool[np.ndarray, "K"] = ~seen | (np.abs(ratio - light) > _TOLERANCE * np.abs(light))
+    return covered

@@ -1,15 +1,68 @@
 """Compiled sums over a contour; plain arrays in and out. Everything else is in ``profile.py``."""
 
+# mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
 #: Columns of the region table.
-FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = range(
-    11
+FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (
+    range(11)
 )
 COLUMNS = 11
+#: Flanks of simulated foams bend as if their tension were this many times that of the force law.
+FLANK = 2.5
+#: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
+TOUCH = 0.5
+
+
+@njit(cache=True)
+def _share(
+    s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
+):
+    """Share the force of a region out over its points by the Pasternak law; find where it touches."""
+    highest = 0.0
+    for j in range(first, last + 1):
+        highest = max(highest, delta[j])
+    for j in range(lo, hi):
+        ds = s[j + 1] - s[j]
+        g = (max(delta[j + 1], 0.0) - max(delta[j], 0.0)) / ds
+        eps = max(0.5 * (max(delta[j], 0.0) + max(delta[j + 1], 0.0)) / width, 2e-3)
+        mean = 0.5 * (factor[j] * stress[j] + factor[j + 1] * stress[j + 1])
+        pull = FLANK * kappa * width * mean * (1 - eps) / (eps * (2 - eps)) / 3 * g / np.sqrt(1 + g * g)
+        if j >= first:
+            pressure[j] -= pull / weight[j]
+        if j + 1 <= last:
+            pressure[j + 1] += pull / weight[j + 1]
+    touch_first, touch_last = -1, -1
+    total = 0.0
+    for j in range(first, last + 1):
+        # Two neighbours must agree: in the shallow tail noise bends the contour at single points.
+        here = pressure[j] > TOUCH * factor[j] * stress[j]
+        after = j < last and pressure[j + 1] > TOUCH * factor[j + 1] * stress[j + 1]
+        before = j > first and pressure[j - 1] > TOUCH * factor[j - 1] * stress[j - 1]
+        if here and (after or before) and delta[j] > 0.1 * highest:
+            if touch_first < 0:
+                touch_first = j
+            touch_last = j
+    if touch_first < 0:
+        touch_first, touch_last = first, last
+    if mode == 0:
+        force = 0.0
+        for j in range(first, last + 1):
+            inside = touch_first <= j <= touch_last
+            pressure[j] = factor[j] * stress[j] if inside else 0.0
+            force += height * weight[j] * pressure[j]
+        return touch_first, touch_last, force
+    for j in range(first, last + 1):
+        if pressure[j] < 0 or j < touch_first or j > touch_last:
+            pressure[j] = 0.0
+        total += height * weight[j] * pressure[j]
+    if total > 0:
+        for j in range(first, last + 1):
+            pressure[j] *= force / total
+    return touch_first, touch_last, force
 
 
 @njit(
@@ -149,7 +202,21 @@ def integrate_regions(
             if mode == 2:
                 force -= kappa * relief
             touch_first, touch_last, force = _share(
-                s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
+                s,
+                delta,
+                stress,
+                factor,
+                weight,
+                pressure,
+                first,
+                last,
+                lo,
+                hi,
+                width,
+                height,
+                kappa,
+                mode,
+                force,
             )
         image = 0.0
         zero = 0.0
@@ -174,43 +241,3 @@ def integrate_regions(
         row[9], row[10] = touch_first, touch_last
         count += 1
     return count, pressure, pressure_sigma, table, sums, weight
-
-
-@njit(cache=True)
-def _share(s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force):
-    """Share the force of a region out over its points by the Pasternak law; find where it touches."""
-    for j in range(lo, hi):
-        ds = s[j + 1] - s[j]
-        g = (max(delta[j + 1], 0.0) - max(delta[j], 0.0)) / ds
-        eps = max(0.5 * (max(delta[j], 0.0) + max(delta[j + 1], 0.0)) / width, 2e-3)
-        mean = 0.5 * (factor[j] * stress[j] + factor[j + 1] * stress[j + 1])
-        # Flanks of simulated foams bend as if their tension were twice that of the force law.
-        pull = 2 * kappa * width * mean * (1 - eps) / (eps * (2 - eps)) / 3 * g / np.sqrt(1 + g * g)
-        if j >= first:
-            pressure[j] -= pull / weight[j]
-        if j + 1 <= last:
-            pressure[j + 1] += pull / weight[j + 1]
-    touch_first, touch_last = -1, -1
-    total = 0.0
-    for j in range(first, last + 1):
-        if pressure[j] > 0.5 * factor[j] * stress[j]:
-            if touch_first < 0:
-                touch_first = j
-            touch_last = j
-    if touch_first < 0:
-        touch_first, touch_last = first, last
-    if mode == 0:
-        force = 0.0
-        for j in range(first, last + 1):
-            inside = touch_first <= j <= touch_last
-            pressure[j] = factor[j] * stress[j] if inside else 0.0
-            force += height * weight[j] * pressure[j]
-        return touch_first, touch_last, force
-    for j in range(first, last + 1):
-        if pressure[j] < 0 or j < touch_first or j > touch_last:
-            pressure[j] = 0.0
-        total += height * weight[j] * pressure[j]
-    if total > 0:
-        for j in range(first, last + 1):
-            pressure[j] *= force / total
-    return touch_first, touch_last, force

@@ -70,9 +70,7 @@ def fit_motion(
     scale = 0.0
     inlier = usable
     for _ in range(4):
-        scale = max(
-            1.4826 * float(np.median(np.abs(residual[usable]))), float(np.median(sigma_px[usable]))
-        )
+        scale = max(1.4826 * float(np.median(np.abs(residual[usable]))), float(np.median(sigma_px[usable])))
         ratio = residual / (4.685 * scale)
         robust = np.where(np.abs(ratio) < 1.0, (1.0 - ratio**2) ** 2, 0.0) * weight
         normal = basis.T @ (robust[:, None] * basis) + prior

@@ -153,7 +153,8 @@ def calibrate_tension(
         relief.append(mean[1])
     if len(taken) < 2:
         raise CalibrationError(
-            where, f"found {len(taken)} usable depths between strain 0.04 and densification, expected 2 or more"
+            where,
+            f"found {len(taken)} usable depths between strain 0.04 and densification, expected 2 or more",
         )
     force = np.array(taken)
     excess, effect = np.array(enlarged) / force - 1, np.array(relief) / force

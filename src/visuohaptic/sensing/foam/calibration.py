@@ -14,8 +14,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...errors import CalibrationError
+from .boundary import Tension
 from .curve import CurveKind, StressCurve
-from .material import FoamMaterial, Tension
+from .material import FoamMaterial
 from .records import StrainStress
 
 __all__ = ["CurveFit", "FoamCalibration", "calibrate_foam", "fit_curve", "plateau"]

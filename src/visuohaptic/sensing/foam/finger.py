@@ -5,14 +5,16 @@ Alt 2016, Sec. 3.3 and 3.6.4.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from ...camera import Camera, Frame, PlaneView, Pose
-from ...errors import InputError
+from ...errors import CalibrationError, InputError
 from ...objects import ForceProfile, Reason
 from .config import FoamSensorConfig, FoamSetup
 from .sensor import FoamSensor
@@ -51,7 +53,9 @@ class FingerSensor:
         self._axis = np.asarray(self._finger.axis_foam, dtype=np.float64)
         norm = np.linalg.norm(self._axis)
         if not norm > 1e-6:
-            raise InputError("finger", f"found {self._axis.tolist()}, expected a direction", field="axis_foam")
+            raise InputError(
+                "finger", f"found {self._axis.tolist()}, expected a direction", field="axis_foam"
+            )
         self._axis /= norm
         self.sensor = FoamSensor(setup, zero)
         self._position: float | None = None
@@ -81,6 +85,25 @@ class FingerSensor:
         rest = self.setup.pose_camera_foam
         moved = rest.rotation.T @ (pose_camera_foam.translation_m - rest.translation_m)
         return float(moved @ self._axis)
+
+    def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
+        """Take the zero reference while nothing touches the strip and the finger stands still.
+
+        Raises
+        ------
+        CalibrationError
+            The contours were not found, or the strip moved meanwhile.
+        """
+        frames = iter(frames)
+        first = next(frames, None)
+        if first is None:
+            raise CalibrationError("zero", "found no frames, expected at least one")
+        found = self.locate(first)
+        self._follow(first.t_s, 0.0 if found is None else found)
+        assert self._position is not None
+        self._speed = 0.0
+        self.sensor.optics.place(PlaneView(self.setup.camera, self.pose_at(self._position)))
+        return self.sensor.zero(chain([first], frames), limit=limit)
 
     def read(self, frame: Frame) -> FingerReading:
         """Follow the finger, then read the force."""
@@ -118,9 +141,7 @@ class FingerSensor:
         self._position, self._last_t_s = position, t_s
 
 
-def find_tag(
-    grey: np.ndarray, camera: Camera, tag_id: int, size_m: float
-) -> Pose | None:
+def find_tag(grey: np.ndarray, camera: Camera, tag_id: int, size_m: float) -> Pose | None:
     """``T_camera_tag`` of an AprilTag 36h11, or ``None`` when it is not seen.
 
     Tag frame: origin at the centre, x to the right, y down, z into the tag.

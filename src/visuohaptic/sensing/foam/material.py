@@ -6,7 +6,7 @@ of the strip across the contour. Dissertation Sec. 3.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,7 +43,7 @@ class FoamMaterial:
     residual_Pa: float  #: standard deviation of the calibration points about ``loading``
     unloading: StressCurve | None = None
     unloading_peak_strain: float = 0.0  #: strain at which the calibration turned round
-    tension: Tension = Tension()
+    tension: Tension = field(default_factory=Tension)
     section: str = "rectangle"
 
     def __post_init__(self) -> None:
@@ -174,17 +174,16 @@ def _schema() -> type[BaseModel]:
     """The file's schema; pydantic is imported only when a file is read."""
     from typing import Literal
 
-    from pydantic import BaseModel, ConfigDict, Field, create_model
+    from pydantic import ConfigDict, Field, create_model
 
     strict = ConfigDict(extra="forbid", allow_inf_nan=False)
-    curve = create_model(
-        "CurveFile",
-        __config__=strict,
-        kind=(Literal["spline", "cubic"], ...),
-        knots=(list[float], Field(min_length=2, max_length=MAX_PARAMETERS)),
-        parameters_Pa=(list[float], Field(min_length=3, max_length=MAX_PARAMETERS)),
-        covariance_Pa2=(list[list[float]], Field(min_length=3, max_length=MAX_PARAMETERS)),
-    )
+    curve_fields: dict[str, Any] = {
+        "kind": (Literal["spline", "cubic"], ...),
+        "knots": (list[float], Field(min_length=2, max_length=MAX_PARAMETERS)),
+        "parameters_Pa": (list[float], Field(min_length=3, max_length=MAX_PARAMETERS)),
+        "covariance_Pa2": (list[list[float]], Field(min_length=3, max_length=MAX_PARAMETERS)),
+    }
+    curve = create_model("CurveFile", __config__=strict, **curve_fields)
     tension = create_model(
         "TensionFile",
         __config__=strict,

@@ -98,9 +98,7 @@ class StripOptics:
         self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
-    def observe(
-        self, grey: np.ndarray, t_s: float, zero: ZeroReference | None
-    ) -> ObservedStrip | None:
+    def observe(self, grey: np.ndarray, t_s: float, zero: ZeroReference | None) -> ObservedStrip | None:
         """Track both contours; ``None`` when the reference contour cannot be found."""
         search = self.tracking.reference_search_px
         expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
@@ -178,10 +176,7 @@ class StripOptics:
         front_slope = np.abs(np.einsum("ki,ki->k", points[4] - points[5], outward))
         return points[0], points[1], back_slope, front_slope
 
-
-    def base_shift_m(
-        self, strip: ObservedStrip, axis_foam: Float[np.ndarray, "2"]
-    ) -> tuple[float, float]:
+    def base_shift_m(self, strip: ObservedStrip, axis_foam: Float[np.ndarray, "2"]) -> tuple[float, float]:
         """How far the base has moved along an axis of F since the zero reference, and its sigma [m].
 
         Only the part of the motion that is perpendicular to the contour shows.

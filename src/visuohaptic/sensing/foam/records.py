@@ -96,7 +96,9 @@ def read_strain_stress(path: Path | str) -> StrainStress:
             text = row["direction"].strip().lower()
             if text not in _LOADING and text not in _UNLOADING:
                 raise CalibrationError(
-                    path, f"found {text[:20]!r}, expected loading or unloading", field=f"line {line}: direction"
+                    path,
+                    f"found {text[:20]!r}, expected loading or unloading",
+                    field=f"line {line}: direction",
                 )
             direction.append(1 if text in _LOADING else -1)
     strain_values, stress_values = np.array(strain), np.array(stress)
@@ -128,11 +130,12 @@ def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
     rows, names = _rows(path)
     for name in ("depth_m", "force_n", "s_m", "delta_m"):
         if name not in names:
-            raise CalibrationError(
-                path, f"found columns {', '.join(names)}; expected {name}", field="line 1"
-            )
+            raise CalibrationError(path, f"found columns {', '.join(names)}; expected {name}", field="line 1")
     table = np.array(
-        [[_number(path, line, row, n) for n in ("depth_m", "force_n", "s_m", "delta_m")] for line, row in rows]
+        [
+            [_number(path, line, row, n) for n in ("depth_m", "force_n", "s_m", "delta_m")]
+            for line, row in rows
+        ]
     )
     records = []
     for depth in np.unique(table[:, 0]):

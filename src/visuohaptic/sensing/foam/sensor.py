@@ -11,12 +11,13 @@ from jaxtyping import Bool, Float
 
 from ...camera import Frame, PlaneView
 from ...errors import CalibrationError, InputError
-from ...objects import ErrorBudget, ForceProfile, Reason
+from ...objects import Contact, ErrorBudget, ForceProfile, Reason
+from ...tracking import PointReason
 from ._appearance import covered_points
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
 from .optics import ObservedStrip, StripOptics
-from .profile import FoamReading, read_profile
+from .profile import ContactRegion, FoamReading, read_profile
 from .zero import ZeroReference, ZeroWatch
 
 __all__ = ["FoamSensor"]
@@ -49,10 +50,10 @@ class FoamSensor:
             stripe_width_m=stripe.width_m if stripe is not None else 0.0,
         )
         self._watch = ZeroWatch(zero) if zero is not None else None
-        self._memory = HysteresisState.fresh(len(setup.geometry.s_m))
+        self._memory = HysteresisState.at_rest(len(setup.geometry.s_m))
         self._last_t_s: float | None = None
         self._last_sample: np.ndarray | None = None
-        self.strip: ObservedStrip | None = None  #: of the last frame
+        self.strip: ObservedStrip | None = None  #: of the last frame, for drawing
         self.reading: FoamReading | None = None  #: of the last frame
 
     @classmethod
@@ -106,7 +107,7 @@ class FoamSensor:
             np.array([strip.foam_grey for strip in seen]),
         )
         self._watch = ZeroWatch(zero)
-        self._memory = HysteresisState.fresh(len(self.setup.geometry.s_m))
+        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
         self._last_t_s = None
         self.optics.forget_motion()
         return zero
@@ -120,7 +121,7 @@ class FoamSensor:
         self._check_size(frame)
         if self._stale(frame):
             return self.blank(frame.t_s, Reason.STALE)
-        strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
+        strip = self.strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
         if strip is None:
             return self.blank(frame.t_s, Reason.LOST)
         return self._interpret(strip)
@@ -158,9 +159,8 @@ class FoamSensor:
         delta = scale * (width0 - strip.width_m)
         sigma = scale * np.hypot(strip.width_sigma_m, zero_sigma)
         covered = np.zeros(len(delta), dtype=bool)
-        light = 1.0
         if zero is not None:
-            covered, light = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
+            covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
         seen = strip.usable & ~covered
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
         moved_px = strip.moved_px
@@ -193,27 +193,46 @@ class FoamSensor:
             reading.pressure_Pa,
             reading.pressure_sigma_Pa,
             seen,
-            reading.contacts,
+            tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
         )
 
-    def _judge(
-        self, reading: FoamReading, gap: bool, covered: np.ndarray, strip: ObservedStrip
-    ) -> Reason:
+    def _contact(
+        self,
+        region: ContactRegion,
+        strip: ObservedStrip,
+        delta: Float[np.ndarray, "K"],
+        sigma: Float[np.ndarray, "K"],
+    ) -> Contact:
+        """One region with its contour in frame F, free of points that were not seen."""
+        inside = np.arange(region.first, region.last + 1)
+        inside = inside[np.isfinite(delta[inside])]
+        geometry = self.setup.geometry
+        # From deflections rather than cast pixels: normalised with the zero reference like the force.
+        front = geometry.front_m[inside] - delta[inside, None] * geometry.outward[inside]
+        return Contact(
+            region.s_start_m,
+            region.s_end_m,
+            region.force_N,
+            region.budget,
+            region.valid,
+            region.reason,
+            front,
+            sigma[inside],
+            delta[inside],
+        )
+
+    def _judge(self, reading: FoamReading, gap: bool, covered: np.ndarray, strip: ObservedStrip) -> Reason:
         """The first reason not to believe the frame, the gravest first."""
         if self._watch is None:
             return Reason.NOT_ZEROED
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
         if gap:
-            unseen = ~strip.usable
-            return Reason.OCCLUDED if covered.sum() >= 0.5 * (unseen | covered).sum() else Reason.LOST
+            hidden = covered | (strip.front.reason == PointReason.OCCLUDED)
+            return Reason.OCCLUDED if 2 * hidden.sum() >= (~strip.usable | covered).sum() else Reason.LOST
         if self._watch.drifted:
             return Reason.DRIFTED
-        if reading.saturated:
-            return Reason.SATURATED
-        if reading.unloading:
-            return Reason.UNLOADING
-        return Reason.OK
+        return reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
         """A profile that says only why there is none."""

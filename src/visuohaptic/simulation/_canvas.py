@@ -1,0 +1,217 @@
+"""The picture in the making: coverage, textured planes, layers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..camera import Camera
+from ._kernels import add_plane, add_signed_coverage
+from .look import Surface
+from .textures import MATERIALS, texture_tile
+
+__all__ = ["Canvas", "Coverage", "Hole", "Plane", "coverage"]
+
+_TILE_TEXELS = 1024
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A textured plane: per row (or once) the matrix from rays to plane coordinates (a, b)."""
+
+    matrices: Float[np.ndarray, "rows 3 3"]
+    surface: Surface
+    gradient: Float[np.ndarray, "3"]  #: light is ``g0 + g1 a + g2 b``
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Share of each pixel that a polygon covers, in a window whose first pixel is (x0, y0)."""
+
+    x0: int
+    y0: int
+    share: Float[np.ndarray, "h w"]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the window."""
+        return (
+            slice(self.y0, self.y0 + self.share.shape[0]),
+            slice(self.x0, self.x0 + self.share.shape[1]),
+        )
+
+
+def coverage(polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int) -> Coverage | None:
+    """Exact area of each pixel inside a polygon of either direction; ``None`` when it is outside."""
+    if len(polygon_px) < 3 or not np.isfinite(polygon_px).all():
+        return None
+    # One more pixel on each side: rounding along an edge must not leave the window.
+    low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - 1
+    high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + 2
+    # The window keeps all columns left of the image, since the sum runs from there.
+    y0, y1 = max(low[1], 0), min(high[1], rows)
+    if y1 <= y0 or low[0] >= columns or high[0] <= 0:
+        return None
+    share = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
+    add_signed_coverage(np.ascontiguousarray(polygon_px), low[0], y0, share)
+    x0, x1 = max(low[0], 0), min(high[0], columns)
+    share = share[:, x0 - low[0] : x1 - low[0]]
+    x, y = polygon_px[:, 0], polygon_px[:, 1]
+    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
+    if x @ np.roll(y, -1) > y @ np.roll(x, -1):
+        share = -share
+    return Coverage(int(x0), int(y0), np.clip(share, 0, 1))
+
+
+#: Signed polygon of a hole [px], and the faces of the solid that is seen there, as planes and polygons.
+Hole = tuple[np.ndarray, float, list[Plane], list[np.ndarray]]
+
+
+class Canvas:
+    """Float picture of a camera onto which layers are painted from far to near."""
+
+    def __init__(self, camera: Camera, channels: int) -> None:
+        self.camera = camera
+        self.image = np.zeros((camera.height, camera.width, channels), np.float32)
+        self._rays = _ray_table(camera)
+
+    @staticmethod
+    def tile_m(surface: Surface) -> float:
+        """Period of a surface's texture [m]."""
+        return MATERIALS[surface.material]
+
+    def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
+        """Coverage of a polygon in this picture."""
+        return coverage(polygon_px, *self.image.shape[:2])
+
+    def fill(self, plane: Plane) -> None:
+        """The farthest layer, everywhere."""
+        self.image[:] = 0
+        self._add(plane, np.zeros((0, 0), np.float32), 0, 0)
+
+    def paint_parts(
+        self,
+        polygons: list[np.ndarray],
+        planes: list[Plane],
+        active_rows: np.ndarray | None = None,
+    ) -> None:
+        """Paint faces that do not overlap each other but share edges, such as those of a solid."""
+        parts = [(self.cover(p), plane) for p, plane in zip(polygons, planes, strict=True)]
+        found = [(c, plane) for c, plane in parts if c is not None]
+        if active_rows is not None:
+            for c, _ in found:
+                c.share[~active_rows[c.window[0]]] = 0
+        total = _union([c for c, _ in found])
+        if total is None:
+            return
+        # Faces of a solid add up to at most 1; rounding may leave a little more.
+        self.image[total.window] *= (1 - np.minimum(total.share, 1))[..., None]
+        for c, plane in found:
+            self._add(plane, c.share, c.x0, c.y0)
+
+    def paint_nested(
+        self,
+        polygons: list[np.ndarray],
+        planes: list[Plane],
+        holes: list[Hole],
+    ) -> None:
+        """Paint polygons of which each contains the next, with holes that show other solids.
+
+        A hole is the signed sum of its polygons; (polygon, sign, planes and polygons
+        of the solid that is seen there).
+        """
+        covers = [self.cover(p) for p in polygons]
+        outer = covers[0]
+        if outer is None:
+            return
+        shape = outer.share.shape
+        weights = [_in_window(c, outer) for c in covers]
+        for i in range(1, len(weights)):
+            weights[i] = np.minimum(weights[i], weights[i - 1])
+        weights = [w - weights[i + 1] if i + 1 < len(weights) else w for i, w in enumerate(weights)]
+        self.image[outer.window] *= (1 - outer.share)[..., None]
+        solids: dict[int, tuple[np.ndarray, list[Plane], list[np.ndarray]]] = {}
+        for polygon, sign, solid_planes, solid_polygons in holes:
+            hole, _, _ = solids.setdefault(
+                id(solid_planes), (np.zeros(shape, np.float32), solid_planes, solid_polygons)
+            )
+            hole += sign * _in_window(self.cover(polygon), outer)
+        # The nearest solid is the last: it takes its part first.
+        for hole, solid_planes, solid_polygons in reversed(list(solids.values())):
+            left = np.clip(hole, 0, None)
+            taken = np.zeros(shape, np.float32)
+            for w in weights:
+                part = np.minimum(w, left - taken)
+                w -= part
+                taken += part
+            parts = [_in_window(self.cover(p), outer) for p in solid_polygons]
+            total = np.maximum(np.sum(parts, axis=0), 1e-6)
+            for part, plane in zip(parts, solid_planes, strict=True):
+                self._add(plane, part / total * taken, outer.x0, outer.y0)
+        for w, plane in zip(weights, planes, strict=True):
+            self._add(plane, w, outer.x0, outer.y0)
+
+    def _add(self, plane: Plane, share: np.ndarray, x0: int, y0: int) -> None:
+        surface = plane.surface
+        add_plane(
+            self.image,
+            np.ascontiguousarray(share),
+            x0,
+            y0,
+            self._rays,
+            plane.matrices,
+            texture_tile(surface.material, surface.seed, _TILE_TEXELS) if surface.texture else _NO_TILE,
+            _TILE_TEXELS / MATERIALS[surface.material],
+            float(surface.texture),
+            surface.levels(self.image.shape[2]).astype(np.float32),
+            plane.gradient,
+        )
+
+
+_NO_TILE = np.full((16, 16), 128, np.uint8)
+_NO_TILE.flags.writeable = False
+
+
+def _ray_table(camera: Camera) -> np.ndarray:
+    """Rays (H, W, 2) of all pixels, or two rows that suffice when the lens does not distort."""
+    columns = np.arange(camera.width, dtype=np.float64)
+    if not camera.distortion.any() and camera.matrix[0, 1] == 0:
+        rays = camera.rays(np.column_stack([columns, np.zeros(camera.width)]))[None, :, :2].copy()
+        rays[0, 1, 1] = 1.0 / camera.matrix[1, 1]
+        return rays
+    u, v = np.meshgrid(columns, np.arange(camera.height, dtype=np.float64))
+    return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
+
+
+def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
+    """Coverage in the window of another one."""
+    result = np.zeros(frame.share.shape, np.float32)
+    if part is None:
+        return result
+    h, w = frame.share.shape
+    top, left = part.y0 - frame.y0, part.x0 - frame.x0
+    rows = slice(max(top, 0), min(top + part.share.shape[0], h))
+    columns = slice(max(left, 0), min(left + part.share.shape[1], w))
+    if rows.stop > rows.start and columns.stop > columns.start:
+        result[rows, columns] = part.share[
+            rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
+        ]
+    return result
+
+
+def _union(parts: list[Coverage]) -> Coverage | None:
+    """Sum of the coverages in a common window."""
+    if not parts:
+        return None
+    x0, y0 = min(p.x0 for p in parts), min(p.y0 for p in parts)
+    x1 = max(p.x0 + p.share.shape[1] for p in parts)
+    y1 = max(p.y0 + p.share.shape[0] for p in parts)
+    frame = Coverage(x0, y0, np.zeros((y1 - y0, x1 - x0), np.float32))
+    for part in parts:
+        frame.share[
+            part.y0 - y0 : part.y0 - y0 + part.share.shape[0],
+            part.x0 - x0 : part.x0 - x0 + part.share.shape[1],
+        ] += part.share
+    return frame
