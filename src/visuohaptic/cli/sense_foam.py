@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..recording import MeasurementWriter, TableWriter
+    from ..recording import TableWriter
     from ..robots import FrameSource
     from ..sensing.foam import FoamSensor
     from ..viewer import LivePage
@@ -103,10 +103,11 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
     reasons: Counter[str] = Counter()
     found: list[dict[str, Any]] = []
     best: tuple[float, float, float] | None = None
-    writers: list[MeasurementWriter | TableWriter] = []
     with ExitStack() as stack:
         recording = stack.enter_context(MeasurementWriter(args.out)) if args.out else None
-        writers = [stack.enter_context(TableWriter(path)) for path in (args.csv, args.parquet) if path]
+        writers: list[TableWriter] = [
+            stack.enter_context(TableWriter(path)) for path in (args.csv, args.parquet) if path
+        ]
         page: LivePage | None = None
         if args.view:
             from ..viewer import LivePage
@@ -123,7 +124,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
                     described = True
                 recording.write_force(profile)
             for writer in writers:
-                writer.write(profile)  # type: ignore[arg-type]
+                writer.write(profile)
             for event in events.update(profile):
                 args.report(f"{event.t_s:10.3f} s  {event.kind.value:8}  {_force(profile)}")
                 found.append({"t_s": event.t_s, "event": event.kind.value})
@@ -132,7 +133,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
             if profile.valid and (best is None or profile.force_N > best[1]):
                 best = (profile.t_s, profile.force_N, profile.force_sigma_N)
             if page is not None:
-                page.update(frame_bgr=frame.image, profile=profile)
+                page.update(frame.t_s, frame=frame.image, profile=profile)
     count = sum(reasons.values())
     if not count:
         raise InputError(args.source, "no frames are left to measure", remedy="check --start, --stop")

@@ -234,10 +234,8 @@ class _Run:
         outcome = self.outcome or Outcome.SOURCE_ENDED
         travel = np.array([self._travel(state) for state in self.states])
         fit, fit_state = self._shape()
-        if not self.touched or len(self.profiles) < 2:
-            tag = HapticTag()
-        else:
-            tag = self._tag(travel, fit)
+        enough = self.touched and len(self.profiles) >= 2
+        tag = self._tag(travel, fit) if enough else HapticTag()
         return Exploration(
             outcome,
             tag,

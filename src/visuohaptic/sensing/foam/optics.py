@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from ...camera import PlaneView
 from ...errors import InputError
-from ...tracking import ConstraintLines, Contour, ContourSettings, ContourTracker
+from ...tracking import ConstraintLines, Contour, ContourSettings, ContourTracker, PointReason
 from ._appearance import interior_grey
 from ._reference import ImageMotion, fit_motion, motion_basis
 from .config import TrackingSection
@@ -24,6 +24,8 @@ _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 _SEARCH_FROM = 0.12
 #: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
 _SEARCH_TO = 1.12
+
+_DOUBTFUL = (PointReason.POOR_FIT, PointReason.JUMP)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +43,7 @@ class ObservedStrip:
     width_sigma_m: Float[np.ndarray, "K"]
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
     usable: Bool[np.ndarray, "K"]
+    doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
 
@@ -130,6 +133,7 @@ class StripOptics:
         outward = self.geometry.outward
         width = np.einsum("ki,ki->k", front_m - back_m, outward)
         sigma = np.hypot(front_slope * front.sigma_px, back_slope * reference_sigma)
+        finite = np.isfinite(width) & np.isfinite(sigma)
         return ObservedStrip(
             t_s,
             reference,
@@ -141,7 +145,8 @@ class StripOptics:
             width,
             sigma,
             interior_grey(grey, base_px, self._direction_px, np.nan_to_num(position, nan=-1.0)),
-            front.valid & np.isfinite(width) & np.isfinite(sigma),
+            front.valid & finite,
+            ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
             motion,
             float(np.abs(self._basis @ motion.parameters).max()),
         )

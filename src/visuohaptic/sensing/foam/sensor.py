@@ -27,6 +27,11 @@ log = logging.getLogger(__name__)
 #: A gap of up to this many points between seen neighbours is bridged; a longer one may hide a contact.
 _BRIDGED_POINTS = 2
 
+#: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
+#: part of the difference between these.
+_DOUBTFUL_POINTS = 3
+_DOUBTFUL_MARGIN = 0.15
+
 
 class FoamSensor:
     """A foam strip observed by a camera.
@@ -161,7 +166,8 @@ class FoamSensor:
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
-        seen = strip.usable & ~covered
+        good = strip.usable & ~covered
+        seen, sigma = _with_doubtful(delta, sigma, good, strip.doubtful & ~covered, strip.front.chi2)
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
         moved_px = strip.moved_px
         common = watch.sigma_m if watch is not None else 0.0
@@ -180,7 +186,7 @@ class FoamSensor:
         self.reading = reading
         reason = self._judge(reading, gap, covered, strip)
         if watch is not None and reason is Reason.OK:
-            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=seen)
+            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
         return ForceProfile(
             strip.t_s,
             reason is Reason.OK,
@@ -242,11 +248,43 @@ class FoamSensor:
             False,
             reason,
             float("nan"),
-            ErrorBudget(*[float("nan")] * 4),
+            ErrorBudget(float("nan"), float("nan"), float("nan"), float("nan")),
             self.setup.geometry.s_m,
-            *[unknown] * 4,
-            np.zeros(len(unknown), dtype=bool),
+            delta_m=unknown,
+            delta_sigma_m=unknown,
+            pressure_Pa=unknown,
+            pressure_sigma_Pa=unknown,
+            point_valid=np.zeros(len(unknown), dtype=bool),
         )
+
+
+def _with_doubtful(
+    delta: Float[np.ndarray, "K"],
+    sigma: Float[np.ndarray, "K"],
+    good: Bool[np.ndarray, "K"],
+    doubtful: Bool[np.ndarray, "K"],
+    chi2: Float[np.ndarray, "K"],
+) -> tuple[Bool[np.ndarray, "K"], Float[np.ndarray, "K"]]:
+    """Points that can be used, and their sigma: poor fits count where they lie between good neighbours.
+
+    At the edge of a plate the front is a kink, which is no blurred step; its fit is
+    still ten times closer than a line between the neighbours. Its sigma grows with the
+    misfit. What lies outside of its neighbours is something else, and is not used.
+    """
+    usable, wider = good.copy(), sigma.copy()
+    known = np.flatnonzero(good)
+    for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
+        after = int(np.searchsorted(known, k))
+        if after == 0 or after == len(known) or known[after] - known[after - 1] > _DOUBTFUL_POINTS + 1:
+            continue
+        ends = delta[known[after - 1 : after + 1]]
+        margin = _DOUBTFUL_MARGIN * abs(ends[1] - ends[0]) + 5.0 * float(sigma[k])
+        if ends.min() - margin <= delta[k] <= ends.max() + margin:
+            usable[k] = True
+            wider[k] = np.hypot(
+                1.5 * sigma[k] * np.sqrt(max(float(chi2[k]), 1.0)), 0.02 * (ends[1] - ends[0])
+            )
+    return usable, wider
 
 
 def _bridge(
