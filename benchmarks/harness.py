@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import json
+import math
 import os
 import pkgutil
 import platform
@@ -215,7 +216,7 @@ def median(values: Iterable[float]) -> float:
 def _number(value: Limit | None) -> str:
     if isinstance(value, tuple):
         return f"{value[0]:g}-{value[1]:g}"
-    return "" if value is None else f"{value:.4g}"
+    return "" if value is None or math.isnan(value) else f"{value:.4g}"
 
 
 def _machine() -> dict[str, Any]:
