@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib
 import importlib.metadata
 import json
+import math
 import os
 import pkgutil
 import platform
@@ -20,7 +21,7 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,10 @@ _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image
 ROOT = Path(__file__).resolve().parents[1]
 
 
+#: A bound, or a range that the figure has to lie in; in a benchmark's dict also as text, "0.8-1.25".
+Limit = float | tuple[float, float]
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One figure."""
@@ -48,8 +53,8 @@ class Row:
     peer: float | None = None  #: the peer's figure, in the same unit, from the same process
     peer_name: str = ""
     ratio: float | None = None  #: peer / ours or ours / peer: larger than 1 means that we are better
-    floor: float | None = None  #: what is owed, in ``unit``
-    aim: float | None = None  #: what puts us ahead, in ``unit``
+    floor: Limit | None = None  #: what is owed, in ``unit``
+    aim: Limit | None = None  #: what puts us ahead, in ``unit``
     higher_is_better: bool | None = None  #: told from floor and aim when not given
     note: str = ""
     benchmark: str = ""  #: module that it comes from; filled in by :func:`run`
@@ -133,22 +138,38 @@ def run(names: Iterable[str], package: str = __package__ or "benchmarks") -> Rep
 
 
 def _judged(benchmark: str, found: dict[str, Any]) -> Row:
-    values = dict(found)
-    row = Row(**{**values, "benchmark": benchmark})
+    limits = {name: _limit(found.get(name)) for name in ("floor", "aim")}
+    row = Row(**{**found, **limits, "benchmark": benchmark})
     higher = row.higher_is_better
-    if higher is None and row.floor is not None and row.aim is not None:
+    if higher is None and isinstance(row.floor, float) and isinstance(row.aim, float):
         higher = row.aim > row.floor
     verdict = ""
-    for name, limit in (("aim", row.aim), ("floor", row.floor)):
-        if limit is not None and not verdict:
-            met = row.ours >= limit if higher else row.ours <= limit
-            verdict = name if met else ""
-    if not verdict and (row.floor is not None or row.aim is not None):
-        verdict = "missed"
+    if row.floor is not None or row.aim is not None:
+        met = [name for name in ("aim", "floor") if _meets(row.ours, limits[name], bool(higher))]
+        verdict = met[0] if met else "missed"
     ratio = row.ratio
     if ratio is None and row.peer is not None and row.ours:
         ratio = row.ours / row.peer if higher else row.peer / row.ours
-    return Row(**{**asdict(row), "verdict": verdict, "ratio": ratio})
+    return replace(row, verdict=verdict, ratio=ratio)
+
+
+def _limit(value: object) -> Limit | None:
+    if value is None or value == "":
+        return None
+    if isinstance(value, str):
+        low, separator, high = value.partition("-")
+        return (float(low), float(high)) if separator else float(low)
+    if isinstance(value, (tuple, list)):
+        return float(value[0]), float(value[1])
+    return float(value)  # type: ignore[arg-type]
+
+
+def _meets(value: float, limit: Limit | None, higher: bool) -> bool:
+    if limit is None:
+        return False
+    if isinstance(limit, tuple):
+        return limit[0] <= value <= limit[1]
+    return value >= limit if higher else value <= limit
 
 
 def table(report: Report) -> str:
@@ -192,8 +213,10 @@ def median(values: Iterable[float]) -> float:
     return float(statistics.median(values))
 
 
-def _number(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+def _number(value: Limit | None) -> str:
+    if isinstance(value, tuple):
+        return f"{value[0]:g}-{value[1]:g}"
+    return "" if value is None or math.isnan(value) else f"{value:.4g}"
 
 
 def _machine() -> dict[str, Any]:

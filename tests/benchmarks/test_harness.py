@@ -29,6 +29,7 @@ def report(monkeypatch):
         {"name": "noise", "ours": 1.02, "unit": "x bound", "floor": 1.15, "aim": 1.05},
         {"name": "delay", "ours": 12.0, "peer": 6.0, "unit": "ms", "floor": 10, "aim": 6},
         {"name": "plain", "ours": 3.0, "unit": "ms"},
+        {"name": "range", "ours": 0.85, "unit": "ratio", "floor": "0.8-1.25", "aim": (0.9, 1.1)},
     ]
     bad = types.ModuleType("benchmarks.broken")
     bad.run = lambda: 1 / 0
@@ -38,7 +39,7 @@ def report(monkeypatch):
 
 
 def test_verdicts_follow_the_direction_of_floor_and_aim(report):
-    assert [row.verdict for row in report.rows] == ["floor", "aim", "missed", "", "failed"]
+    assert [row.verdict for row in report.rows] == ["floor", "aim", "missed", "", "floor", "failed"]
 
 
 def test_the_ratio_is_above_one_when_we_are_better(report):
@@ -63,8 +64,8 @@ def test_the_table_names_machine_versions_commit_and_command(report):
 def test_the_file_holds_the_same_rows(report, tmp_path):
     harness.save(tmp_path / "bench.json", report)
     saved = json.loads((tmp_path / "bench.json").read_text())
-    assert [row["name"] for row in saved["rows"]] == ["speed", "noise", "delay", "plain", "broken"]
-    assert saved["rows"][4]["ours"] is None
+    assert [row["name"] for row in saved["rows"]] == ["speed", "noise", "delay", "plain", "range", "broken"]
+    assert saved["rows"][5]["ours"] is None
     assert [path.name for path in tmp_path.iterdir()] == ["bench.json"]
 
 

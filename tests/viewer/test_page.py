@@ -79,7 +79,7 @@ def test_updates_without_a_browser(page):
         page.set_obstacle("box", square, pose)
         assert page.update(
             step / 30,
-            frame=np.zeros((90, 160), np.uint8),
+            frame_bgr=np.zeros((90, 160), np.uint8),
             profile=profile(step, valid=step != 2),
             truth_N=step if step > 2 else None,
             pose_world_foam=pose,
@@ -135,7 +135,11 @@ def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
     page.set_tags({"a|b": "<script>felt</script>"})
     for step in range(3):
         page.update(
-            step, frame=np.full((90, 160), 128, np.uint8), profile=profile(1.5), truth_N=1.4, note="contact"
+            step,
+            frame_bgr=np.full((90, 160), 128, np.uint8),
+            profile=profile(1.5),
+            truth_N=1.4,
+            note="contact",
         )
     chromium = browser.Browser(program, tmp_path / "profile")
     try:

@@ -68,7 +68,7 @@ class LivePage:
     --------
     >>> with LivePage(port=0) as page:  # doctest: +SKIP
     ...     for frame, profile in run:
-    ...         page.update(profile.t_s, frame=frame.image, profile=profile)
+    ...         page.update(frame_bgr=frame.image, profile=profile)
     """
 
     def __init__(
@@ -187,9 +187,9 @@ class LivePage:
 
     def update(
         self,
-        t_s: float,
+        t_s: float | None = None,
         *,
-        frame: UInt8[np.ndarray, "rows columns *colour"] | None = None,
+        frame_bgr: UInt8[np.ndarray, "rows columns *colour"] | None = None,
         profile: ForceProfile | None = None,
         truth_N: float | None = None,
         pose_world_foam: Pose | None = None,
@@ -201,9 +201,9 @@ class LivePage:
         Parameters
         ----------
         t_s
-            Time of the frame.
-        frame
-            Camera picture, grey or blue-green-red, annotated or not.
+            Time of the frame; that of the profile by default.
+        frame_bgr
+            Camera picture, blue-green-red or grey, annotated or not.
         profile
             What the sensor read.
         truth_N
@@ -221,6 +221,8 @@ class LivePage:
         bool
             Whether the page was drawn; ``False`` when the last drawing is younger than its period.
         """
+        if t_s is None:
+            t_s = profile.t_s if profile is not None else 0.0
         if profile is not None:
             measured_N = profile.force_N if profile.valid else float("nan")
             true_N = float("nan") if truth_N is None else truth_N
@@ -230,8 +232,8 @@ class LivePage:
             return False
         self._drawn_s = now_s
         with self._server.atomic():
-            if frame is not None:
-                self._picture.image = _small_rgb(frame)
+            if frame_bgr is not None:
+                self._picture.image = _small_rgb(frame_bgr)
             if pose_world_foam is not None:
                 self._foam.position = tuple(pose_world_foam.translation_m)
                 self._foam.wxyz = _quaternion(pose_world_foam.rotation)
