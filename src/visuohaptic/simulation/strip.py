@@ -142,7 +142,10 @@ class StripState:
     pressure_Pa: Float[np.ndarray, "k"]  #: contact force by undeformed front area
     front_m: Float[np.ndarray, "k 2"]  #: front contour
     body: Int[np.ndarray, "k"]  #: index of the body that touches, -1 without
-    force_N: Float[np.ndarray, "2"]  #: of the foam on all bodies
+    load_N: float  #: integral of the pressure over the front: the F of Eq. (3.1)
+    force_N: Float[
+        np.ndarray, "2"
+    ]  #: of the foam on all bodies; its length is ``load_N`` on a straight strip
     moment_Nm: float  #: of the foam on all bodies about the origin of F
     body_force_N: Float[np.ndarray, "b 2"]  #: on every body
     body_moment_Nm: Float[np.ndarray, "b"]  #: on every body about the origin of F
@@ -350,6 +353,7 @@ class FoamStrip:
             pressure_Pa=load / area,
             front_m=self._back + self._normal * (geometry.width_m - delta[:, None]),
             body=body,
+            load_N=float(reaction.sum()),
             force_N=force.sum(axis=0),
             moment_Nm=float(moment.sum()),
             body_force_N=np.column_stack(parts[:2]),
