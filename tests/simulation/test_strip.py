@@ -276,3 +276,48 @@ def test_calibration_csv(tmp_path: Path) -> None:
     assert lines[0] == "strain,stress_Pa,direction"
     assert len(lines) == 1 + 2 * (61 + 60)
     assert {line.split(",")[2] for line in lines[1:]} == {"loading", "unloading"}
+
+
+def energy_J(u: np.ndarray, s_m: np.ndarray, law: StripLaw, width_m: float, height_m: float) -> float:
+    """Twin of the kernel's equilibrium: the energy it must minimise, in plain NumPy, without tables."""
+    thickness = np.asarray(law.layers) * width_m
+    cell = np.gradient(s_m)
+    cell[[0, -1]] *= 0.5
+    faces = np.column_stack([np.zeros(len(s_m)), u])
+    strain = np.diff(faces, axis=1) / thickness
+    slope = np.diff(faces, axis=0) / np.diff(s_m)[:, None]
+    a, b = slope[:, :-1], slope[:, 1:]
+    square = (a * a + a * b + b * b) / 3
+    limit = law.shear_limit
+    shear = (
+        law.shear_modulus_Pa(0.5 * (strain[1:] + strain[:-1]))
+        * limit**2
+        * (np.sqrt(1 + square / limit**2) - 1)
+    )
+    column = (law.energy_density_Pa(strain) * thickness).sum(axis=1) @ cell
+    tie = (shear * thickness).sum(axis=1) @ np.diff(s_m)
+    return float(height_m * (column + tie))
+
+
+def test_kernel_minimises_the_energy_of_its_twin() -> None:
+    geometry = StripGeometry(length_m=0.12, spacing_m=0.002)
+    radius, depth, change = 0.03, 0.004, 2e-5
+
+    def solve(d: float) -> tuple[float, np.ndarray, float]:
+        strip = FoamStrip(geometry, REFERENCE_FOAM)
+        state = strip.press([Outline.disc((0.02 - d + radius, 0.0), radius)])
+        u = strip._memory[:, :3].copy()
+        return energy_J(u, strip.s_m, REFERENCE_FOAM, 0.02, 0.01), u, state.load_N
+
+    energy, u, load = solve(depth)
+    # The force is the slope of the energy: 1e-3 covers the second-order rest of the difference.
+    slope = (solve(depth + change)[0] - solve(depth - change)[0]) / (2 * change)
+    assert load == pytest.approx(slope, rel=1e-3)
+    s = geometry.positions_m()
+    limit = depth - radius + np.sqrt(np.maximum(radius**2 - s**2, 0.0))
+    rng = np.random.default_rng(5)
+    for size in (1e-6, 1e-5, 1e-4):
+        for _ in range(20):
+            other = u + size * rng.standard_normal(u.shape)
+            other[:, -1] = np.maximum(other[:, -1], np.where(np.abs(s) < radius, limit, -1.0))
+            assert energy_J(other, s, REFERENCE_FOAM, 0.02, 0.01) > energy

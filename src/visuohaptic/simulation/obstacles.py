@@ -12,7 +12,18 @@ from jaxtyping import Float
 from ..errors import InputError
 from .strip import Outline
 
-__all__ = ["Obstacle", "ObstacleKind", "box", "cylinder", "door", "obstacle_mjcf", "section", "table", "wall"]
+__all__ = [
+    "Obstacle",
+    "ObstacleKind",
+    "box",
+    "cylinder",
+    "door",
+    "feet_mjcf",
+    "obstacle_mjcf",
+    "section",
+    "table",
+    "wall",
+]
 
 GRAVITY_M_S2 = 9.81
 #: Feet on which movable obstacles stand: radius (m). A flat bottom would rest on arbitrary points.
@@ -93,7 +104,9 @@ class Obstacle:
         if self.kind is ObstacleKind.CYLINDER:
             return (Outline.disc((0.0, 0.0), 0.5 * self.length_m),)
         if self.kind is ObstacleKind.DOOR:
-            return (Outline.box((0.5 * self.length_m, 0.0), (self.length_m, self.width_m), edge_m=self.edge_m),)
+            return (
+                Outline.box((0.5 * self.length_m, 0.0), (self.length_m, self.width_m), edge_m=self.edge_m),
+            )
         if self.kind is ObstacleKind.TABLE:
             at = 0.5 * (np.array([self.length_m, self.width_m]) - self.leg_m)
             corners = at * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -120,7 +133,14 @@ def box(
     """A box of size (along x, along y, height)."""
     length, width, height = size_m
     return Obstacle(
-        name, ObstacleKind.BOX, x_m, y_m, length_m=length, width_m=width, height_m=height, **rest  # type: ignore[arg-type]
+        name,
+        ObstacleKind.BOX,
+        x_m,
+        y_m,
+        length_m=length,
+        width_m=width,
+        height_m=height,
+        **rest,  # type: ignore[arg-type]
     )
 
 
@@ -138,7 +158,15 @@ def table(
     """A table that does not move; the foam meets its legs."""
     length, width, height = size_m
     return Obstacle(
-        name, ObstacleKind.TABLE, x_m, y_m, length_m=length, width_m=width, height_m=height, fixed=True, **rest  # type: ignore[arg-type]
+        name,
+        ObstacleKind.TABLE,
+        x_m,
+        y_m,
+        length_m=length,
+        width_m=width,
+        height_m=height,
+        fixed=True,
+        **rest,  # type: ignore[arg-type]
     )
 
 
@@ -151,7 +179,12 @@ def wall(
 
 
 def door(
-    name: str, hinge_x_m: float, hinge_y_m: float, length_m: float = 0.8, mass_kg: float = 12.0, **rest: object
+    name: str,
+    hinge_x_m: float,
+    hinge_y_m: float,
+    length_m: float = 0.8,
+    mass_kg: float = 12.0,
+    **rest: object,
 ) -> Obstacle:
     """A wing that turns about its hinge."""
     size = {"length_m": length_m, "width_m": 0.04, "height_m": 1.0}
@@ -159,7 +192,10 @@ def door(
 
 
 def section(
-    obstacle: Obstacle, position_m: Float[np.ndarray, "3"], rotation: Float[np.ndarray, "3 3"], height_m: float
+    obstacle: Obstacle,
+    position_m: Float[np.ndarray, "3"],
+    rotation: Float[np.ndarray, "3 3"],
+    height_m: float,
 ) -> tuple[Outline, ...]:
     """Cut of an obstacle by the plane z = ``height_m``, in the world; empty when it lies below or above.
 
@@ -191,6 +227,26 @@ def section(
     return tuple(cut for cut in cuts if len(cut.vertices_m) >= 3)
 
 
+def feet_mjcf(obstacle: Obstacle) -> str:
+    """Contact of the feet with the floor.
+
+    MuJoCo's friction is associated: a foot that slides is also lifted, in
+    proportion to the damping of its friction rows, and with the default
+    constants boxes hop on their feet and stop too late. Friction rows four
+    times slower than a soft normal row keep the feet down and the friction
+    that of Coulomb; the no-slip solver keeps obstacles at rest from creeping.
+    """
+    if not obstacle.movable or obstacle.kind is ObstacleKind.DOOR:
+        return ""
+    friction = obstacle.friction * obstacle.static_ratio
+    return "".join(
+        f'<pair name="foot{i}:{obstacle.name}" geom1="floor" geom2="foot{i}:{obstacle.name}" condim="3" '
+        f'friction="{friction} {friction} 0 0 0" solref="0.005 1" solreffriction="0.02 1" '
+        'solimp="0.1 0.1 0.001"/>'
+        for i in range(6 if obstacle.kind is ObstacleKind.CYLINDER else 4)
+    )
+
+
 def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     """Convex hull, counter-clockwise (monotone chain)."""
     order = points[np.lexsort((points[:, 1], points[:, 0]))]
@@ -220,15 +276,22 @@ def obstacle_mjcf(obstacle: Obstacle) -> str:
         shape = "cylinder" if o.round_legs else "box"
         size = f"{o.leg_m / 2} {half}" if o.round_legs else f"{o.leg_m / 2} {o.leg_m / 2} {half}"
         centres = (np.asarray(leg.vertices_m).mean(axis=0) for leg in o.outlines)
-        geoms = "".join(f'<geom type="{shape}" size="{size}" pos="{c[0]} {c[1]} {half}" {mask}/>' for c in centres)
+        geoms = "".join(
+            f'<geom type="{shape}" size="{size}" pos="{c[0]} {c[1]} {half}" {mask}/>' for c in centres
+        )
         return f'<body name="{name}" {place}>{geoms}</body>'
     if o.kind is ObstacleKind.DOOR:
         size = f"{o.length_m / 2} {o.width_m / 2} {half - 0.01}"
-        joint = "" if o.fixed else (
-            f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="-1.7 1.7" '
-            f'frictionloss="{o.hinge_friction_Nm}" damping="{o.hinge_damping_Nms}"/>'
+        joint = (
+            ""
+            if o.fixed
+            else (
+                f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="-1.7 1.7" '
+                f'frictionloss="{o.hinge_friction_Nm}" damping="{o.hinge_damping_Nms}"/>'
+            )
         )
-        geom = f'<geom type="box" size="{size}" pos="{o.length_m / 2} 0 {half + 0.01}" mass="{o.mass_kg}" {mask}/>'
+        pose = f'pos="{o.length_m / 2} 0 {half + 0.01}"'
+        geom = f'<geom type="box" size="{size}" {pose} mass="{o.mass_kg}" {mask}/>'
         return f'<body name="{name}" {place}>{joint}{geom}</body>'
     if o.kind is ObstacleKind.CYLINDER:
         shape, size = "cylinder", f"{o.length_m / 2} {half - FOOT_M / 2}"
@@ -238,12 +301,15 @@ def obstacle_mjcf(obstacle: Obstacle) -> str:
         shape, size = "box", f"{o.length_m / 2} {o.width_m / 2} {half - FOOT_M / 2}"
         corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         feet = (0.5 * np.array([o.length_m, o.width_m]) - FOOT_M) * corners
-    solid = f'<geom type="{shape}" size="{size}" pos="0 0 {half + FOOT_M / 2}" mass="{o.mass_kg}" friction="{o.friction} 0 0" {mask}/>'
+    solid = (
+        f'<geom type="{shape}" size="{size}" pos="0 0 {half + FOOT_M / 2}" mass="{o.mass_kg}" '
+        f'friction="{o.friction} 0 0" {mask}/>'
+    )
     if o.fixed:
         return f'<body name="{name}" {place}>{solid}</body>'
     stand = "".join(
         f'<geom name="foot{i}:{o.name}" type="sphere" size="{FOOT_M}" pos="{x} {y} {FOOT_M}" mass="0" '
-        f'friction="{o.friction * o.static_ratio} 0 0" priority="1" condim="3" contype="1" conaffinity="1"/>'
+        'contype="0" conaffinity="0"/>'
         for i, (x, y) in enumerate(feet)
     )
     return f'<body name="{name}" {place}><freejoint name="{name}"/>{solid}{stand}</body>'

@@ -91,13 +91,20 @@ class SimulatedBase:
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call or :meth:`stop`."""
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
-            raise InputError("drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers")
+            raise InputError(
+                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
+            )
         self.target_speed_m_s = float(speed_m_s)
         self.target_turn_rate_rad_s = float(turn_rate_rad_s)
 
     def stop(self) -> None:
         """Stand still as soon as the acceleration allows."""
         self.drive(0.0, 0.0)
+
+    def halt(self) -> None:
+        """Stand still at once, as after being carried."""
+        self.stop()
+        self._speed_m_s = self._turn_rate_rad_s = 0.0
 
     def state(self) -> BaseState:
         """Exact odometry in the world frame."""

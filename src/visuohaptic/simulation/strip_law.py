@@ -52,8 +52,8 @@ class StripLaw:
 
     mu_Pa: tuple[float, ...] = (11000.0, 50.0)  #: mu_i
     alpha: tuple[float, ...] = (8.0, -2.0)  #: alpha_i
-    loss: tuple[float, ...] = (0.09, 0.07, 0.04)  #: r_j, their sum < 0.5
-    loss_strain: tuple[float, ...] = (0.008, 0.02, 0.05)  #: e_j
+    loss: tuple[float, ...] = (0.015, 0.03, 0.06, 0.08)  #: r_j, their sum < 0.5
+    loss_strain: tuple[float, ...] = (0.001, 0.004, 0.015, 0.05)  #: e_j
     relaxation: float = 0.0  #: part of the stress that a fast loading adds and that relaxes
     relaxation_strain: float = 0.2  #: strain over which that part builds up
     relaxation_time_s: float = 20.0  #: time constant of its decay

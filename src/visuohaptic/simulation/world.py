@@ -13,7 +13,7 @@ from jaxtyping import Float
 from ..camera import Pose
 from ..errors import InputError, MissingExtraError
 from ..objects import Event, EventKind
-from .obstacles import GRAVITY_M_S2, Obstacle, ObstacleKind, obstacle_mjcf, section
+from .obstacles import GRAVITY_M_S2, Obstacle, ObstacleKind, feet_mjcf, obstacle_mjcf, section
 from .platform import PlatformConfig, SimulatedBase, platform_mjcf
 from .scene import FoamScene, SceneObject
 from .strip import SOFT_FOAM, FoamStrip, Outline, StripLaw, StripState
@@ -124,10 +124,9 @@ class PushWorld:
         mujoco.mj_forward(self._model, self._data)
         self._bodies = [self._model.body(f"obstacle:{name}").id for name in names]
         self._feet = [
-            [i for i in range(self._model.ngeom) if self._model.geom(i).name.startswith("foot")
-             and self._model.geom_bodyid[i] == body]
-            for body in self._bodies
-        ]  # fmt: skip
+            [i for i in range(self._model.npair) if self._model.pair(i).name.split(":", 1)[1] == name]
+            for name in names
+        ]
         self._dofs = [int(self._model.body_dofadr[body]) for body in self._bodies]
         self._start: dict[str, Float[np.ndarray, "3"]] = {}
         self._happened: set[tuple[str, EventKind]] = set()
@@ -152,6 +151,18 @@ class PushWorld:
         c, s = math.cos(self._data.qpos[2]), math.sin(self._data.qpos[2])
         return c * vx + s * vy, c * vy - s * vx, turn
 
+    def place_platform(self, x_m: float, y_m: float, heading_rad: float) -> None:
+        """Put the platform elsewhere, at rest and with fresh foam, and begin a new push."""
+        self._data.qpos[:3] = x_m, y_m, heading_rad
+        self._data.qvel[:3] = 0.0
+        self._mujoco.mj_forward(self._model, self._data)
+        self.base.halt()
+        self._strip.reset()
+        self._near = []
+        self._state = self._strip.press([])
+        self.forget_events()
+        self.truth = self._record(self.t_s)
+
     def step(self, dt_s: float) -> PushTruth:
         """Let time pass; the last equilibrium of the foam is the new :attr:`truth`."""
         if not 0 < dt_s <= 10:
@@ -166,7 +177,9 @@ class PushWorld:
             self._watch(middle)
             self._mujoco.mj_step(self._model, self._data, 2)
             if not np.isfinite(self._data.qpos).all():
-                raise InputError("PushWorld.step", f"the physics diverged at {middle:.3f} s", remedy="lower dt_s")
+                raise InputError(
+                    "PushWorld.step", f"the physics diverged at {middle:.3f} s", remedy="lower dt_s"
+                )
         self.truth = self._record(middle, 0.5 * interval)
         return self.truth
 
@@ -181,9 +194,12 @@ class PushWorld:
                 continue
             near = [outline for i, outline in self._near if i == index]
             cuts = near or [self._to_foam(c, (x, y, heading)) for c in self._cut(index, 0.0)]
-            top = float(position[2] + obstacle.height_m * max(rotation[2, 2], 0.1)) - self.config.floor_below_m
+            top = (
+                float(position[2] + obstacle.height_m * max(rotation[2, 2], 0.1)) - self.config.floor_below_m
+            )
             objects += [
-                SceneObject(cut.polygon_m(), top, obstacle.grey, obstacle.texture, obstacle.seed) for cut in cuts
+                SceneObject(cut.polygon_m(), top, obstacle.grey, obstacle.texture, obstacle.seed)
+                for cut in cuts
             ]
         c, s = math.cos(heading), math.sin(heading)
         pose = Pose(
@@ -274,18 +290,16 @@ class PushWorld:
                 velocity, turn_rate = self._velocity(index)
                 speed = math.hypot(velocity[0], velocity[1]) + abs(turn_rate[2]) * obstacle.reach_m
                 raised = 1.0 + (obstacle.static_ratio - 1.0) * math.exp(-speed / STRIBECK_M_S)
-                self._model.geom_friction[self._feet[index], 0] = obstacle.friction * raised
-        speed, turn_rate = self.base.ramp(interval_s)
+                self._model.pair_friction[self._feet[index], :2] = obstacle.friction * raised
+        target, turn_target = self.base.ramp(interval_s)
         forward, left, turning = self.platform_velocity()
         back = -self._state.force_N
-        twist = -self._state.moment_Nm - self._front_m * float(self._state.force_N[1])
         if config.kinematic:
-            data.qvel[:3] = c * speed, s * speed, turn_rate
+            data.qvel[:3] = c * target, s * target, turn_target
             self._drive_N = -float(back[0])
             return
         gain = 0.3 / interval_s
-        inertia = 0.5 * config.mass_kg * config.radius_m**2
-        drive = config.mass_kg * gain * (speed - forward) - back[0]
+        drive = config.mass_kg * gain * (target - forward) - back[0]
         drive = max(-config.largest_force_N, min(config.largest_force_N, drive))
         # Wheels hold the platform sideways and against turning.
         side = -config.mass_kg * gain * left - back[1]
@@ -294,7 +308,8 @@ class PushWorld:
         data.qfrc_applied[:2] = c * ahead - s * across, s * ahead + c * across
         # A turning speed vector needs its centripetal force.
         data.qfrc_applied[:2] += config.mass_kg * turning * forward * np.array([-s, c])
-        data.qfrc_applied[2] = inertia * gain * (turn_rate - turning) - twist + twist
+        inertia = 0.5 * config.mass_kg * config.radius_m**2
+        data.qfrc_applied[2] = inertia * gain * (turn_target - turning)
 
     def _watch(self, t_s: float) -> None:
         """Note contact, motion, release and fall of every obstacle, each once."""
@@ -353,7 +368,14 @@ class PushWorld:
             tilt = math.acos(min(1.0, max(-1.0, float(self._pose(index)[1][2, 2]))))
             bodies.append(
                 BodyTruth(
-                    obstacle.name, float(x), float(y), float(yaw), tilt, velocity[:2].copy(), float(turn[2]), force
+                    obstacle.name,
+                    float(x),
+                    float(y),
+                    float(yaw),
+                    tilt,
+                    velocity[:2].copy(),
+                    float(turn[2]),
+                    force,
                 )
             )
         return PushTruth(
@@ -372,9 +394,11 @@ class PushWorld:
 def _mjcf(config: PlatformConfig, obstacles: Sequence[Obstacle]) -> str:
     """The whole model. Elliptic cones and no-slip iterations keep boxes at rest from creeping."""
     bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
+    feet = "\n".join(feet_mjcf(o) for o in obstacles)
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="auto"/>
     <option cone="elliptic" impratio="10" noslip_iterations="5" integrator="implicitfast"
       gravity="0 0 {-GRAVITY_M_S2}"/>
-    <worldbody><geom name="floor" type="plane" size="100 100 1" friction="0.3 0 0" contype="1" conaffinity="1"/>
+    <worldbody><geom name="floor" type="plane" size="100 100 1" friction="0.3 0 0"
+      contype="1" conaffinity="1"/>
     {platform_mjcf(config)}
-    {bodies}</worldbody></mujoco>"""
+    {bodies}</worldbody><contact>{feet}</contact></mujoco>"""
