@@ -133,7 +133,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
             if profile.valid and (best is None or profile.force_N > best[1]):
                 best = (profile.t_s, profile.force_N, profile.force_sigma_N)
             if page is not None:
-                page.update(frame.t_s, frame=frame.image, profile=profile)
+                page.update(frame.t_s, frame_bgr=frame.image, profile=profile)
     count = sum(reasons.values())
     if not count:
         raise InputError(args.source, "no frames are left to measure", remedy="check --start, --stop")

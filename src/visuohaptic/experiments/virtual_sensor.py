@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class VirtualSensor:
         *,
         zero_frames: int = 30,
         on_step: Callable[[str], None] | None = None,
-        **config: object,
+        **config: Any,
     ) -> FoamSensor:
         """Write all files to a folder and return the zeroed sensor.
 

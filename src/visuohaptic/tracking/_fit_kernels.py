@@ -8,7 +8,6 @@ length along the edge, ``N`` pixels per unit of z.
 
 # mypy: disable-error-code="no-untyped-def, assignment"
 # Kernels are typed by numba at the call; their arrays are described in the docstrings.
-# ruff: noqa: RUF046
 from __future__ import annotations
 
 import math
