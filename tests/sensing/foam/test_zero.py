@@ -37,7 +37,7 @@ def test_file_round_trip(tmp_path) -> None:
 
 def test_a_moving_front_is_refused() -> None:
     width = 0.02 - 1e-4 * np.arange(30)[:, None] * np.ones(K)
-    with pytest.raises(CalibrationError, match="moved by .* mm while zeroing"):
+    with pytest.raises(CalibrationError, match=r"moved by .* mm while zeroing"):
         ZeroReference.from_samples(0.0, np.zeros((30, K)), width, np.full((30, K), 150.0))
 
 
