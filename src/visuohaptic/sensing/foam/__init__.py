@@ -8,6 +8,7 @@ from .finger import FingerReading, FingerSensor
 from .geometry import StripGeometry
 from .hysteresis import HysteresisState
 from .material import FoamMaterial
+from .optics import ObservedStrip
 from .profile import ContactRegion, FoamReading, read_profile
 from .records import PlateRecord, StrainStress, read_plate, read_strain_stress
 from .section import section_material, sensitivity
@@ -28,6 +29,7 @@ __all__ = [
     "FoamSensorConfig",
     "FoamSetup",
     "HysteresisState",
+    "ObservedStrip",
     "PlateRecord",
     "StrainStress",
     "StressCurve",
