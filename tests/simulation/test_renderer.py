@@ -267,7 +267,7 @@ def test_plane_kernel_equals_numpy() -> None:
     tile = texture_tile("concrete", 1, 64)
     image = np.zeros((30, 40, 1), np.float32)
     weight = np.random.default_rng(0).uniform(0.1, 1, (12, 20)).astype(np.float32)
-    add_plane(image, weight, 7, 5, rays, matrix[None], tile, 300.0, 9.0, np.array([90.0], np.float32), 1.1)
+    add_plane(image, weight, False, 7, 5, rays, matrix[None], tile, 300.0, 9.0, np.array([99.0], np.float32))
     a, b, w = np.moveaxis(np.concatenate([rays, np.ones((30, 40, 1))], axis=-1) @ matrix.T, -1, 0)
     a, b = a / w, b / w
     s, t = a * 300.0, b * 300.0
@@ -279,7 +279,7 @@ def test_plane_kernel_equals_numpy() -> None:
         for dx, wx in ((0, 1 - f), (1, f))
         for dy, wy in ((0, 1 - g), (1, g))
     )
-    value = 90.0 * 1.1 + 9.0 * (texture - 128) / 42
+    value = 99.0 + 9.0 * (texture - 128) / 42
     expected = np.zeros((30, 40))
     expected[5:17, 7:27] = weight * value[5:17, 7:27]
     np.testing.assert_allclose(image[..., 0], expected, atol=0.02)  # float32 texture coordinates

@@ -76,7 +76,6 @@ def coverage(
         add_filtered_coverage(polygon, low[0], y0, blur_px, table, integral, radius, share)
     x0, x1 = max(low[0], 0), min(high[0], columns)
     share = share[:, x0 - low[0] : x1 - low[0]]
-    np.clip(share, 0, 1, out=share)
     return Coverage(int(x0), int(y0), share)
 
 
@@ -126,9 +125,12 @@ class Canvas:
         """Coverage of a polygon in this picture."""
         return coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
 
-    def fill(self, plane: Plane) -> None:
-        """The farthest layer, everywhere."""
-        self._add(plane, np.zeros((0, 0), np.float32), 0, 0)
+    def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
+        """The farthest layer, everywhere but where a later one will cover it fully."""
+        share = np.ones(self.image.shape[:2], np.float32)
+        if hidden is not None:
+            share[hidden.window] = hidden.share != 1
+        self._add(plane, share, 0, 0, replace=True)
 
     def paint_parts(
         self,
@@ -152,16 +154,15 @@ class Canvas:
 
     def paint_nested(
         self,
-        polygons: list[np.ndarray],
+        covers: list[Coverage | None],
         planes: list[Plane],
         holes: list[Hole],
     ) -> None:
-        """Paint polygons of which each contains the next, with holes that show other solids.
+        """Paint regions of which each contains the next, with holes that show other solids.
 
         A hole is the signed sum of its polygons; (polygon, sign, planes and polygons
         of the solid that is seen there).
         """
-        covers = [self.cover(p) for p in polygons]
         outer = covers[0]
         if outer is None:
             return
@@ -192,11 +193,12 @@ class Canvas:
         for w, plane in zip(weights, planes, strict=True):
             self._add(plane, w, outer.x0, outer.y0)
 
-    def _add(self, plane: Plane, share: np.ndarray, x0: int, y0: int) -> None:
+    def _add(self, plane: Plane, share: np.ndarray, x0: int, y0: int, *, replace: bool = False) -> None:
         surface = plane.surface
         add_plane(
             self.image,
             np.ascontiguousarray(share),
+            replace,
             x0,
             y0,
             self._rays,
@@ -204,8 +206,7 @@ class Canvas:
             self._tile(surface) if surface.texture else _NO_TILE,
             _TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
-            surface.levels(self.image.shape[2]).astype(np.float32),
-            plane.light,
+            (plane.light * surface.levels(self.image.shape[2])).astype(np.float32),
         )
 
     def _tile(self, surface: Surface) -> np.ndarray:

@@ -17,7 +17,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ._canvas import Canvas, Hole, Plane
+from ._canvas import Canvas, Coverage, Hole, Plane
 from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, turned_left
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
@@ -240,7 +240,8 @@ class SceneRenderer:
         centre, mid = view.centre_foam_m, view.keys // 2
         back, front = moment.points("back_m"), moment.points("front_m")
         outlines = [moment.outline(i) for i in range(len(moment.middle.objects))]
-        self._draw_floor(moment, [*outlines, closed(front, back)])
+        regions = self._sensor_regions(moment, back, front)
+        self._draw_floor(moment, [*outlines, closed(front, back)], regions[-1])
         self._draw_foam_side(moment, back, front)
         holes: list[Hole] = []
         # Far objects first: the nearest point of each outline decides.
@@ -251,7 +252,10 @@ class SceneRenderer:
             self._canvas.paint_parts(polygons, planes)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
                 holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, planes, polygons))
-        self._draw_sensor(moment, back, front, holes)
+        surfaces = [self.look.stripe] if self.look.stripe is not None else []
+        surfaces += [self.look.foam, self.look.body]
+        planes = [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces]
+        self._canvas.paint_nested(regions, planes, holes)
         for occluder in occluders:
             self._draw_occluder(moment, occluder)
 
@@ -267,7 +271,7 @@ class SceneRenderer:
         matrices = moment.view.plane_matrices(*(np.broadcast_to(axis, shape) for axis in axes))
         return Plane(matrices, surface, light)
 
-    def _draw_floor(self, moment: _Moment, outlines: list[np.ndarray]) -> None:
+    def _draw_floor(self, moment: _Moment, outlines: list[np.ndarray], hidden: Coverage | None) -> None:
         origins, a, b = [], [], []
         tile_m = self._canvas.tile_m(self.look.floor)
         for scene in moment.scenes:
@@ -278,7 +282,8 @@ class SceneRenderer:
             origins.append(world.inverse().apply(np.array([*corner, below])))
             a.append(world.rotation[0])
             b.append(world.rotation[1])
-        self._canvas.fill(self._plane(moment, self.look.floor, (np.array(origins), np.array(a), np.array(b))))
+        axes = (np.array(origins), np.array(a), np.array(b))
+        self._canvas.fill(self._plane(moment, self.look.floor, axes), hidden)
         if self.look.shadow > 0:
             shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
 
@@ -311,8 +316,8 @@ class SceneRenderer:
                 axes = (face.origin_m, face.along_a, face.along_b)
                 self._canvas.paint_parts([polygon], [self._plane(moment, self.look.foam, axes, _SIDE_LIGHT)])
 
-    def _draw_sensor(self, moment: _Moment, back: np.ndarray, front: np.ndarray, holes: list[Hole]) -> None:
-        """Foam and body as regions of which each contains the next: no gap at their borders."""
+    def _sensor_regions(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> list[Coverage | None]:
+        """Foam with body, (foam behind the stripe with body,) body: each contains the next, so no gaps."""
         look, view = self.look, moment.view
         first, last = back[0] - back[1], back[-1] - back[-2]
         first = back[0] + look.body_margin_m * first / np.linalg.norm(first, axis=-1, keepdims=True)
@@ -321,16 +326,11 @@ class SceneRenderer:
         away = np.array([-1.0, 0.0])
         behind = np.stack([last, last + away, first + away, first])
         lines = [np.concatenate([back[:1], front, back[-1:]]), back]
-        surfaces = [look.foam, look.body]
         if look.stripe is not None:
             inner = inner_edge(back, front, look.stripe_width_m)
             lines.insert(1, np.concatenate([back[:1], inner, back[-1:]]))
-            surfaces.insert(0, look.stripe)
-        self._canvas.paint_nested(
-            [view.polygon(view.to_camera(at_height(np.concatenate([line, behind]), 0.0))) for line in lines],
-            [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces],
-            holes,
-        )
+        outlines = [at_height(np.concatenate([line, behind]), 0.0) for line in lines]
+        return [self._canvas.cover(view.polygon(view.to_camera(outline))) for outline in outlines]
 
     def _draw_occluder(self, moment: _Moment, occluder: Occluder) -> None:
         view, times = moment.view, moment.row_times_s
