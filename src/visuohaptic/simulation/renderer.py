@@ -10,15 +10,15 @@ goes on below it, so that no third surface shines through. Textures are blurred 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ._canvas import Canvas, Coverage, Hole, Plane
-from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, turned_left
+from ._canvas import Canvas, Coverage, Hole, Parts, Plane
+from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, silhouette, turned_left
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .look import Look, Occluder, Surface
@@ -47,6 +47,9 @@ CameraShake = Callable[[float], Pose]
 _LIGHT = np.array([-0.5, 0.3, 1.0])
 _MEAN_LIGHT = 0.5
 _SIDE_LIGHT = 0.8
+
+#: Solids with more visible faces than this count as round.
+_MOST_FACES = 6
 
 #: Origin and axes of the sensor plane: texture with the grain along the strip.
 _SENSOR_AXES = (np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
@@ -248,10 +251,9 @@ class SceneRenderer:
         distances = [np.linalg.norm(o[:, mid] - centre[:2], axis=1).min() for o in outlines]
         for i in sorted(range(len(outlines)), key=lambda i: -distances[i]):
             item, outline = moment.middle.objects[i], outlines[i]
-            planes, polygons = self._faces(moment, item, outline)
-            self._canvas.paint_parts(polygons, planes)
+            parts = self._draw_object(moment, item, outline)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
-                holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, planes, polygons))
+                holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, parts))
         surfaces = [self.look.stripe] if self.look.stripe is not None else []
         surfaces += [self.look.foam, self.look.body]
         planes = [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces]
@@ -287,31 +289,31 @@ class SceneRenderer:
         if self.look.shadow > 0:
             shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
 
-    def _faces(
-        self, moment: _Moment, item: SceneObject, outline: np.ndarray
-    ) -> tuple[list[Plane], list[np.ndarray]]:
-        """Visible faces of an object as planes and polygons [px]."""
-        view = moment.view
+    def _draw_object(self, moment: _Moment, item: SceneObject, outline: np.ndarray) -> Parts:
+        view, low, centre = moment.view, -moment.middle.floor_below_m, moment.view.centre_foam_m
         surface = Surface(item.grey, item.texture, item.material, item.bgr, item.seed)
-        planes, polygons = [], []
-        for face in prism_faces(outline, -moment.middle.floor_below_m, item.top_m, view.centre_foam_m):
+        planes, polygons, lights = [], [], []
+        for face in prism_faces(outline, low, item.top_m, centre):
             polygon = view.polygon(view.to_camera(face.corners_m))
             if len(polygon) >= 3:
-                light = 1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT)
-                planes.append(
-                    self._plane(moment, surface, (face.origin_m, face.along_a, face.along_b), light)
-                )
+                lights.append(1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT))
+                axes = (face.origin_m, face.along_a, face.along_b)
+                planes.append(self._plane(moment, surface, axes, lights[-1]))
                 polygons.append(polygon)
-        return planes, polygons
+        if len(polygons) <= _MOST_FACES:
+            return self._canvas.paint_parts(polygons, planes)
+        border = view.polygon(view.to_camera(silhouette(outline, low, item.top_m, centre)))
+        rest = replace(planes[0], surface=replace(surface, texture=0.0), light=float(np.mean(lights)))
+        return self._canvas.paint_facets(border, rest, polygons, planes)
 
     def _draw_foam_side(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> None:
         """Side faces of the strip that look at the camera; it is above them on most robots."""
         height = self.look.foam_height_m
         # Reaches a little above the top, which is drawn over it: no gap at their common edge.
         outline = turned_left(closed(front, back))
-        faces = prism_faces(outline, -height, 0.1 * height, moment.view.centre_foam_m)
-        for face in faces:
-            if face.normal[2] == 0.0 and face.normal[0] > -0.7:  # the back is glued to the body
+        # The back, whose normal points to -x, is glued to the body.
+        for face in prism_faces(outline, -height, 0.1 * height, moment.view.centre_foam_m, -0.7):
+            if face.normal[2] == 0.0:
                 polygon = moment.view.polygon(moment.view.to_camera(face.corners_m))
                 axes = (face.origin_m, face.along_a, face.along_b)
                 self._canvas.paint_parts([polygon], [self._plane(moment, self.look.foam, axes, _SIDE_LIGHT)])
