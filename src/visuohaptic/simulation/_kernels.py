@@ -189,6 +189,8 @@ def add_plane(
             ray = rays[row if table_rays else 0]
             row_y = rays[0, 0, 1] + row * rays[0, 1, 1]
             for c in range(first, last):
+                if share[c] == 0:
+                    continue
                 x = ray[c + x0, 0]
                 y = ray[c + x0, 1] if table_rays else row_y
                 scale = 1.0 / (wx * x + wy * y + wc)
@@ -204,6 +206,8 @@ def add_plane(
                 values[c] = factor * (upper + ft * (lower - upper) - mean)
         line = image[row, x0 : x0 + width]
         for c in range(first, last):
+            if share[c] == 0:
+                continue
             for k in range(channels):
                 look = max(np.float32(0.0), colour[k] + values[c])
                 line[c, k] = look if replace else line[c, k] + share[c] * look

@@ -24,6 +24,10 @@ __all__ = [
 ]
 
 
+#: Neighbouring edges whose directions differ by less share one face and its texture.
+SMOOTH_RAD = 0.15
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Face:
     """One face of a prism, with the frame of its texture."""
@@ -64,31 +68,30 @@ def prism_faces(
     """
     keys = outline_m.shape[1]
     mid = keys // 2
-    ends = np.roll(outline_m, -1, axis=0)
-    edges = ends - outline_m
     normals, lengths = _normals(outline_m[:, mid])
     seen = _seen(outline_m[:, mid], centre_m) & (normals[:, 0] >= least_normal_x)
     runs = np.cumsum(lengths) - lengths
     up = np.broadcast_to([0.0, 0.0, 1.0], (keys, 3))
+    angles = np.arctan2(normals[:, 1], normals[:, 0])
     faces = []
-    for i in np.flatnonzero(seen):
-        start, end = outline_m[i], ends[i]
-        bottom = at_height(np.stack([start, end]), low_m)
-        upper = at_height(np.stack([end, start]), top_m)
-        direction = edges[i] / lengths[i]
+    for group in _runs_of_edges(seen, angles):
+        line = outline_m[np.append(group, (group[-1] + 1) % len(outline_m))]
+        chord = line[-1] - line[0]
+        direction = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-12)
         # Texture runs on around the corners: a is the length along the outline.
-        origin = at_height(start - runs[i] * direction, 0.0)
+        origin = at_height(line[0] - runs[group[0]] * direction, 0.0)
         faces.append(
             Face(
-                np.concatenate([bottom, upper]),
+                np.concatenate([at_height(line, low_m), at_height(line[::-1], top_m)]),
                 origin,
                 at_height(direction, 0.0),
                 up,
-                np.append(normals[i], 0.0),
+                np.append(normals[group].mean(axis=0), 0.0),
             )
         )
     if centre_m[2] > top_m + NEAR_M:
-        along = edges[0] / max(lengths[0], 1e-12)
+        along = outline_m[1] - outline_m[0]
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
         faces.append(
             Face(
@@ -187,6 +190,19 @@ def _within(polygon: np.ndarray, points: np.ndarray, margin_m: float) -> np.ndar
     """Whether points lie deeper than a margin inside a convex counter-clockwise polygon."""
     outward, _ = _normals(polygon)
     return ((polygon * outward).sum(axis=1) - points @ outward.T > margin_m).all(axis=1)
+
+
+def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
+    """Wanted edges in groups of neighbours whose normals differ little, such as those of a round solid."""
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(wanted):
+        if groups and groups[-1][-1] == i - 1:
+            turn = angles[i] - angles[groups[-1][0]]
+            if abs((turn + np.pi) % (2 * np.pi) - np.pi) < SMOOTH_RAD:
+                groups[-1].append(int(i))
+                continue
+        groups.append([int(i)])
+    return [np.array(group) for group in groups]
 
 
 def _area(polygon: np.ndarray) -> float:
