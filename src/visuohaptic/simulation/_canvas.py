@@ -17,6 +17,9 @@ __all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
 
 _TILE_TEXELS = 1024
 
+#: Coverages that a canvas remembers.
+_KEPT_COVERS = 24
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plane:
@@ -118,6 +121,7 @@ class Canvas:
         self._pixel_m = distance_m / camera.focal_px
         self.image = np.zeros((camera.height, camera.width, channels), np.float32)
         self._rays = _ray_table(camera)
+        self._covers: dict[bytes, Coverage | None] = {}
 
     @staticmethod
     def tile_m(surface: Surface) -> float:
@@ -125,8 +129,16 @@ class Canvas:
         return MATERIALS[surface.material]
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
-        """Coverage of a polygon in this picture."""
-        return coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+        """Coverage of a polygon in this picture; kept, as much of a scene stands still to the camera."""
+        key = polygon_px.tobytes()
+        if key in self._covers:
+            found = self._covers.pop(key)  # and to the end of the queue again
+        else:
+            found = coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+        self._covers[key] = found
+        while len(self._covers) > _KEPT_COVERS:
+            del self._covers[next(iter(self._covers))]
+        return found
 
     def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
         """The farthest layer, everywhere but where a later one will cover it fully."""
@@ -142,8 +154,10 @@ class Canvas:
         parts = [(self.cover(p), plane) for p, plane in zip(polygons, planes, strict=True)]
         found = [(c, plane) for c, plane in parts if c is not None]
         if active_rows is not None:
-            for c, _ in found:
-                c.share[~active_rows[c.window[0]]] = 0
+            found = [
+                (Coverage(c.x0, c.y0, c.share * active_rows[c.window[0], None].astype(np.float32)), plane)
+                for c, plane in found
+            ]
         self._paint(found)
         return found
 

@@ -126,8 +126,9 @@ def add_filtered_coverage(
                     cell = int(at)
                     part = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
                     part *= 0.5 * dy / pieces
+                    line = cover[row, left : left + taps]
                     for k in range(taps):
-                        cover[row, left + k] += part * weights[k]
+                        line[k] += np.float32(part * weights[k])
     for row in range(height):
         total = 0.0
         for column in range(width):

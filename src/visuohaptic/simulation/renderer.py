@@ -212,6 +212,8 @@ class SceneRenderer:
                 f"and the same objects during a frame; found shapes {sorted(map(str, shapes))}",
                 field="scene",
             )
+        for state in scenes:
+            _check(state)
         poses = tuple(
             self.pose_camera_foam if shake is None else shake(float(t)) @ self.pose_camera_foam for t in times
         )
@@ -357,6 +359,33 @@ class SceneRenderer:
         for i, item in enumerate(moment.middle.objects):
             visible &= ~hidden_from(front[:, mid], moment.outline(i)[:, mid], item.top_m, centre)
         return visible
+
+
+def _check(scene: FoamScene) -> None:
+    """Refuse what could only be drawn wrong."""
+    for name in ("back_m", "front_m"):
+        if not np.isfinite(getattr(scene, name)).all():
+            raise InputError("FoamScene", "found points that are not finite", field=name)
+    for i, item in enumerate(scene.objects):
+        outline = np.asarray(item.outline_foam_m, dtype=np.float64)
+        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
+            raise InputError(
+                "FoamScene",
+                f"found shape {outline.shape}, expected at least 3 finite points (x, y)",
+                field=f"objects[{i}].outline_foam_m",
+            )
+        edge = np.roll(outline, -1, axis=0) - outline
+        following = np.roll(edge, -1, axis=0)
+        scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(following, axis=1)
+        turn = (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]) / np.maximum(scale, 1e-18)
+        # Sines of the turns; below a thousandth it is rounding, not shape.
+        if turn.min() < -1e-3 and turn.max() > 1e-3:
+            raise InputError(
+                "FoamScene",
+                "found an outline that is not convex",
+                field=f"objects[{i}].outline_foam_m",
+                remedy="split the object into convex parts",
+            )
 
 
 def inner_edge(back: np.ndarray, front: np.ndarray, width_m: float) -> np.ndarray:
