@@ -6,7 +6,7 @@ from .config import FoamSensorConfig, FoamSetup
 from .curve import StressCurve
 from .finger import FingerReading, FingerSensor
 from .geometry import StripGeometry
-from .hysteresis import HysteresisState
+from .hysteresis import HysteresisLaw, HysteresisState, identify_hysteresis
 from .material import FoamMaterial
 from .optics import ObservedStrip
 from .profile import ContactRegion, FoamReading, read_profile
@@ -28,6 +28,7 @@ __all__ = [
     "FoamSensor",
     "FoamSensorConfig",
     "FoamSetup",
+    "HysteresisLaw",
     "HysteresisState",
     "ObservedStrip",
     "PlateRecord",
@@ -39,6 +40,7 @@ __all__ = [
     "ZeroWatch",
     "calibrate_foam",
     "calibrate_tension",
+    "identify_hysteresis",
     "read_plate",
     "read_profile",
     "read_strain_stress",
