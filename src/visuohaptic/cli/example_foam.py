@@ -11,6 +11,8 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 HELP = "write a small simulated recording to try the foam sensor on"
 
 EPILOG = """\
+reads
+  nothing
 writes, into --out
   strain_stress.csv          what a press recorded of the foam
   camera.yaml, sensor.yaml   the camera, and the strip in front of it

@@ -99,7 +99,8 @@ class Contour:
 
     lines: ConstraintLines  #: the lines that the points lie on
     position_px: Float[np.ndarray, "k"]  #: t of every point [px]
-    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]
+    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]: noise, and what texture may shift
+    noise_px: Float[np.ndarray, "k"]  #: the part of it that changes from frame to frame [px]
     valid: Bool[np.ndarray, "k"]
     reason: UInt8[np.ndarray, "k"]  #: ``PointReason`` of every point
     contrast: Float[np.ndarray, "k"]  #: grey level behind minus in front of the edge, signed
@@ -267,12 +268,12 @@ class ContourTracker:
             position - chosen.clear_margin_px - 2.0 * blur,
             step,
         )
-        sigma = np.empty(len(lines))
+        noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         judge(
             state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
-            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, sigma, reason,
+            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
         )  # fmt: skip
         valid = reason == PointReason.OK
         contrast = state[:, columns.HIGH] - state[:, columns.LOW]
@@ -287,6 +288,7 @@ class ContourTracker:
             lines=lines,
             position_px=position,
             sigma_px=sigma,
+            noise_px=noise_px,
             valid=valid,
             reason=reason,
             contrast=contrast,
