@@ -283,7 +283,7 @@ class _Push:
 
 
 def _show_world(page: LivePage, grid: OccupancyMap, world: PushWorld) -> None:
-    page.set_map(grid.cells, grid.resolution_m, (grid.origin[0], grid.origin[1]))
+    page.set_map(grid.cells, grid.resolution_m, grid.origin)
     for obstacle in world.obstacles:
         _show_obstacle(page, world, obstacle.name)
 

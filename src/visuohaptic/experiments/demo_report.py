@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..camera import PlaneView
-from ..sensing import primitive_distance_m
+from ..simulation.obstacles import Obstacle, ObstacleKind
 from .annotation import FrameNotes, annotated_frame, primitive_outline
 from .plots import (
     ForceRun,
@@ -175,24 +175,17 @@ def _against_truth(result: DemoResult) -> list[dict[str, Any]]:
                 else None,
                 "dynamic friction, true [N]": None if fixed else obstacle.dynamic_friction_N,
                 "shape, fitted": primitive_text(tag.primitive),
-                "contact points off it, rms [um]": _shape_error(one),
+                "shape, true": _true_shape(obstacle),
             }
         )
     return rows
 
 
-def _shape_error(one: DemoObject) -> float | None:
-    """How well the fitted shape agrees with the points it was fitted to."""
-    fit = one.exploration.fit
-    if fit is None or fit.best is None:
-        return None
-    pressed = [p for p in one.exploration.profiles if p.valid and p.contacts]
-    if not pressed:
-        return None
-    contact = max(pressed[-1].contacts, key=lambda c: c.force_N)
-    deep = contact.delta_m > 0.6 * contact.delta_m.max()
-    distance = primitive_distance_m(fit.best, contact.points_foam_m[deep])
-    return float(1e6 * np.sqrt(np.mean(distance**2)))
+def _true_shape(obstacle: Obstacle) -> str:
+    """The shape that the foam met, in the words of the fitted ones."""
+    if obstacle.kind is ObstacleKind.CYLINDER:
+        return f"circle, radius {500 * obstacle.length_m:.1f} mm"
+    return f"segment, {1e3 * obstacle.width_m:.1f} mm long"
 
 
 def _run(one: DemoObject) -> ForceRun:
@@ -206,20 +199,23 @@ def _run(one: DemoObject) -> ForceRun:
 
 
 def _map(result: DemoResult) -> Any:
+    grid = result.grid
+    x, y, yaw = grid.origin
+
+    def aligned(points_m: np.ndarray) -> np.ndarray:
+        """World to the axes of the map's picture, which may be turned."""
+        c, s = np.cos(yaw), np.sin(yaw)
+        return (points_m - [x, y]) @ np.array([[c, -s], [s, c]])
+
     objects = []
     for one in result.objects:
         obstacle = one.path.obstacle
         outline = obstacle.outlines[0]
-        start = outline.moved(obstacle.x_m, obstacle.y_m, obstacle.yaw_rad).polygon_m()
-        end = outline.moved(*one.end_pose).polygon_m() if obstacle.movable else None
+        start = aligned(outline.moved(obstacle.x_m, obstacle.y_m, obstacle.yaw_rad).polygon_m())
+        end = aligned(outline.moved(*one.end_pose).polygon_m()) if obstacle.movable else None
         objects.append(MapObject(one.name, start, one.tag, end))
-    grid = result.grid
     return floor_map(
-        grid.cells,
-        grid.resolution_m,
-        (grid.origin[0], grid.origin[1]),
-        path_world_m=result.track_m,
-        objects=objects,
+        grid.cells, grid.resolution_m, (0.0, 0.0), path_world_m=aligned(result.track_m), objects=objects
     )
 
 
