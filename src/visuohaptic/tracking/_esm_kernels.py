@@ -19,6 +19,8 @@ Unsigned indices are on purpose: signed ones would be checked for wrap-around,
 which keeps the loops from being vectorised.
 """
 
+# mypy: allow-untyped-defs, allow-untyped-calls
+
 from __future__ import annotations
 
 import numba as nb
@@ -84,33 +86,46 @@ def _row_bilinear(image, width, columns, index, fx, fy, value, energy):
 
 
 @nb.njit(**_JIT)
-def _row_cubic(image, width, columns, index, fx, fy, value, energy):
-    """Cubic-convolution samples (Keys, a = -1/2) of one row, and the sums of squared weights."""
-    half, two, three = np.float32(0.5), np.float32(2.0), np.float32(3.0)
-    four, five = np.float32(4.0), np.float32(5.0)
+def _row_cubic(coefficients, width, columns, index, fx, fy, value, energy):
+    """Cubic-spline samples of one row from B-spline coefficients, and the variance of each.
+
+    The variance is that of the sample when the pixels (before the prefilter) are
+    independent with variance 1: ``b^T R b`` with the four B-spline weights b and the
+    autocorrelation R of the prefilter ``h[k] = sqrt(3) z^|k|``, ``z = sqrt(3) - 2``, which is
+    ``3 z^|k| ((1 + z^2) / (1 - z^2) + |k|)``.
+    """
+    two, three, four, sixth = np.float32(2.0), np.float32(3.0), np.float32(4.0), np.float32(1.0 / 6.0)
+    one = np.float32(1.0)
+    r0, r1 = np.float32(3.464102), np.float32(-1.732051)
+    r2, r3 = np.float32(0.679492), np.float32(-0.240474)
     down = np.uint32(width)
     u1, u2, u3 = np.uint32(1), np.uint32(2), np.uint32(3)
+    c = coefficients
     for i in range(columns):
         k = np.uint32(index[i]) - down - u1
         f = fx[i]
-        f2 = f * f
-        f3 = f2 * f
-        a0, a1 = half * (two * f2 - f3 - f), half * (two - five * f2 + three * f3)
-        a2, a3 = half * (f + four * f2 - three * f3), half * (f3 - f2)
+        g = one - f
+        a0, a3 = sixth * g * g * g, sixth * f * f * f
+        a1 = sixth * (four - three * f * f * (two - f))
+        a2 = one - a0 - a1 - a3
+        e = r0 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) + two * r1 * (a0 * a1 + a1 * a2 + a2 * a3)
+        e += two * (r2 * (a0 * a2 + a1 * a3) + r3 * a0 * a3)
         f = fy[i]
-        f2 = f * f
-        f3 = f2 * f
-        b0, b1 = half * (two * f2 - f3 - f), half * (two - five * f2 + three * f3)
-        b2, b3 = half * (f + four * f2 - three * f3), half * (f3 - f2)
-        total = b0 * (a0 * image[k] + a1 * image[k + u1] + a2 * image[k + u2] + a3 * image[k + u3])
+        g = one - f
+        b0, b3 = sixth * g * g * g, sixth * f * f * f
+        b1 = sixth * (four - three * f * f * (two - f))
+        b2 = one - b0 - b1 - b3
+        d = r0 * (b0 * b0 + b1 * b1 + b2 * b2 + b3 * b3) + two * r1 * (b0 * b1 + b1 * b2 + b2 * b3)
+        d += two * (r2 * (b0 * b2 + b1 * b3) + r3 * b0 * b3)
+        total = b0 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
         k += down
-        total += b1 * (a0 * image[k] + a1 * image[k + u1] + a2 * image[k + u2] + a3 * image[k + u3])
+        total += b1 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
         k += down
-        total += b2 * (a0 * image[k] + a1 * image[k + u1] + a2 * image[k + u2] + a3 * image[k + u3])
+        total += b2 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
         k += down
-        total += b3 * (a0 * image[k] + a1 * image[k + u1] + a2 * image[k + u2] + a3 * image[k + u3])
+        total += b3 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
         value[i] = total
-        energy[i] = (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) * (b0 * b0 + b1 * b1 + b2 * b2 + b3 * b3)
+        energy[i] = e * d
 
 
 @nb.njit(**_JIT)
@@ -295,8 +310,8 @@ def gauss_newton_sums(
 ):
     """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
 
-    ``image`` (height, width), ``template``, ``gradient_x``, ``gradient_y`` (R, C) are
-    float32; the gradients are per unit of ``x``, ``y``. ``rows`` are the rows to use.
+    ``image`` (height, width; B-spline coefficients where ``cubic``), ``template``,
+    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``, ``y``. ``rows`` are the rows to use.
     ``offset`` (2, R, C) or (2, 1, 1) is added to the warped position [px]; (2, 1, 1)
     means none. ``h`` (9,) maps column, row, 1 to the image. ``share`` is the part of
     the gradient that is taken from the warped image (0.5: ESM, 0: template only),

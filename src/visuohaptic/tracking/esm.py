@@ -1,0 +1,465 @@
+"""Planar tracking by efficient second-order minimisation (ESM) on the homography group.
+
+Alt 2016, Sec. 2.3.2, Eq. (2.10)-(2.12); Benhimane and Malis, Int. J. Robotics
+Research 26 (2007). What differs from the text, and why:
+
+- The image is modelled as ``I(w(u)) = gain T(u) + bias``; both are solved for together
+  with the motion, so that the sum of squares is the (negative) squared correlation.
+- The Jacobian is the mean of the template's and the warped image's gradient (ESM) on
+  the coarse levels, where it doubles the reach; on the finest level it is the
+  template's alone. That has the same fixed point but is free of image noise: a noisy
+  gradient correlates with the noise of the residual and would bias the scale.
+- Residuals beyond three standard deviations lose their weight.
+- On the way, half of the rows are used (those with most gradient); the last passes use
+  every pixel, and a cubic spline: a bilinear kernel damps the high frequencies by an amount
+  that depends on the sub-pixel position, which shifts the result by up to 0.02 px.
+- Where the coarse alignment correlates badly, the translation is searched for.
+
+Every frame is compared with the original template: nothing drifts.
+"""
+
+# mypy: allow-untyped-calls
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ..errors import InputError
+from .homography import apply_homography
+
+__all__ = ["Alignment", "EsmSettings", "EsmTemplate", "align"]
+
+#: Templates smaller than this on a side have too few pixels for eight unknowns.
+MIN_SIDE_PX = 16
+
+
+@dataclass(frozen=True, slots=True)
+class EsmSettings:
+    """How hard the tracker tries and when it gives up."""
+
+    levels: int = 4  #: of the pyramid, each half the size of the one before
+    search_px: float = 40.0  #: motion of the corners that must be bridged [px of the image]
+    cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations lose their weight
+    ncc_minimum: float = 0.6  #: below this correlation the template counts as lost
+    ncc_search: float = 0.8  #: below this coarse correlation the translation is searched for
+    inside_minimum: float = 0.4  #: fraction of the template that must be in the image
+    tolerance_px: float = 0.02  #: a last pass that moves the corners less is not repeated
+    cubic: bool = True  #: interpolate by a cubic spline in the last passes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    """One level of a template's pyramid, R rows and C columns, ready for the kernels."""
+
+    image: Float32[np.ndarray, "R C"]
+    gradient_x: Float32[np.ndarray, "R C"]  #: per unit of x
+    gradient_y: Float32[np.ndarray, "R C"]
+    x: Float32[np.ndarray, "C"]  #: centred coordinates
+    y: Float[np.ndarray, "R"]
+    rows: Int[np.ndarray, "R"]
+    informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
+    unit: float  #: columns per unit of x
+    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row
+
+
+def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
+    """Derivative of the interpolating cubic spline at the pixels; one-sided at the border."""
+    from scipy.ndimage import spline_filter1d
+
+    derivative = np.gradient(image, axis=axis)
+    coefficients = np.moveaxis(spline_filter1d(image, order=3, axis=axis, mode="mirror"), axis, 0)
+    np.moveaxis(derivative, axis, 0)[1:-1] = 0.5 * (coefficients[2:] - coefficients[:-2])
+    return derivative
+
+
+def _level(image: Float32[np.ndarray, "R C"]) -> _Level:
+    rows, columns = image.shape
+    unit = 0.5 * max(rows, columns)
+    centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
+    gradient_x = (_gradient(image.astype(np.float64), 1) * unit).astype(np.float32)
+    gradient_y = (_gradient(image.astype(np.float64), 0) * unit).astype(np.float32)
+    energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
+    chosen = [
+        start + int(k)
+        for start in range(0, rows, 4)
+        for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
+    ]
+    return _Level(
+        image=np.ascontiguousarray(image),
+        gradient_x=np.ascontiguousarray(gradient_x),
+        gradient_y=np.ascontiguousarray(gradient_y),
+        x=((np.arange(columns) - centre_x) / unit).astype(np.float32),
+        y=(np.arange(rows) - centre_y) / unit,
+        rows=np.arange(rows),
+        informative=np.array(chosen, dtype=np.int64),
+        unit=unit,
+        from_centred=np.array([[unit, 0, centre_x], [0, unit, centre_y], [0, 0, 1.0]]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EsmTemplate:
+    """A template with what the tracker precomputes from it.
+
+    Pixel centres of level k+1 lie on every second pixel of level k.
+    """
+
+    levels: tuple[_Level, ...]
+    corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
+
+    @classmethod
+    def from_image(cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"]) -> EsmTemplate:
+        """Precompute pyramid and gradients of a grey image.
+
+        Raises
+        ------
+        InputError
+            The image is not grey, too small, or has no contrast.
+        """
+        import cv2
+
+        image = np.asarray(image)
+        if image.ndim != 2 or min(image.shape, default=0) < MIN_SIDE_PX:
+            raise InputError(
+                "EsmTemplate", f"found shape {image.shape}, expected a grey image of {MIN_SIDE_PX} px or more"
+            )
+        level = image.astype(np.float32)
+        if not (np.isfinite(level).all() and level.std() > 1.0):
+            raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
+        rows, columns = image.shape
+        levels = []
+        while min(level.shape) >= MIN_SIDE_PX:
+            levels.append(_level(level))
+            level = cv2.pyrDown(level)
+        x, y = columns - 1.0, rows - 1.0
+        return cls(tuple(levels), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Where a template is in an image, how sure that is, and whether to believe it."""
+
+    homography: Float[np.ndarray, "3 3"]  #: maps template pixels to image pixels, H[2, 2] = 1
+    valid: bool
+    reason: str  #: empty when valid
+    ncc: float  #: normalised cross-correlation with the template, -1..1
+    inside: float  #: fraction of the template that is inside the image, 0..1
+    weight: float  #: mean robust weight of the pixels inside, 0..1
+    noise: float  #: standard deviation of one image pixel as the residual tells it [grey levels]
+    gain: float  #: image = gain * template + bias
+    bias: float
+    corners: Float[np.ndarray, "4 2"]  #: the template's corners in the image [px], offset not included
+    corner_covariance: Float[np.ndarray, "8 8"] = field(repr=False)  #: of (x0, y0, x1, ...) [px^2]
+
+    @property
+    def corner_sigma_px(self) -> float:
+        """Root of the mean over the corners of the variance of x plus that of y [px]."""
+        return float(np.sqrt(np.trace(self.corner_covariance) / 4.0))
+
+
+def _fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 8"]:
+    """The eight velocity fields of a small homography at centred points."""
+    x, y = points[:, 0], points[:, 1]
+    result = np.zeros((len(points), 2, 8))
+    for axis in range(2):
+        result[:, axis, 3 * axis] = 1
+        result[:, axis, 3 * axis + 1] = x
+        result[:, axis, 3 * axis + 2] = y
+        result[:, axis, 6] = -x * points[:, axis]
+        result[:, axis, 7] = -y * points[:, axis]
+    return result
+
+
+def _motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"]) -> np.ndarray:
+    """d(image point) / d(eight parameters) for ``h exp(A)`` at centred points, (n, 2, 8)."""
+    mapped = points @ h[:, :2].T + h[:, 2]
+    depth = mapped[:, 2:]
+    image = mapped[:, :2] / depth
+    # d pi(h x) / dx, with pi the division by the third coordinate.
+    local = (h[None, :2, :2] - image[:, :, None] * h[None, 2:, :2]) / depth[:, :, None]
+    return np.asarray(local @ _fields(points))
+
+
+#: All ten unknowns; the translation, gain and bias alone.
+_ALL = np.ones(10, dtype=bool)
+#: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-4.
+_PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-7, 8))
+_NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
+
+
+class _Work:
+    """One alignment: the region of the image, its pyramid, and the running estimate."""
+
+    def __init__(
+        self,
+        template: EsmTemplate,
+        image: np.ndarray,
+        homography: np.ndarray,
+        settings: EsmSettings,
+        offset: np.ndarray | None,
+    ) -> None:
+        import cv2
+
+        self.template, self.settings = template, settings
+        corners = apply_homography(homography, template.corners)
+        centre = template.corners.mean(axis=0)
+        jacobian = _motion_jacobian(homography, centre[None])[0][:, [0, 3]]
+        self.scale = float(np.sqrt(abs(np.linalg.det(jacobian))))
+        octave = round(-np.log2(max(self.scale, 1e-6)))
+        top = len(template.levels) - 1
+        self.template_base = min(max(octave, 0), top)
+        self.image_base = min(max(-octave, 0), 4)
+        self.count = max(1, min(settings.levels, top - self.template_base + 1))
+        step = 2 ** (self.image_base + self.count - 1)
+        height, width = image.shape
+        margin = settings.search_px + 8.0
+        low = np.floor((corners.min(axis=0) - margin) / step).astype(int) * step
+        high = np.ceil(corners.max(axis=0) + margin).astype(int) + 1
+        self.x0, self.y0 = max(int(low[0]), 0), max(int(low[1]), 0)
+        x1, y1 = min(int(high[0]), width), min(int(high[1]), height)
+        self.enough = x1 - self.x0 >= 4 * step and y1 - self.y0 >= 4 * step
+        if not self.enough:
+            return
+        level = image[self.y0 : y1, self.x0 : x1].astype(np.float32)
+        self.images = [level]
+        for _ in range(self.image_base + self.count - 1):
+            level = cv2.pyrDown(level)
+            self.images.append(level)
+        shift = np.array([[1, 0, -self.x0], [0, 1, -self.y0], [0, 0, 1.0]])
+        self.homography = shift @ homography
+        self.light = np.array([1.0, 0.0, 0.0])
+        self.matrix = np.zeros((10, 10))
+        self.stats = np.zeros(13)
+        self.offset = offset
+
+    def pair(self, k: int) -> tuple[_Level, np.ndarray, np.ndarray]:
+        """Template level, image level, and the centred homography between them."""
+        level = self.template.levels[self.template_base + k]
+        a, b = 2.0 ** (self.template_base + k), 2.0 ** -(self.image_base + k)
+        h = np.diag([b, b, 1.0]) @ self.homography @ np.diag([a, a, 1.0]) @ level.from_centred
+        return level, self.images[self.image_base + k], h
+
+    def refine(
+        self,
+        k: int,
+        passes: int,
+        *,
+        share: float,
+        subset: bool = False,
+        cubic: bool = False,
+        cut: float = 6.0,
+        damping: float = 0.0,
+        tolerance: float = 0.02,
+        homography: np.ndarray | None = None,
+    ) -> float:
+        """Gauss-Newton passes on pyramid level k; the last motion of the corners in pixels of that level."""
+        from ._esm_kernels import refine_level
+
+        if homography is not None:
+            self.homography = homography
+        level, image, h = self.pair(k)
+        h = np.ascontiguousarray(h / h[2, 2])
+        if self.light[2] <= 0.0:
+            # Nothing is known of the light yet: one look, with no step, for gain and bias.
+            self.light[:] = (1.0, 0.0, 1e3)
+            self._pass(refine_level, level, image, h.copy(), level.rows, k, 0.0, False, 100.0, 0.0, 1, 0.0)
+            self._light_from_moments()
+        rows = level.informative if subset else level.rows
+        if cubic:
+            image = self.spline(image, h, level)
+        shift = self._pass(
+            refine_level, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance
+        )
+        a, b = 2.0 ** (self.template_base + k), 2.0 ** -(self.image_base + k)
+        back = (
+            np.diag([1 / b, 1 / b, 1.0]) @ h @ np.linalg.inv(level.from_centred) @ np.diag([1 / a, 1 / a, 1])
+        )
+        self.homography = back / back[2, 2]
+        self.centred = h
+        return float(shift)
+
+    def spline(self, image: np.ndarray, h: np.ndarray, level: _Level) -> np.ndarray:
+        """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere."""
+        import cv2
+
+        end = level.x[-1], level.y[-1]
+        square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * end
+        corners = apply_homography(h, square)
+        low = np.maximum(np.floor(np.nan_to_num(corners.min(axis=0))).astype(int) - 12, 0)
+        high = np.maximum(np.ceil(np.nan_to_num(corners.max(axis=0))).astype(int) + 13, 0)
+        part = image[low[1] : high[1], low[0] : high[0]]
+        result = np.zeros_like(image)
+        if part.size:
+            result[low[1] : high[1], low[0] : high[0]] = cv2.sepFilter2D(
+                part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
+            )
+        return result
+
+    def _pass(self, kernel, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance):  # type: ignore[no-untyped-def]
+        offset = _NO_OFFSET
+        if self.offset is not None and k == 0 and self.template_base == 0:
+            offset = self.offset
+        return kernel(
+            image,
+            level.image,
+            level.gradient_x,
+            level.gradient_y,
+            level.x,
+            level.y,
+            rows,
+            offset,
+            h,
+            self.light,
+            _ALL,
+            share,
+            level.unit,
+            cubic,
+            cut,
+            damping,
+            passes,
+            tolerance,
+            self.matrix,
+            self.stats,
+        )
+
+    def _light_from_moments(self) -> None:
+        n, i, t, ii, _, tt = self.stats[7:]
+        if n < 1:
+            return
+        spread_t = max(tt / n - (t / n) ** 2, 1e-6)
+        spread_i = max(ii / n - (i / n) ** 2, 1e-6)
+        # The ratio of contrasts, which does not depend on how well the two are aligned.
+        gain = float(np.sqrt(spread_i / spread_t))
+        self.light[:] = (gain, (i - gain * t) / n, np.sqrt(spread_i))
+
+    @property
+    def ncc(self) -> float:
+        """Correlation of the last pass."""
+        n, i, t, ii, it, tt = self.stats[7:]
+        if n < 1:
+            return 0.0
+        variance = max(ii - i * i / n, 0.0) * max(tt - t * t / n, 0.0)
+        return float((it - i * t / n) / np.sqrt(variance)) if variance > 0 else 0.0
+
+
+def align(
+    template: EsmTemplate,
+    image: UInt8[np.ndarray, "height width"],
+    homography: Float[np.ndarray, "3 3"],
+    settings: EsmSettings | None = None,
+    *,
+    offset: Float32[np.ndarray, "2 R C"] | None = None,
+) -> Alignment:
+    """Align a template with an image, starting from a predicted homography.
+
+    Parameters
+    ----------
+    template
+        What to look for.
+    image
+        Grey image.
+    homography
+        Prediction: template pixels (column, row) to image pixels.
+    settings
+        Reach and thresholds.
+    offset
+        Added to the warped position of every template pixel on the finest level [px]:
+        what lens distortion does beyond the homography.
+
+    Returns
+    -------
+    Alignment
+        Not valid, with the reason, when the template is lost.
+    """
+    settings = settings or EsmSettings()
+    image = np.asarray(image)
+    if image.ndim != 2:
+        raise InputError("align", f"found an image of shape {image.shape}, expected grey (rows, columns)")
+    homography = np.asarray(homography, dtype=np.float64)
+    if homography.shape != (3, 3) or not np.isfinite(homography).all() or abs(homography[2, 2]) < 1e-12:
+        return _lost(template, homography, "the prediction is not a homography")
+    homography = homography / homography[2, 2]
+    if not _is_proper(homography, template.corners):
+        return _lost(template, homography, "the prediction turns the template inside out")
+    work = _Work(template, image, homography, settings, offset)
+    if not work.enough:
+        return _lost(template, homography, "outside the image")
+
+    for k in range(work.count - 1, 0, -1):
+        work.refine(k, 12 if k == work.count - 1 else 6, share=0.5, damping=1e-3, tolerance=0.05)
+        if not _is_proper(work.homography, template.corners):
+            return _lost(template, homography, "no convergence")
+    if work.count > 1:
+        work.refine(0, 2, share=0.0, subset=True, cut=settings.cut_sigmas, tolerance=0.05)
+    else:
+        work.refine(0, 12, share=0.5, cut=settings.cut_sigmas, tolerance=0.05)
+    shift = work.refine(
+        0, 3, share=0.0, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px
+    )
+    return _judged(work, shift)
+
+
+def _is_proper(homography: np.ndarray, corners: np.ndarray) -> bool:
+    """The quadrilateral is convex, keeps its orientation and stays in front of the horizon."""
+    mapped = apply_homography(homography, corners)
+    if not np.isfinite(mapped).all():
+        return False
+    sides = np.roll(mapped, -1, axis=0) - mapped
+    after = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
+    return bool((turns > 1.0).all())
+
+
+def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignment:
+    """An alignment that says that there is none."""
+    nothing = np.full((8, 8), np.nan)
+    return Alignment(
+        homography, False, reason, 0.0, 0.0, 0.0, np.nan, np.nan, np.nan, np.full((4, 2), np.nan), nothing
+    )
+
+
+def _judged(work: _Work, shift: float) -> Alignment:
+    """The result with its covariance and validity."""
+    template, settings = work.template, work.settings
+    level, _, _ = work.pair(0)
+    s1, _, _, _, _, rr, energy = work.stats[:7]
+    n = work.stats[7]
+    inside = n / level.image.size
+    homography = np.array([[1, 0, work.x0], [0, 1, work.y0], [0, 0, 1.0]]) @ work.homography
+    reason = ""
+    if not (np.isfinite(shift) and _is_proper(homography, template.corners)):
+        reason = "no convergence"
+    elif inside < settings.inside_minimum:
+        reason = f"only {100 * inside:.0f} % of the template are in the image"
+    elif work.ncc < settings.ncc_minimum:
+        reason = f"correlation {work.ncc:.2f} is below {settings.ncc_minimum:g}"
+    if reason:
+        return _lost(template, homography, reason)
+    noise_variance = rr / max(energy, 1e-9)
+    covariance = noise_variance * _inflation(work) * np.linalg.inv(work.matrix)[:8, :8]
+    a = 2.0**work.template_base
+    to_centred = np.linalg.inv(level.from_centred)
+    corners_centred = (template.corners / a) @ to_centred[:2, :2].T + to_centred[:2, 2]
+    jacobian = _motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
+    return Alignment(
+        homography=homography,
+        valid=True,
+        reason="",
+        ncc=work.ncc,
+        inside=float(inside),
+        weight=float(s1 / n),
+        noise=float(np.sqrt(noise_variance)),
+        gain=float(work.light[0]),
+        bias=float(work.light[1]),
+        corners=apply_homography(homography, template.corners),
+        corner_covariance=jacobian @ covariance @ jacobian.T,
+    )
+
+
+def _inflation(work: _Work) -> float:
+    """Variance of a sum over template pixels, relative to that of independent image pixels."""
+    relative = work.scale * 2.0 ** (work.template_base - work.image_base)
+    return max(1.0, 1.0 / relative**2)
