@@ -68,7 +68,11 @@ class PlaneView:
         from scipy.ndimage import map_coordinates
 
         return map_coordinates(
-            self.coefficients, [y + self.origin[1], x + self.origin[0]], order=3, mode="mirror", prefilter=False
+            self.coefficients,
+            [y + self.origin[1], x + self.origin[0]],
+            order=3,
+            mode="mirror",
+            prefilter=False,
         )
 
     @property

@@ -22,7 +22,7 @@ def random_motion(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.
     while True:
         rotation = Rotation.from_rotvec(rng.normal(0, 0.3, 3)).as_matrix()
         translation = rng.normal(0, 0.2, 3)
-        normal = rng.normal(0, 0.4, 3) + [0, 0, -1.0]
+        normal = rng.normal(0, 0.4, 3) + np.array([0, 0, -1.0])
         normal /= np.linalg.norm(normal)
         distance = rng.uniform(0.3, 2.0)
         rays = np.column_stack([rng.uniform(-0.4, 0.4, (5, 2)), np.ones(5)])

@@ -14,9 +14,6 @@ so that every product of two columns of the Jacobian is gx gx, gx gy or gy gy ti
 a monomial of degree four at most. A row therefore needs only sums over powers of
 x (which the compiler turns into vector instructions); powers of y are applied once
 per row, and the 10 x 10 system is put together once per pass.
-
-Unsigned indices are on purpose: signed ones would be checked for wrap-around,
-which keeps the loops from being vectorised.
 """
 
 # mypy: allow-untyped-defs, allow-untyped-calls
@@ -25,6 +22,18 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+
+from ._esm_row_kernels import (
+    row_bilinear,
+    row_correlation,
+    row_cubic,
+    row_gradient,
+    row_light,
+    row_matrix,
+    row_positions,
+    row_residual,
+    row_vector,
+)
 
 __all__ = ["gauss_newton_sums", "refine_level", "solve_step"]
 
@@ -44,216 +53,6 @@ _FIELDS = np.array(
     ],
     dtype=np.int64,
 )
-
-
-@nb.njit(**_JIT)
-def _row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
-    """Where one template row falls in the image: cell index, fractions, and 1 inside / 0 outside."""
-    h0, h3, h6 = np.float32(h[0]), np.float32(h[3]), np.float32(h[6])
-    a = np.float32(h[1] * y + h[2])
-    b = np.float32(h[4] * y + h[5])
-    c = np.float32(h[7] * y + h[8])
-    one = np.float32(1.0)
-    # One pixel of margin on the low side and two on the high side, for the cubic kernel.
-    x_max, y_max = np.float32(width - 2.001), np.float32(height - 2.001)
-    for i in range(columns):
-        x = np.float32(i)
-        q = one / (h6 * x + c)
-        px = (h0 * x + a) * q + offset_x[i]
-        py = (h3 * x + b) * q + offset_y[i]
-        qx = min(max(px, one), x_max)
-        qy = min(max(py, one), y_max)
-        inside[i] = one if (qx == px) & (qy == py) & (q > np.float32(0.0)) else np.float32(0.0)
-        ix, iy = np.int32(qx), np.int32(qy)
-        fx[i] = qx - np.float32(ix)
-        fy[i] = qy - np.float32(iy)
-        index[i] = iy * np.int32(width) + ix
-
-
-@nb.njit(**_JIT)
-def _row_bilinear(image, width, columns, index, fx, fy, value, energy):
-    """Bilinear samples of one row, and the sum of the squared weights of each."""
-    one, two = np.float32(1.0), np.float32(2.0)
-    right, down, both = np.uint32(1), np.uint32(width), np.uint32(width + 1)
-    for i in range(columns):
-        k = np.uint32(index[i])
-        f, g = fx[i], fy[i]
-        p, q = image[k], image[k + right]
-        r, s = image[k + down], image[k + both]
-        t = p + f * (q - p)
-        value[i] = t + g * (r + f * (s - r) - t)
-        energy[i] = (one - two * f * (one - f)) * (one - two * g * (one - g))
-
-
-@nb.njit(**_JIT)
-def _row_cubic(coefficients, width, columns, index, fx, fy, value, energy):
-    """Cubic-spline samples of one row from B-spline coefficients, and the variance of each.
-
-    The variance is that of the sample when the pixels (before the prefilter) are
-    independent with variance 1: ``b^T R b`` with the four B-spline weights b and the
-    autocorrelation R of the prefilter ``h[k] = sqrt(3) z^|k|``, ``z = sqrt(3) - 2``, which is
-    ``3 z^|k| ((1 + z^2) / (1 - z^2) + |k|)``.
-    """
-    two, three, four, sixth = np.float32(2.0), np.float32(3.0), np.float32(4.0), np.float32(1.0 / 6.0)
-    one = np.float32(1.0)
-    r0, r1 = np.float32(3.464102), np.float32(-1.732051)
-    r2, r3 = np.float32(0.679492), np.float32(-0.240474)
-    down = np.uint32(width)
-    u1, u2, u3 = np.uint32(1), np.uint32(2), np.uint32(3)
-    c = coefficients
-    for i in range(columns):
-        k = np.uint32(index[i]) - down - u1
-        f = fx[i]
-        g = one - f
-        a0, a3 = sixth * g * g * g, sixth * f * f * f
-        a1 = sixth * (four - three * f * f * (two - f))
-        a2 = one - a0 - a1 - a3
-        e = r0 * (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) + two * r1 * (a0 * a1 + a1 * a2 + a2 * a3)
-        e += two * (r2 * (a0 * a2 + a1 * a3) + r3 * a0 * a3)
-        f = fy[i]
-        g = one - f
-        b0, b3 = sixth * g * g * g, sixth * f * f * f
-        b1 = sixth * (four - three * f * f * (two - f))
-        b2 = one - b0 - b1 - b3
-        d = r0 * (b0 * b0 + b1 * b1 + b2 * b2 + b3 * b3) + two * r1 * (b0 * b1 + b1 * b2 + b2 * b3)
-        d += two * (r2 * (b0 * b2 + b1 * b3) + r3 * b0 * b3)
-        total = b0 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
-        k += down
-        total += b1 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
-        k += down
-        total += b2 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
-        k += down
-        total += b3 * (a0 * c[k] + a1 * c[k + u1] + a2 * c[k + u2] + a3 * c[k + u3])
-        value[i] = total
-        energy[i] = e * d
-
-
-@nb.njit(**_JIT)
-def _row_correlation(columns, value, template, inside, sums):
-    """Unweighted sums for the correlation: n, I, T, I I, I T, T T."""
-    s0 = s1 = s2 = s3 = s4 = s5 = np.float32(0.0)
-    for i in range(columns):
-        m = inside[i]
-        a, b = m * value[i], m * template[i]
-        s0 += m
-        s1 += a
-        s2 += b
-        s3 += a * a
-        s4 += a * b
-        s5 += b * b
-    sums[0] += s0
-    sums[1] += s1
-    sums[2] += s2
-    sums[3] += s3
-    sums[4] += s4
-    sums[5] += s5
-
-
-@nb.njit(**_JIT)
-def _row_residual(columns, value, template, inside, gain, bias, cut, residual, weight):
-    """Residual I - (gain T + bias) and its robust weight: 1 up to ``cut``, then (cut/r)^4."""
-    a, b, one = np.float32(gain), np.float32(bias), np.float32(1.0)
-    scale = np.float32(1.0 / (cut * cut))
-    for i in range(columns):
-        r = value[i] - a * template[i] - b
-        z = one / max(one, r * r * scale)
-        residual[i] = r
-        weight[i] = inside[i] * z * z
-
-
-@nb.njit(**_JIT)
-def _row_gradient(columns, gain, share, before, here, after, tx, ty, scale, gx, gy):
-    """Jacobian directions: (1 - share) gain grad T + share grad I of the warped image."""
-    a = np.float32((1.0 - share) * gain)
-    b = np.float32(0.5 * share * scale)
-    for i in range(columns):
-        gy[i] = a * ty[i] + b * (after[i] - before[i])
-    for i in range(1, columns - 1):
-        gx[i] = a * tx[i] + b * (here[i + 1] - here[i - 1])
-    c = np.float32(gain)
-    gx[0] = c * tx[0]
-    gx[columns - 1] = c * tx[columns - 1]
-
-
-@nb.njit(**_JIT)
-def _row_matrix(columns, x, gx, gy, w, xx, xy, yy):
-    """Sums over one row of w gx gx x^i, w gx gy x^i, w gy gy x^i, i = 0..4."""
-    a0 = a1 = a2 = a3 = a4 = np.float32(0.0)
-    b0 = b1 = b2 = b3 = b4 = np.float32(0.0)
-    c0 = c1 = c2 = c3 = c4 = np.float32(0.0)
-    for i in range(columns):
-        p = x[i]
-        wx, wy = w[i] * gx[i], w[i] * gy[i]
-        a, b, c = wx * gx[i], wx * gy[i], wy * gy[i]
-        a0 += a
-        b0 += b
-        c0 += c
-        a, b, c = a * p, b * p, c * p
-        a1 += a
-        b1 += b
-        c1 += c
-        a, b, c = a * p, b * p, c * p
-        a2 += a
-        b2 += b
-        c2 += c
-        a, b, c = a * p, b * p, c * p
-        a3 += a
-        b3 += b
-        c3 += c
-        a4 += a * p
-        b4 += b * p
-        c4 += c * p
-    xx[0], xx[1], xx[2], xx[3], xx[4] = a0, a1, a2, a3, a4
-    xy[0], xy[1], xy[2], xy[3], xy[4] = b0, b1, b2, b3, b4
-    yy[0], yy[1], yy[2], yy[3], yy[4] = c0, c1, c2, c3, c4
-
-
-@nb.njit(**_JIT)
-def _row_vector(columns, x, g, r, t, w, out):
-    """Sums over one row of w g {r, T, 1} x^i, i = 0..2, for one direction of the gradient."""
-    a0 = a1 = a2 = np.float32(0.0)
-    b0 = b1 = b2 = np.float32(0.0)
-    c0 = c1 = c2 = np.float32(0.0)
-    for i in range(columns):
-        p = x[i]
-        c = w[i] * g[i]
-        a, b = c * r[i], c * t[i]
-        a0 += a
-        b0 += b
-        c0 += c
-        a, b, c = a * p, b * p, c * p
-        a1 += a
-        b1 += b
-        c1 += c
-        a2 += a * p
-        b2 += b * p
-        c2 += c * p
-    out[0, 0], out[0, 1], out[0, 2] = a0, a1, a2
-    out[1, 0], out[1, 1], out[1, 2] = b0, b1, b2
-    out[2, 0], out[2, 1], out[2, 2] = c0, c1, c2
-
-
-@nb.njit(**_JIT)
-def _row_light(columns, r, t, w, energy, sums):
-    """Sums of w {1, T, T T, r, T r, r r, energy}."""
-    s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
-    for i in range(columns):
-        c = w[i]
-        a, b = c * t[i], c * r[i]
-        s0 += c
-        s1 += a
-        s2 += a * t[i]
-        s3 += b
-        s4 += a * r[i]
-        s5 += b * r[i]
-        s6 += c * energy[i]
-    sums[0] += s0
-    sums[1] += s1
-    sums[2] += s2
-    sums[3] += s3
-    sums[4] += s4
-    sums[5] += s5
-    sums[6] += s6
 
 
 @nb.njit(**_JIT)
@@ -300,6 +99,7 @@ def gauss_newton_sums(
     gain,
     bias,
     cut,
+    margin,
     share,
     unit,
     cubic,
@@ -311,10 +111,11 @@ def gauss_newton_sums(
     """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
 
     ``image`` (height, width; B-spline coefficients where ``cubic``), ``template``,
-    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``, ``y``. ``rows`` are the rows to use.
-    ``offset`` (2, R, C) or (2, 1, 1) is added to the warped position [px]; (2, 1, 1)
-    means none. ``h`` (9,) maps column, row, 1 to the image. ``share`` is the part of
-    the gradient that is taken from the warped image (0.5: ESM, 0: template only),
+    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``,
+    ``y``. ``rows`` are the rows to use. ``offset`` (2, R, C) or (2, 1, 1) is added to the
+    warped position [px]; (2, 1, 1) means none. ``h`` (9,) maps column, row, 1 to the image.
+    ``cut`` and ``margin`` weigh the pixels, see :func:`row_residual`. ``share`` is the part
+    of the gradient that is taken from the warped image (0.5: ESM, 0: template only),
     ``unit`` the length of one unit of x in columns.
 
     Fills ``matrix`` (10, 10), ``vector`` (10,), ``histogram`` (256,) of |residual|
@@ -329,9 +130,10 @@ def gauss_newton_sums(
     fx = np.zeros(columns, np.float32)
     fy = np.zeros(columns, np.float32)
     inside = np.zeros(columns, np.float32)
-    spare = np.zeros(columns, np.float32)
+    seen = np.zeros((3, columns), np.float32)
     value = np.zeros((3, columns), np.float32)
     energy = np.zeros(columns, np.float32)
+    weights = np.zeros((2, 4, columns), np.float32)
     residual = np.zeros(columns, np.float32)
     weight = np.zeros(columns, np.float32)
     gx = np.zeros(columns, np.float32)
@@ -344,34 +146,44 @@ def gauss_newton_sums(
     stats[:] = 0.0
     histogram[:] = 0
     moved = offset.shape[1] > 1
+    newest, previous = -9, -9
     for v in rows:
         if share > 0.0:
             if v == 0 or v == last:
                 continue
-            for k in (-1, 1):
+            # Three rows of the warped image are kept; of the next row's, one or two are there already.
+            for k in (-1, 0, 1):
+                if v + k <= newest:
+                    value[1 + k] = value[1 + v + k - previous]
+                    seen[1 + k] = seen[1 + v + k - previous]
+                    continue
                 ox = offset[0, v + k] if moved else nothing
                 oy = offset[1, v + k] if moved else nothing
-                _row_positions(h, v + k, columns, width, height, ox, oy, index, fx, fy, spare)
-                _row_bilinear(flat, width, columns, index, fx, fy, value[1 + k], energy)
-        ox = offset[0, v] if moved else nothing
-        oy = offset[1, v] if moved else nothing
-        _row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
-        if cubic:
-            _row_cubic(flat, width, columns, index, fx, fy, value[1], energy)
+                row_positions(h, v + k, columns, width, height, ox, oy, index, fx, fy, seen[1 + k])
+                row_bilinear(flat, width, columns, index, fx, fy, value[1 + k], energy)
+            newest = v + 1
+            previous = v
+            inside[:] = seen[1]
         else:
-            _row_bilinear(flat, width, columns, index, fx, fy, value[1], energy)
+            ox = offset[0, v] if moved else nothing
+            oy = offset[1, v] if moved else nothing
+            row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
+            if cubic:
+                row_cubic(flat, width, columns, index, fx, fy, weights, value[1], energy)
+            else:
+                row_bilinear(flat, width, columns, index, fx, fy, value[1], energy)
         here = value[1]
         t = template[v]
-        _row_correlation(columns, here, t, inside, stats[7:])
-        _row_residual(columns, here, t, inside, gain, bias, cut, residual, weight)
-        _row_gradient(
+        row_correlation(columns, here, t, inside, stats[7:])
+        row_residual(columns, here, t, inside, gain, bias, cut, margin, residual, weight)
+        row_gradient(
             columns, gain, share, value[0], here, value[2], gradient_x[v], gradient_y[v], unit, gx, gy
         )
-        _row_light(columns, residual, t, weight, energy, stats)
+        row_light(columns, residual, t, weight, energy, stats)
         for i in range(v & 3, columns, 4):
             if inside[i] > 0:
                 histogram[min(255, int(2.0 * abs(residual[i])))] += 1
-        _row_matrix(columns, x, gx, gy, weight, row_xx, row_xy, row_yy)
+        row_matrix(columns, x, gx, gy, weight, row_xx, row_xy, row_yy)
         p = 1.0
         for j in range(5):
             for i in range(5):
@@ -380,7 +192,7 @@ def gauss_newton_sums(
                 yy[j, i] += p * row_yy[i]
             p *= y[v]
         for axis in range(2):
-            _row_vector(columns, x, gx if axis == 0 else gy, residual, t, weight, row_v)
+            row_vector(columns, x, gx if axis == 0 else gy, residual, t, weight, row_v)
             target = vx if axis == 0 else vy
             p = 1.0
             for j in range(3):
@@ -516,6 +328,7 @@ def refine_level(
     unit,
     cubic,
     cut_factor,
+    margin,
     damping,
     passes,
     tolerance,
@@ -555,6 +368,7 @@ def refine_level(
             light[0],
             light[1],
             cut_factor * light[2],
+            margin,
             share,
             unit,
             cubic,

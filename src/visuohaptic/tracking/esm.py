@@ -10,6 +10,8 @@ Research 26 (2007). What differs from the text, and why:
   template's alone. That has the same fixed point but is free of image noise: a noisy
   gradient correlates with the noise of the residual and would bias the scale.
 - Residuals beyond three standard deviations lose their weight.
+- Pixels whose expected value is so close to black or white that the noise is cut off there
+  are left out at the end: they pull the scale by 20 ppm at a noise of 5 grey levels.
 - On the way, half of the rows are used (those with most gradient); the last passes use
   every pixel, and a cubic spline: a bilinear kernel damps the high frequencies by an amount
   that depends on the sub-pixel position, which shifts the result by up to 0.02 px.
@@ -25,15 +27,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 from ..errors import InputError
+from .esm_template import EsmTemplate, Level
 from .homography import apply_homography
+from .warp import is_proper, motion_jacobian
 
-__all__ = ["Alignment", "EsmSettings", "EsmTemplate", "align"]
-
-#: Templates smaller than this on a side have too few pixels for eight unknowns.
-MIN_SIDE_PX = 16
+__all__ = ["Alignment", "EsmSettings", "align"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,96 +47,8 @@ class EsmSettings:
     ncc_minimum: float = 0.6  #: below this correlation the template counts as lost
     ncc_search: float = 0.8  #: below this coarse correlation the translation is searched for
     inside_minimum: float = 0.4  #: fraction of the template that must be in the image
-    tolerance_px: float = 0.02  #: a last pass that moves the corners less is not repeated
+    tolerance_px: float = 0.06  #: a last pass that moves the corners less is not repeated
     cubic: bool = True  #: interpolate by a cubic spline in the last passes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Level:
-    """One level of a template's pyramid, R rows and C columns, ready for the kernels."""
-
-    image: Float32[np.ndarray, "R C"]
-    gradient_x: Float32[np.ndarray, "R C"]  #: per unit of x
-    gradient_y: Float32[np.ndarray, "R C"]
-    x: Float32[np.ndarray, "C"]  #: centred coordinates
-    y: Float[np.ndarray, "R"]
-    rows: Int[np.ndarray, "R"]
-    informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
-    unit: float  #: columns per unit of x
-    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row
-
-
-def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
-    """Derivative of the interpolating cubic spline at the pixels; one-sided at the border."""
-    from scipy.ndimage import spline_filter1d
-
-    derivative = np.gradient(image, axis=axis)
-    coefficients = np.moveaxis(spline_filter1d(image, order=3, axis=axis, mode="mirror"), axis, 0)
-    np.moveaxis(derivative, axis, 0)[1:-1] = 0.5 * (coefficients[2:] - coefficients[:-2])
-    return derivative
-
-
-def _level(image: Float32[np.ndarray, "R C"]) -> _Level:
-    rows, columns = image.shape
-    unit = 0.5 * max(rows, columns)
-    centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
-    gradient_x = (_gradient(image.astype(np.float64), 1) * unit).astype(np.float32)
-    gradient_y = (_gradient(image.astype(np.float64), 0) * unit).astype(np.float32)
-    energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
-    chosen = [
-        start + int(k)
-        for start in range(0, rows, 4)
-        for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
-    ]
-    return _Level(
-        image=np.ascontiguousarray(image),
-        gradient_x=np.ascontiguousarray(gradient_x),
-        gradient_y=np.ascontiguousarray(gradient_y),
-        x=((np.arange(columns) - centre_x) / unit).astype(np.float32),
-        y=(np.arange(rows) - centre_y) / unit,
-        rows=np.arange(rows),
-        informative=np.array(chosen, dtype=np.int64),
-        unit=unit,
-        from_centred=np.array([[unit, 0, centre_x], [0, unit, centre_y], [0, 0, 1.0]]),
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EsmTemplate:
-    """A template with what the tracker precomputes from it.
-
-    Pixel centres of level k+1 lie on every second pixel of level k.
-    """
-
-    levels: tuple[_Level, ...]
-    corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
-
-    @classmethod
-    def from_image(cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"]) -> EsmTemplate:
-        """Precompute pyramid and gradients of a grey image.
-
-        Raises
-        ------
-        InputError
-            The image is not grey, too small, or has no contrast.
-        """
-        import cv2
-
-        image = np.asarray(image)
-        if image.ndim != 2 or min(image.shape, default=0) < MIN_SIDE_PX:
-            raise InputError(
-                "EsmTemplate", f"found shape {image.shape}, expected a grey image of {MIN_SIDE_PX} px or more"
-            )
-        level = image.astype(np.float32)
-        if not (np.isfinite(level).all() and level.std() > 1.0):
-            raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
-        rows, columns = image.shape
-        levels = []
-        while min(level.shape) >= MIN_SIDE_PX:
-            levels.append(_level(level))
-            level = cv2.pyrDown(level)
-        x, y = columns - 1.0, rows - 1.0
-        return cls(tuple(levels), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,7 +60,7 @@ class Alignment:
     reason: str  #: empty when valid
     ncc: float  #: normalised cross-correlation with the template, -1..1
     inside: float  #: fraction of the template that is inside the image, 0..1
-    weight: float  #: mean robust weight of the pixels inside, 0..1
+    weight: float  #: mean weight of the pixels inside, 0..1: not covered, not saturated
     noise: float  #: standard deviation of one image pixel as the residual tells it [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
@@ -158,29 +71,6 @@ class Alignment:
     def corner_sigma_px(self) -> float:
         """Root of the mean over the corners of the variance of x plus that of y [px]."""
         return float(np.sqrt(np.trace(self.corner_covariance) / 4.0))
-
-
-def _fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 8"]:
-    """The eight velocity fields of a small homography at centred points."""
-    x, y = points[:, 0], points[:, 1]
-    result = np.zeros((len(points), 2, 8))
-    for axis in range(2):
-        result[:, axis, 3 * axis] = 1
-        result[:, axis, 3 * axis + 1] = x
-        result[:, axis, 3 * axis + 2] = y
-        result[:, axis, 6] = -x * points[:, axis]
-        result[:, axis, 7] = -y * points[:, axis]
-    return result
-
-
-def _motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """d(image point) / d(eight parameters) for ``h exp(A)`` at centred points, (n, 2, 8)."""
-    mapped = points @ h[:, :2].T + h[:, 2]
-    depth = mapped[:, 2:]
-    image = mapped[:, :2] / depth
-    # d pi(h x) / dx, with pi the division by the third coordinate.
-    local = (h[None, :2, :2] - image[:, :, None] * h[None, 2:, :2]) / depth[:, :, None]
-    return np.asarray(local @ _fields(points))
 
 
 #: All ten unknowns; the translation, gain and bias alone.
@@ -206,7 +96,7 @@ class _Work:
         self.template, self.settings = template, settings
         corners = apply_homography(homography, template.corners)
         centre = template.corners.mean(axis=0)
-        jacobian = _motion_jacobian(homography, centre[None])[0][:, [0, 3]]
+        jacobian = motion_jacobian(homography, centre[None])[0][:, [0, 3]]
         self.scale = float(np.sqrt(abs(np.linalg.det(jacobian))))
         octave = round(-np.log2(max(self.scale, 1e-6)))
         top = len(template.levels) - 1
@@ -214,6 +104,7 @@ class _Work:
         self.image_base = min(max(-octave, 0), 4)
         self.count = max(1, min(settings.levels, top - self.template_base + 1))
         step = 2 ** (self.image_base + self.count - 1)
+        block = 2**self.image_base
         height, width = image.shape
         margin = settings.search_px + 8.0
         low = np.floor((corners.min(axis=0) - margin) / step).astype(int) * step
@@ -224,23 +115,32 @@ class _Work:
         if not self.enough:
             return
         level = image[self.y0 : y1, self.x0 : x1].astype(np.float32)
+        if block > 1:
+            # Means of blocks keep the noise of different pixels independent.
+            size = (level.shape[1] // block, level.shape[0] // block)
+            level = level[: size[1] * block, : size[0] * block]
+            level = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
         self.images = [level]
-        for _ in range(self.image_base + self.count - 1):
+        for _ in range(self.count - 1):
             level = cv2.pyrDown(level)
             self.images.append(level)
-        shift = np.array([[1, 0, -self.x0], [0, 1, -self.y0], [0, 0, 1.0]])
-        self.homography = shift @ homography
+        centre_x, centre_y = self.x0 + (block - 1) / 2, self.y0 + (block - 1) / 2
+        #: From the finest level that is used to the whole image.
+        self.to_image = np.array([[block, 0, centre_x], [0, block, centre_y], [0, 0, 1.0]])
+        self.homography = np.linalg.inv(self.to_image) @ homography
         self.light = np.array([1.0, 0.0, 0.0])
         self.matrix = np.zeros((10, 10))
         self.stats = np.zeros(13)
         self.offset = offset
+        self.margin = -np.inf
+        self.clipped = image.dtype == np.uint8
 
-    def pair(self, k: int) -> tuple[_Level, np.ndarray, np.ndarray]:
+    def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
         """Template level, image level, and the centred homography between them."""
         level = self.template.levels[self.template_base + k]
-        a, b = 2.0 ** (self.template_base + k), 2.0 ** -(self.image_base + k)
+        a, b = 2.0 ** (self.template_base + k), 0.5**k
         h = np.diag([b, b, 1.0]) @ self.homography @ np.diag([a, a, 1.0]) @ level.from_centred
-        return level, self.images[self.image_base + k], h
+        return level, self.images[k], h
 
     def refine(
         self,
@@ -273,7 +173,7 @@ class _Work:
         shift = self._pass(
             refine_level, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance
         )
-        a, b = 2.0 ** (self.template_base + k), 2.0 ** -(self.image_base + k)
+        a, b = 2.0 ** (self.template_base + k), 0.5**k
         back = (
             np.diag([1 / b, 1 / b, 1.0]) @ h @ np.linalg.inv(level.from_centred) @ np.diag([1 / a, 1 / a, 1])
         )
@@ -281,7 +181,7 @@ class _Work:
         self.centred = h
         return float(shift)
 
-    def spline(self, image: np.ndarray, h: np.ndarray, level: _Level) -> np.ndarray:
+    def spline(self, image: np.ndarray, h: np.ndarray, level: Level) -> np.ndarray:
         """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere."""
         import cv2
 
@@ -318,6 +218,7 @@ class _Work:
             level.unit,
             cubic,
             cut,
+            self.margin,
             damping,
             passes,
             tolerance,
@@ -382,35 +283,91 @@ def align(
     if homography.shape != (3, 3) or not np.isfinite(homography).all() or abs(homography[2, 2]) < 1e-12:
         return _lost(template, homography, "the prediction is not a homography")
     homography = homography / homography[2, 2]
-    if not _is_proper(homography, template.corners):
+    if not is_proper(homography, template.corners):
         return _lost(template, homography, "the prediction turns the template inside out")
     work = _Work(template, image, homography, settings, offset)
     if not work.enough:
         return _lost(template, homography, "outside the image")
 
-    for k in range(work.count - 1, 0, -1):
-        work.refine(k, 12 if k == work.count - 1 else 6, share=0.5, damping=1e-3, tolerance=0.05)
-        if not _is_proper(work.homography, template.corners):
+    top = work.count - 1
+    if top > 0:
+        _coarse(work, top)
+    for k in range(top - 1, 0, -1):
+        work.refine(k, 6, share=0.5, cut=settings.cut_sigmas, damping=1e-3, tolerance=0.2)
+        if not is_proper(work.homography, template.corners):
             return _lost(template, homography, "no convergence")
     if work.count > 1:
-        work.refine(0, 2, share=0.0, subset=True, cut=settings.cut_sigmas, tolerance=0.05)
+        work.refine(0, 6, share=0.0, subset=True, cut=settings.cut_sigmas, tolerance=0.25)
     else:
         work.refine(0, 12, share=0.5, cut=settings.cut_sigmas, tolerance=0.05)
+    # The spline does not damp the noise as the bilinear kernel did (to 4/9 of its variance): with
+    # the old spread the cut would fall on good pixels and shorten the step.
+    work.light[2] *= 1.5
+    if work.clipped:
+        work.margin = min(2.2 * work.light[2], 30.0)
     shift = work.refine(
         0, 3, share=0.0, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px
     )
     return _judged(work, shift)
 
 
-def _is_proper(homography: np.ndarray, corners: np.ndarray) -> bool:
-    """The quadrilateral is convex, keeps its orientation and stays in front of the horizon."""
-    mapped = apply_homography(homography, corners)
-    if not np.isfinite(mapped).all():
-        return False
-    sides = np.roll(mapped, -1, axis=0) - mapped
-    after = np.roll(sides, -1, axis=0)
-    turns = sides[:, 0] * after[:, 1] - sides[:, 1] * after[:, 0]
-    return bool((turns > 1.0).all())
+def _coarse(work: _Work, top: int) -> None:
+    """Align on the coarsest level; search for the translation where that fails.
+
+    The candidates are the highest peaks of the normalised cross-correlation of the
+    predicted view; each is refined, and that one is kept which correlates best on
+    the next finer level.
+    """
+    predicted = work.homography
+    work.refine(top, 12, share=0.5, damping=1e-3, tolerance=0.1)
+    if work.ncc >= work.settings.ncc_search and is_proper(work.homography, work.template.corners):
+        return
+    first_light = work.light.copy()
+    candidates = [work.homography, *_peaks(work, top, predicted)]
+    best, best_ncc, best_light = predicted, -1.0, first_light
+    for candidate in candidates:
+        work.light[:] = first_light
+        work.refine(top, 15, share=0.5, damping=1e-2, tolerance=0.1, homography=candidate)
+        if top > 1 and is_proper(work.homography, work.template.corners):
+            work.refine(top - 1, 8, share=0.5, damping=1e-3, tolerance=0.2)
+        ncc = work.ncc if is_proper(work.homography, work.template.corners) else -1.0
+        if ncc > best_ncc:
+            best, best_ncc, best_light = work.homography, ncc, work.light.copy()
+        if ncc > 0.95:
+            break
+    work.homography = best
+    work.light[:] = best_light
+
+
+def _peaks(work: _Work, k: int, homography: np.ndarray, count: int = 6) -> list[np.ndarray]:
+    """Homographies shifted in the template's plane to the best correlations on level k."""
+    import cv2
+
+    work.homography = homography
+    level, image, _ = work.pair(k)
+    a = 2.0 ** (work.template_base + k)
+    reach = int(np.ceil(work.settings.search_px / (max(work.scale, 1e-3) * a))) + 1
+    rows, columns = level.image.shape
+    reach = min(reach, 2 * max(rows, columns))
+    b = 0.5**k
+    pixel_h = np.diag([b, b, 1.0]) @ homography @ np.diag([a, a, 1.0])
+    start = pixel_h @ np.array([[1, 0, -reach], [0, 1, -reach], [0, 0, 1.0]])
+    view = cv2.warpPerspective(
+        image,
+        start,
+        (columns + 2 * reach, rows + 2 * reach),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    scores = cv2.matchTemplate(view, level.image, cv2.TM_CCOEFF_NORMED)
+    local = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
+    order = np.argsort(np.where(local, -scores, np.inf), axis=None)[:count]
+    result = []
+    for v, u in zip(*np.unravel_index(order, scores.shape), strict=True):
+        if local[v, u]:
+            shift = np.array([[1, 0, a * (u - reach)], [0, 1, a * (v - reach)], [0, 0, 1.0]])
+            result.append(homography @ shift)
+    return result
 
 
 def _lost(template: EsmTemplate, homography: np.ndarray, reason: str) -> Alignment:
@@ -428,9 +385,10 @@ def _judged(work: _Work, shift: float) -> Alignment:
     s1, _, _, _, _, rr, energy = work.stats[:7]
     n = work.stats[7]
     inside = n / level.image.size
-    homography = np.array([[1, 0, work.x0], [0, 1, work.y0], [0, 0, 1.0]]) @ work.homography
+    homography = work.to_image @ work.homography
+    homography = homography / homography[2, 2]
     reason = ""
-    if not (np.isfinite(shift) and _is_proper(homography, template.corners)):
+    if not (np.isfinite(shift) and is_proper(homography, template.corners)):
         reason = "no convergence"
     elif inside < settings.inside_minimum:
         reason = f"only {100 * inside:.0f} % of the template are in the image"
@@ -443,7 +401,7 @@ def _judged(work: _Work, shift: float) -> Alignment:
     a = 2.0**work.template_base
     to_centred = np.linalg.inv(level.from_centred)
     corners_centred = (template.corners / a) @ to_centred[:2, :2].T + to_centred[:2, 2]
-    jacobian = _motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
+    jacobian = motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
     return Alignment(
         homography=homography,
         valid=True,

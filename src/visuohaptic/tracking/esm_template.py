@@ -1,0 +1,103 @@
+"""What the planar tracker precomputes from a template: pyramid, gradients, informative rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ..errors import InputError
+
+__all__ = ["MIN_SIDE_PX", "EsmTemplate", "Level"]
+
+#: Templates smaller than this on a side have too few pixels for eight unknowns.
+MIN_SIDE_PX = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """One level of a template's pyramid, R rows and C columns, ready for the kernels."""
+
+    image: Float32[np.ndarray, "R C"]
+    gradient_x: Float32[np.ndarray, "R C"]  #: per unit of x
+    gradient_y: Float32[np.ndarray, "R C"]
+    x: Float32[np.ndarray, "C"]  #: centred coordinates
+    y: Float[np.ndarray, "R"]
+    rows: Int[np.ndarray, "R"]
+    informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
+    unit: float  #: columns per unit of x
+    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row
+
+
+def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
+    """Derivative of the interpolating cubic spline at the pixels; one-sided at the border."""
+    from scipy.ndimage import spline_filter1d
+
+    derivative = np.gradient(image, axis=axis)
+    coefficients = np.moveaxis(spline_filter1d(image, order=3, axis=axis, mode="mirror"), axis, 0)
+    np.moveaxis(derivative, axis, 0)[1:-1] = 0.5 * (coefficients[2:] - coefficients[:-2])
+    return derivative
+
+
+def _level(image: Float32[np.ndarray, "R C"]) -> Level:
+    rows, columns = image.shape
+    unit = 0.5 * max(rows, columns)
+    centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
+    gradient_x = (_gradient(image.astype(np.float64), 1) * unit).astype(np.float32)
+    gradient_y = (_gradient(image.astype(np.float64), 0) * unit).astype(np.float32)
+    energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
+    chosen = [
+        start + int(k)
+        for start in range(0, rows, 4)
+        for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
+    ]
+    return Level(
+        image=np.ascontiguousarray(image),
+        gradient_x=np.ascontiguousarray(gradient_x),
+        gradient_y=np.ascontiguousarray(gradient_y),
+        x=((np.arange(columns) - centre_x) / unit).astype(np.float32),
+        y=(np.arange(rows) - centre_y) / unit,
+        rows=np.arange(rows),
+        informative=np.array(chosen, dtype=np.int64),
+        unit=unit,
+        from_centred=np.array([[unit, 0, centre_x], [0, unit, centre_y], [0, 0, 1.0]]),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EsmTemplate:
+    """A template with what the tracker precomputes from it.
+
+    Pixel centres of level k+1 lie on every second pixel of level k.
+    """
+
+    levels: tuple[Level, ...]
+    corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
+
+    @classmethod
+    def from_image(cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"]) -> EsmTemplate:
+        """Precompute pyramid and gradients of a grey image.
+
+        Raises
+        ------
+        InputError
+            The image is not grey, too small, or has no contrast.
+        """
+        import cv2
+
+        image = np.asarray(image)
+        if image.ndim != 2 or min(image.shape, default=0) < MIN_SIDE_PX:
+            raise InputError(
+                "EsmTemplate", f"found shape {image.shape}, expected a grey image of {MIN_SIDE_PX} px or more"
+            )
+        level = image.astype(np.float32)
+        if not (np.isfinite(level).all() and level.std() > 1.0):
+            raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
+        rows, columns = image.shape
+        levels = []
+        while min(level.shape) >= MIN_SIDE_PX:
+            levels.append(_level(level))
+            level = cv2.pyrDown(level)
+        x, y = columns - 1.0, rows - 1.0
+        return cls(tuple(levels), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
