@@ -77,7 +77,9 @@ def detect_templates(
         return {}
     tags = tuple(template for template in templates if template.tag_id is not None)
     pictures = tuple(template for template in templates if len(template.descriptors) >= 2)
-    found = {**(_tags(tags, image) if tags else {}), **(_pictures(pictures, image, settings, seed) if pictures else {})}
+    found = _tags(tags, image) if tags else {}
+    if pictures:
+        found |= _pictures(pictures, image, settings, seed)
     shift = np.array([[1, 0, x0], [0, 1, y0], [0, 0, 1.0]])
     return {
         name: Detection(name, shift @ detection.homography, detection.support)
@@ -101,7 +103,13 @@ def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detec
     result: dict[str, Detection] = {}
     if ids is None:
         return result
-    seen = {int(number): quad.reshape(4, 2).astype(np.float64) for quad, number in zip(corners, ids.ravel(), strict=True)}
+    numbers = [int(number) for number in ids.ravel()]
+    # A number that is seen twice says nothing about which of the two is meant.
+    seen = {
+        number: quad.reshape(4, 2).astype(np.float64)
+        for number, quad in zip(numbers, corners, strict=True)
+        if numbers.count(number) == 1
+    }
     for template in templates:
         if template.tag_id is not None and template.tag_id in seen:
             try:
@@ -123,7 +131,7 @@ def _pictures(
     if scale < 1:
         size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    points, descriptors = cv2.SIFT_create(settings.features_maximum).detectAndCompute(image, None)
+    points, descriptors = cv2.SIFT.create(settings.features_maximum).detectAndCompute(image, None)
     result: dict[str, Detection] = {}
     if descriptors is None or len(descriptors) < 2:
         return result

@@ -99,10 +99,14 @@ class _Work:
         jacobian = motion_jacobian(homography, centre[None])[0][:, [0, 3]]
         self.scale = float(np.sqrt(abs(np.linalg.det(jacobian))))
         octave = round(-np.log2(max(self.scale, 1e-6)))
-        top = len(template.levels) - 1
-        self.template_base = min(max(octave, 0), top)
+        self.template_base = min(max(octave, 0), len(template.chains) - 1)
+        self.levels = template.chains[self.template_base]
         self.image_base = min(max(-octave, 0), 4)
-        self.count = max(1, min(settings.levels, top - self.template_base + 1))
+        self.count = min(settings.levels, len(self.levels))
+        every = 2.0**self.template_base
+        half = (every - 1) / 2
+        #: From the first level of the chain to the whole template.
+        self.to_template = np.array([[every, 0, half], [0, every, half], [0, 0, 1.0]])
         step = 2 ** (self.image_base + self.count - 1)
         block = 2**self.image_base
         height, width = image.shape
@@ -132,14 +136,27 @@ class _Work:
         self.matrix = np.zeros((10, 10))
         self.stats = np.zeros(13)
         self.offset = offset
+        if offset is not None:
+            self.bent = self._bend(offset)
         self.margin = -np.inf
         self.clipped = image.dtype == np.uint8
 
+    def _bend(self, offset: np.ndarray) -> np.ndarray:
+        """The offset at the pixels of the finest level, in pixels of the finest image."""
+        import cv2
+
+        every = 2**self.template_base
+        rows, columns = (size + 2 for size in self.levels[0].image.shape)
+        scaled = offset[:, : rows * every, : columns * every] * np.float32(0.5**self.image_base)
+        parts = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in scaled]
+        return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
+
     def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
         """Template level, image level, and the centred homography between them."""
-        level = self.template.levels[self.template_base + k]
-        a, b = 2.0 ** (self.template_base + k), 0.5**k
-        h = np.diag([b, b, 1.0]) @ self.homography @ np.diag([a, a, 1.0]) @ level.from_centred
+        level = self.levels[k]
+        a, b = 2.0**k, 0.5**k
+        h = np.diag([b, b, 1.0]) @ self.homography @ self.to_template @ np.diag([a, a, 1.0])
+        h = h @ level.from_centred
         return level, self.images[k], h
 
     def refine(
@@ -173,10 +190,8 @@ class _Work:
         shift = self._pass(
             refine_level, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance
         )
-        a, b = 2.0 ** (self.template_base + k), 0.5**k
-        back = (
-            np.diag([1 / b, 1 / b, 1.0]) @ h @ np.linalg.inv(level.from_centred) @ np.diag([1 / a, 1 / a, 1])
-        )
+        shrink = np.linalg.inv(self.to_template @ np.diag([2.0**k, 2.0**k, 1.0]) @ level.from_centred)
+        back = np.diag([2.0**k, 2.0**k, 1.0]) @ h @ shrink
         self.homography = back / back[2, 2]
         self.centred = h
         return float(shift)
@@ -200,8 +215,8 @@ class _Work:
 
     def _pass(self, kernel, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance):  # type: ignore[no-untyped-def]
         offset = _NO_OFFSET
-        if self.offset is not None and k == 0 and self.template_base == 0:
-            offset = self.offset
+        if self.offset is not None and k == 0:
+            offset = self.bent
         return kernel(
             image,
             level.image,
@@ -235,6 +250,11 @@ class _Work:
         # The ratio of contrasts, which does not depend on how well the two are aligned.
         gain = float(np.sqrt(spread_i / spread_t))
         self.light[:] = (gain, (i - gain * t) / n, np.sqrt(spread_i))
+
+    @property
+    def relative(self) -> float:
+        """Pixels of the finest level of the image per pixel of the finest level of the template."""
+        return self.scale * 2.0 ** (self.template_base - self.image_base)
 
     @property
     def ncc(self) -> float:
@@ -345,13 +365,15 @@ def _peaks(work: _Work, k: int, homography: np.ndarray, count: int = 6) -> list[
 
     work.homography = homography
     level, image, _ = work.pair(k)
-    a = 2.0 ** (work.template_base + k)
-    reach = int(np.ceil(work.settings.search_px / (max(work.scale, 1e-3) * a))) + 1
+    a = 2.0**k
+    # Pixels of the finest level of the image per one of the template.
+    relative = max(work.relative, 1e-3)
+    reach = int(np.ceil(work.settings.search_px / 2.0**work.image_base / (relative * a))) + 1
     rows, columns = level.image.shape
     reach = min(reach, 2 * max(rows, columns))
     b = 0.5**k
-    pixel_h = np.diag([b, b, 1.0]) @ homography @ np.diag([a, a, 1.0])
-    start = pixel_h @ np.array([[1, 0, -reach], [0, 1, -reach], [0, 0, 1.0]])
+    pixel_h = np.diag([b, b, 1.0]) @ homography @ work.to_template @ np.diag([a, a, 1.0])
+    start = pixel_h @ np.array([[1, 0, 1 - reach], [0, 1, 1 - reach], [0, 0, 1.0]])
     view = cv2.warpPerspective(
         image,
         start,
@@ -362,10 +384,11 @@ def _peaks(work: _Work, k: int, homography: np.ndarray, count: int = 6) -> list[
     scores = cv2.matchTemplate(view, level.image, cv2.TM_CCOEFF_NORMED)
     local = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
     order = np.argsort(np.where(local, -scores, np.inf), axis=None)[:count]
+    every = a * 2.0**work.template_base
     result = []
     for v, u in zip(*np.unravel_index(order, scores.shape), strict=True):
         if local[v, u]:
-            shift = np.array([[1, 0, a * (u - reach)], [0, 1, a * (v - reach)], [0, 0, 1.0]])
+            shift = np.array([[1, 0, every * (u - reach)], [0, 1, every * (v - reach)], [0, 0, 1.0]])
             result.append(homography @ shift)
     return result
 
@@ -398,9 +421,8 @@ def _judged(work: _Work, shift: float) -> Alignment:
         return _lost(template, homography, reason)
     noise_variance = rr / max(energy, 1e-9)
     covariance = noise_variance * _inflation(work) * np.linalg.inv(work.matrix)[:8, :8]
-    a = 2.0**work.template_base
-    to_centred = np.linalg.inv(level.from_centred)
-    corners_centred = (template.corners / a) @ to_centred[:2, :2].T + to_centred[:2, 2]
+    to_centred = np.linalg.inv(work.to_template @ level.from_centred)
+    corners_centred = template.corners @ to_centred[:2, :2].T + to_centred[:2, 2]
     jacobian = motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
     return Alignment(
         homography=homography,
@@ -418,6 +440,11 @@ def _judged(work: _Work, shift: float) -> Alignment:
 
 
 def _inflation(work: _Work) -> float:
-    """Variance of a sum over template pixels, relative to that of independent image pixels."""
-    relative = work.scale * 2.0 ** (work.template_base - work.image_base)
-    return max(1.0, 1.0 / relative**2)
+    """Variance of a smooth sum over template pixels, relative to that of independent image pixels.
+
+    Where the template is the finer of the two, neighbouring samples share image pixels: the
+    sum has 1 / relative^2 times the variance. Where it is the coarser one, samples are
+    independent and only have less noise each, by what the kernel averages.
+    """
+    kept = work.stats[6] / max(work.stats[0], 1e-9)
+    return float(max(kept, 1.0 / work.relative**2))

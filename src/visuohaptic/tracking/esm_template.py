@@ -17,7 +17,7 @@ MIN_SIDE_PX = 16
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Level:
-    """One level of a template's pyramid, R rows and C columns, ready for the kernels."""
+    """One level of a template's pyramid, R rows and C columns without its border, ready for the kernels."""
 
     image: Float32[np.ndarray, "R C"]
     gradient_x: Float32[np.ndarray, "R C"]  #: per unit of x
@@ -27,7 +27,7 @@ class Level:
     rows: Int[np.ndarray, "R"]
     informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
     unit: float  #: columns per unit of x
-    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row
+    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row with the border
 
 
 def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
@@ -40,25 +40,27 @@ def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "
     return derivative
 
 
-def _level(image: Float32[np.ndarray, "R C"]) -> Level:
+def _level(image: Float32[np.ndarray, "rows columns"]) -> Level:
+    """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown."""
     rows, columns = image.shape
     unit = 0.5 * max(rows, columns)
     centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
-    gradient_x = (_gradient(image.astype(np.float64), 1) * unit).astype(np.float32)
-    gradient_y = (_gradient(image.astype(np.float64), 0) * unit).astype(np.float32)
+    inner = (slice(1, -1), slice(1, -1))
+    gradient_x = (_gradient(image.astype(np.float64), 1)[inner] * unit).astype(np.float32)
+    gradient_y = (_gradient(image.astype(np.float64), 0)[inner] * unit).astype(np.float32)
     energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
     chosen = [
         start + int(k)
-        for start in range(0, rows, 4)
+        for start in range(0, rows - 2, 4)
         for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
     ]
     return Level(
-        image=np.ascontiguousarray(image),
+        image=np.ascontiguousarray(image[inner]),
         gradient_x=np.ascontiguousarray(gradient_x),
         gradient_y=np.ascontiguousarray(gradient_y),
-        x=((np.arange(columns) - centre_x) / unit).astype(np.float32),
-        y=(np.arange(rows) - centre_y) / unit,
-        rows=np.arange(rows),
+        x=((np.arange(1, columns - 1) - centre_x) / unit).astype(np.float32),
+        y=(np.arange(1, rows - 1) - centre_y) / unit,
+        rows=np.arange(rows - 2),
         informative=np.array(chosen, dtype=np.int64),
         unit=unit,
         from_centred=np.array([[unit, 0, centre_x], [0, unit, centre_y], [0, 0, 1.0]]),
@@ -69,10 +71,12 @@ def _level(image: Float32[np.ndarray, "R C"]) -> Level:
 class EsmTemplate:
     """A template with what the tracker precomputes from it.
 
-    Pixel centres of level k+1 lie on every second pixel of level k.
+    ``chains[b]`` is a pyramid that begins at 1 / 2^b of the size, for templates that are
+    seen from afar. Its beginning is made of means of blocks, as a camera's pixels are;
+    further levels are smoothed, and the pixels of level k+1 lie on every second of level k.
     """
 
-    levels: tuple[Level, ...]
+    chains: tuple[tuple[Level, ...], ...]
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
 
     @classmethod
@@ -95,9 +99,24 @@ class EsmTemplate:
         if not (np.isfinite(level).all() and level.std() > 1.0):
             raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
         rows, columns = image.shape
-        levels = []
-        while min(level.shape) >= MIN_SIDE_PX:
-            levels.append(_level(level))
-            level = cv2.pyrDown(level)
+        chains = []
+        block = 1
+        while min(rows, columns) // block >= MIN_SIDE_PX:
+            size = (columns // block, rows // block)
+            start = level[: size[1] * block, : size[0] * block]
+            start = cv2.resize(start, size, interpolation=cv2.INTER_AREA)
+            chains.append(_chain(start))
+            block *= 2
         x, y = columns - 1.0, rows - 1.0
-        return cls(tuple(levels), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
+        return cls(tuple(chains), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
+
+
+def _chain(image: Float32[np.ndarray, "rows columns"]) -> tuple[Level, ...]:
+    """Pyramid of an image, as long as its levels are large enough."""
+    import cv2
+
+    levels = []
+    while min(image.shape) >= MIN_SIDE_PX:
+        levels.append(_level(image))
+        image = cv2.pyrDown(image)
+    return tuple(levels)

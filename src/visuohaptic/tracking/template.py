@@ -60,9 +60,7 @@ class Template:
         rows, columns = self.image.shape
         pixels = np.asarray(pixels, dtype=np.float64)
         centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
-        return np.concatenate(
-            [(pixels - centre) * self.pixel_m, np.zeros((*pixels.shape[:-1], 1))], axis=-1
-        )
+        return np.concatenate([(pixels - centre) * self.pixel_m, np.zeros((*pixels.shape[:-1], 1))], axis=-1)
 
     @property
     def tag_corners(self) -> Float[np.ndarray, "4 2"]:
@@ -96,8 +94,7 @@ class Template:
             esm = EsmTemplate.from_image(image)
         except InputError as error:
             raise InputError(f"template {name}", error.problem, remedy=error.remedy) from error
-        # Twice the size finds the small features that a camera from near sees.
-        points, descriptors = cv2.SIFT_create(800).detectAndCompute(image, None)
+        points, descriptors = cv2.SIFT.create(800).detectAndCompute(image, None)
         if descriptors is None:
             points, descriptors = (), np.zeros((0, 128), np.float32)
         keypoints = np.array([point.pt for point in points], dtype=np.float64).reshape(-1, 2)
@@ -263,9 +260,13 @@ def template_quality(template: Template) -> TemplateQuality:
     }
     problems = []
     if parts["noise"] < 0.5:
-        problems.append(f"too little texture: corner noise {sigma:.2f} px; add contrast and detail everywhere")
+        problems.append(
+            f"too little texture: corner noise {sigma:.2f} px; add contrast and detail everywhere"
+        )
     if parts["ambiguity"] < 0.5:
-        problems.append(f"it repeats itself (correlation {ambiguity:.2f} when shifted); use a picture without pattern")
+        problems.append(
+            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use a picture without pattern"
+        )
     if parts["features"] < 0.5:
         problems.append(f"only {features} SIFT features, 60 wanted; add corners and blobs, or use a tag")
     return TemplateQuality(min(parts.values()), sigma, ambiguity, features, tuple(problems))
