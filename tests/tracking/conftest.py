@@ -12,8 +12,8 @@ import pytest
 
 @pytest.fixture(scope="session")
 def views() -> ModuleType:
-    """``benchmarks/plane_view.py``: the same truth for tests and benchmarks."""
-    path = Path(__file__).resolve().parents[2] / "benchmarks" / "plane_view.py"
+    """``benchmarks/_plane_view.py``: the same truth for tests and benchmarks."""
+    path = Path(__file__).resolve().parents[2] / "benchmarks" / "_plane_view.py"
     spec = importlib.util.spec_from_file_location("plane_view", path)
     assert spec is not None
     assert spec.loader is not None

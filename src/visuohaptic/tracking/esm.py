@@ -75,8 +75,9 @@ class Alignment:
 
 #: All ten unknowns; the translation, gain and bias alone.
 _ALL = np.ones(10, dtype=bool)
-#: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-4.
-_PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-7, 8))
+#: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
+_PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
+_PREFILTER /= _PREFILTER.sum()
 _NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
 
 
@@ -103,10 +104,6 @@ class _Work:
         self.levels = template.chains[self.template_base]
         self.image_base = min(max(-octave, 0), 4)
         self.count = min(settings.levels, len(self.levels))
-        every = 2.0**self.template_base
-        half = (every - 1) / 2
-        #: From the first level of the chain to the whole template.
-        self.to_template = np.array([[every, 0, half], [0, every, half], [0, 0, 1.0]])
         step = 2 ** (self.image_base + self.count - 1)
         block = 2**self.image_base
         height, width = image.shape
@@ -154,9 +151,8 @@ class _Work:
     def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
         """Template level, image level, and the centred homography between them."""
         level = self.levels[k]
-        a, b = 2.0**k, 0.5**k
-        h = np.diag([b, b, 1.0]) @ self.homography @ self.to_template @ np.diag([a, a, 1.0])
-        h = h @ level.from_centred
+        h = self.homography @ level.to_template
+        h[:2] *= 0.5**k
         return level, self.images[k], h
 
     def refine(
@@ -190,8 +186,8 @@ class _Work:
         shift = self._pass(
             refine_level, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance
         )
-        shrink = np.linalg.inv(self.to_template @ np.diag([2.0**k, 2.0**k, 1.0]) @ level.from_centred)
-        back = np.diag([2.0**k, 2.0**k, 1.0]) @ h @ shrink
+        back = h @ level.from_template
+        back[:2] *= 2.0**k
         self.homography = back / back[2, 2]
         self.centred = h
         return float(shift)
@@ -203,8 +199,8 @@ class _Work:
         end = level.x[-1], level.y[-1]
         square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * end
         corners = apply_homography(h, square)
-        low = np.maximum(np.floor(np.nan_to_num(corners.min(axis=0))).astype(int) - 12, 0)
-        high = np.maximum(np.ceil(np.nan_to_num(corners.max(axis=0))).astype(int) + 13, 0)
+        low = np.maximum(np.floor(np.nan_to_num(corners.min(axis=0))).astype(int) - 8, 0)
+        high = np.maximum(np.ceil(np.nan_to_num(corners.max(axis=0))).astype(int) + 9, 0)
         part = image[low[1] : high[1], low[0] : high[0]]
         result = np.zeros_like(image)
         if part.size:
@@ -371,8 +367,11 @@ def _peaks(work: _Work, k: int, homography: np.ndarray, count: int = 6) -> list[
     reach = int(np.ceil(work.settings.search_px / 2.0**work.image_base / (relative * a))) + 1
     rows, columns = level.image.shape
     reach = min(reach, 2 * max(rows, columns))
-    b = 0.5**k
-    pixel_h = np.diag([b, b, 1.0]) @ homography @ work.to_template @ np.diag([a, a, 1.0])
+    block = 2.0**work.template_base
+    half = (block - 1) / 2
+    step = a * block
+    pixel_h = homography @ np.array([[step, 0, half], [0, step, half], [0, 0, 1.0]])
+    pixel_h[:2] *= 0.5**k
     start = pixel_h @ np.array([[1, 0, 1 - reach], [0, 1, 1 - reach], [0, 0, 1.0]])
     view = cv2.warpPerspective(
         image,
@@ -384,11 +383,10 @@ def _peaks(work: _Work, k: int, homography: np.ndarray, count: int = 6) -> list[
     scores = cv2.matchTemplate(view, level.image, cv2.TM_CCOEFF_NORMED)
     local = scores >= cv2.dilate(scores, np.ones((3, 3), np.uint8))
     order = np.argsort(np.where(local, -scores, np.inf), axis=None)[:count]
-    every = a * 2.0**work.template_base
     result = []
     for v, u in zip(*np.unravel_index(order, scores.shape), strict=True):
         if local[v, u]:
-            shift = np.array([[1, 0, every * (u - reach)], [0, 1, every * (v - reach)], [0, 0, 1.0]])
+            shift = np.array([[1, 0, step * (u - reach)], [0, 1, step * (v - reach)], [0, 0, 1.0]])
             result.append(homography @ shift)
     return result
 
@@ -421,7 +419,7 @@ def _judged(work: _Work, shift: float) -> Alignment:
         return _lost(template, homography, reason)
     noise_variance = rr / max(energy, 1e-9)
     covariance = noise_variance * _inflation(work) * np.linalg.inv(work.matrix)[:8, :8]
-    to_centred = np.linalg.inv(work.to_template @ level.from_centred)
+    to_centred = level.from_template
     corners_centred = template.corners @ to_centred[:2, :2].T + to_centred[:2, 2]
     jacobian = motion_jacobian(work.centred, corners_centred).reshape(8, 8) * 2.0**work.image_base
     return Alignment(

@@ -27,7 +27,8 @@ class Level:
     rows: Int[np.ndarray, "R"]
     informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
     unit: float  #: columns per unit of x
-    from_centred: Float[np.ndarray, "3 3"]  #: centred coordinates to column, row with the border
+    to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
+    from_template: Float[np.ndarray, "3 3"]  #: its inverse
 
 
 def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
@@ -40,11 +41,22 @@ def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "
     return derivative
 
 
-def _level(image: Float32[np.ndarray, "rows columns"]) -> Level:
-    """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown."""
+def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: int) -> Level:
+    """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown.
+
+    ``every`` pixels of the chain's first level, each the mean of ``block`` x ``block``, make one here.
+    """
     rows, columns = image.shape
     unit = 0.5 * max(rows, columns)
     centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
+    half = (block - 1) / 2
+    to_template = np.array(
+        [
+            [unit * every * block, 0, centre_x * every * block + half],
+            [0, unit * every * block, centre_y * every * block + half],
+            [0, 0, 1.0],
+        ]
+    )
     inner = (slice(1, -1), slice(1, -1))
     gradient_x = (_gradient(image.astype(np.float64), 1)[inner] * unit).astype(np.float32)
     gradient_y = (_gradient(image.astype(np.float64), 0)[inner] * unit).astype(np.float32)
@@ -63,7 +75,8 @@ def _level(image: Float32[np.ndarray, "rows columns"]) -> Level:
         rows=np.arange(rows - 2),
         informative=np.array(chosen, dtype=np.int64),
         unit=unit,
-        from_centred=np.array([[unit, 0, centre_x], [0, unit, centre_y], [0, 0, 1.0]]),
+        to_template=to_template,
+        from_template=np.linalg.inv(to_template),
     )
 
 
@@ -105,18 +118,18 @@ class EsmTemplate:
             size = (columns // block, rows // block)
             start = level[: size[1] * block, : size[0] * block]
             start = cv2.resize(start, size, interpolation=cv2.INTER_AREA)
-            chains.append(_chain(start))
+            chains.append(_chain(start, block))
             block *= 2
         x, y = columns - 1.0, rows - 1.0
         return cls(tuple(chains), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
 
 
-def _chain(image: Float32[np.ndarray, "rows columns"]) -> tuple[Level, ...]:
+def _chain(image: Float32[np.ndarray, "rows columns"], block: int) -> tuple[Level, ...]:
     """Pyramid of an image, as long as its levels are large enough."""
     import cv2
 
-    levels = []
+    levels: list[Level] = []
     while min(image.shape) >= MIN_SIDE_PX:
-        levels.append(_level(image))
+        levels.append(_level(image, 2 ** len(levels), block))
         image = cv2.pyrDown(image)
     return tuple(levels)
