@@ -26,7 +26,7 @@ bench: $(VENV)/.installed ## Every benchmark, each a ratio to a named peer in th
 	$(BIN)/python -m benchmarks
 
 docs: $(VENV)/.installed ## The documentation site in site/, no warnings allowed
-	$(BIN)/mkdocs build --strict
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 lint: $(VENV)/.installed
 	$(BIN)/ruff check .

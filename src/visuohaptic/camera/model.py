@@ -151,7 +151,8 @@ class Camera:
 
         save_yaml(path, camera_info_dict(self))
 
-    def pose_of_view(self, eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
+    @staticmethod
+    def pose_of_view(eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
         """``T_world_camera`` of a camera at ``eye_m`` that looks at ``target_m`` [m]."""
         eye, target = np.asarray(eye_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
         forward = (target - eye) / np.linalg.norm(target - eye)

@@ -1,0 +1,41 @@
+"""From images to forces, shapes and motion: foam, primitives, events, haptic tags (Alt 2016, chapter 3 and 4.1)."""
+
+from .events import ContactEvents, DeflectionEvents, EventSettings
+from .primitives import (
+    PrimitiveCandidate,
+    PrimitiveFit,
+    PrimitiveSettings,
+    fit_contact,
+    fit_primitive,
+    primitive_distance_m,
+    score_primitive,
+)
+from .push import Phases, PushRecord, StopLimits, StopReason, find_phases, record_push, stop_reason
+from .tag import TagSettings, merge_tags, predictive_interval, tag_from_push
+from .tag_file import tag_from_dict, tag_to_dict
+
+__all__ = [
+    "ContactEvents",
+    "DeflectionEvents",
+    "EventSettings",
+    "Phases",
+    "PrimitiveCandidate",
+    "PrimitiveFit",
+    "PrimitiveSettings",
+    "PushRecord",
+    "StopLimits",
+    "StopReason",
+    "TagSettings",
+    "find_phases",
+    "fit_contact",
+    "fit_primitive",
+    "merge_tags",
+    "predictive_interval",
+    "primitive_distance_m",
+    "record_push",
+    "score_primitive",
+    "stop_reason",
+    "tag_from_dict",
+    "tag_from_push",
+    "tag_to_dict",
+]

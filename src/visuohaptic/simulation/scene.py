@@ -21,6 +21,8 @@ class SceneObject:
     grey: float = 90.0  #: mean grey level, 0..255
     texture: float = 0.0  #: amplitude of its surface texture in grey levels
     seed: int = 0  #: of the texture
+    material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,1 @@
+"""Every benchmark as a ratio to a named peer in the same process."""

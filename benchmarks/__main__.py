@@ -1,0 +1,37 @@
+"""``python -m benchmarks [names]``: run them, print one table, write ``results/bench.json``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from . import harness
+
+
+def main() -> int:
+    """Run the named benchmarks, or all."""
+    known = harness.benchmark_names()
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}; all by default")
+    parser.add_argument(
+        "--out", type=Path, default=Path("results/bench.json"), help="machine-readable result"
+    )
+    parser.add_argument("--list", action="store_true", help="print the names and stop")
+    args = parser.parse_args()
+    if args.list:
+        print("\n".join(known))
+        return 0
+    if unknown := sorted(set(args.names) - set(known)):
+        parser.error(f"unknown benchmark {unknown[0]!r}, expected one of {', '.join(known)}")
+    harness.use_one_thread()
+    report = harness.run(args.names or known)
+    print(harness.table(report))
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    harness.save(args.out, report)
+    print(f"\nwritten to {args.out}")
+    return 1 if any(row.verdict == "failed" for row in report.rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

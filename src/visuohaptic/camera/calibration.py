@@ -1,0 +1,332 @@
+"""Intrinsic calibration from images of a board; a session that would give a bad camera is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ..errors import CalibrationError, InputError
+from .model import Camera
+
+__all__ = ["Board", "BoardView", "CalibrationLimits", "CameraCalibration", "calibrate_camera", "detect_board"]
+
+#: Names of the estimated parameters in the order of OpenCV.
+_PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+
+
+@dataclass(frozen=True, slots=True)
+class Board:
+    """A printed board of ``columns`` x ``rows`` squares.
+
+    With ``marker_m`` it is a ChArUco board with markers of ``dictionary`` in its
+    white squares, which may be seen in part; without, a plain chessboard that
+    must be seen whole.
+    """
+
+    columns: int  #: squares along the board's x axis
+    rows: int  #: squares along its y axis
+    square_m: float  #: edge of a square, measured on the print
+    marker_m: float | None = None  #: edge of a marker
+    dictionary: str = "DICT_4X4_250"  #: OpenCV's name
+
+    def __post_init__(self) -> None:
+        if self.columns < 3 or self.rows < 3:
+            raise InputError("Board", f"found {self.columns} x {self.rows} squares, expected at least 3 x 3")
+        if not (np.isfinite(self.square_m) and self.square_m > 0):
+            raise InputError("Board", f"found {self.square_m}, expected > 0", field="square_m")
+        if self.marker_m is not None and not 0 < self.marker_m < self.square_m:
+            raise InputError(
+                "Board", f"found {self.marker_m}, expected 0 < marker < {self.square_m}", field="marker_m"
+            )
+
+    @property
+    def corners_m(self) -> Float[np.ndarray, "n 3"]:
+        """Inner corners, row by row; z = 0."""
+        y, x = np.mgrid[1 : self.rows, 1 : self.columns]
+        flat = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
+        return flat * self.square_m
+
+    def charuco(self) -> Any:
+        """OpenCV's board object of a ChArUco board."""
+        import cv2
+
+        code = getattr(cv2.aruco, self.dictionary, None) if self.dictionary.startswith("DICT_") else None
+        if code is None:
+            raise InputError("Board", f"found {self.dictionary!r}, expected a name as DICT_4X4_250")
+        return cv2.aruco.CharucoBoard(
+            (self.columns, self.rows),
+            self.square_m,
+            self.marker_m or 0.0,
+            cv2.aruco.getPredefinedDictionary(code),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardView:
+    """Corners of the board found in one image."""
+
+    name: str  #: of the image, for messages
+    corner_ids: Int[np.ndarray, "n"]  #: index into ``Board.corners_m``
+    pixels: Float[np.ndarray, "n 2"]
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationLimits:
+    """When a session is refused; the defaults suit a sensor that measures to a tenth of a pixel."""
+
+    min_views: int = 8
+    min_corners: int = 8  #: a view with fewer is not used
+    min_coverage: float = 0.5  #: part of a 6 x 6 grid over the image that has corners
+    min_tilt_deg: float = 15.0  #: of at least two views, about axes at least 30 deg apart
+    max_rms_px: float = 0.6
+    max_focal_sigma: float = 0.003  #: standard deviation over focal length
+    max_centre_sigma_px: float = 3.0
+    outlier: float = 3.0  #: a view with this many times the median rms is removed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraCalibration:
+    """A camera with what is known of its accuracy."""
+
+    camera: Camera
+    sigma: dict[str, float]  #: standard deviation of fx, fy, cx, cy [px], k1, k2, p1, p2, k3
+    rms_px: float  #: root mean square distance of corners from their projection
+    view_rms_px: dict[str, float]  #: the same by view that was used
+    coverage: float  #: part of the image that has corners, 0..1
+    tilt_deg: tuple[float, float]  #: smallest and largest tilt of the board against the image plane
+    removed: dict[str, str] = field(default_factory=dict)  #: views that were not used, with the reason
+
+    def summary(self) -> dict[str, Any]:
+        """Plain numbers for a report."""
+        camera = self.camera
+        values = dict(zip(_PARAMETERS[:4], camera.matrix[[0, 1, 0, 1], [0, 1, 2, 2]], strict=True))
+        values |= dict(zip(_PARAMETERS[4:], camera.distortion[[0, 1, 2, 3, 4]], strict=True))
+        return {
+            "width": camera.width,
+            "height": camera.height,
+            "parameters": {
+                name: {"value": float(value), "sigma": float(self.sigma[name])}
+                for name, value in values.items()
+            },
+            "rms_px": self.rms_px,
+            "coverage": self.coverage,
+            "tilt_deg": list(self.tilt_deg),
+            "views": len(self.view_rms_px),
+            "removed": dict(self.removed),
+        }
+
+
+def detect_board(
+    image: UInt8[np.ndarray, "rows columns *colour"], board: Board, name: str = "image"
+) -> BoardView:
+    """Find the board's corners to sub-pixel accuracy; no corners when it is not seen."""
+    import cv2
+
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
+    nothing = BoardView(name, np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    if board.marker_m is not None:
+        pixels, ids, _, _ = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(grey)
+        if ids is None or not len(ids):
+            return nothing
+        corners = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        return BoardView(name, ids.ravel().astype(np.int64), _refined(grey, corners, board))
+    size = (board.columns - 1, board.rows - 1)
+    good, pixels = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    if not good:
+        return nothing
+    corners = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+    return BoardView(name, np.arange(size[0] * size[1]), _refined(grey, corners, board))
+
+
+def _refined(
+    grey: UInt8[np.ndarray, "rows columns"], corners: Float[np.ndarray, "n 2"], board: Board
+) -> Float[np.ndarray, "n 2"]:
+    """Corners refined in a window that no marker reaches into.
+
+    OpenCV's own window takes in edges of the markers, which pulls a part of
+    the corners away by 0.1 to 0.4 px (seen on rendered boards of 30 px squares);
+    its chessboard detector errs as much on a tilted board.
+    """
+    import cv2
+
+    if len(corners) < 2:
+        return corners
+    apart = np.linalg.norm(corners[:, None] - corners[None, :], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    # The nearest neighbour is a square away in the direction that is foreshortened most.
+    square_px = float(np.median(apart.min(axis=1)))
+    margin = 0.5 * (1.0 - (board.marker_m or 0.0) / board.square_m)
+    half = int(np.clip(0.8 * margin * square_px, 2, 7))
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 50, 1e-3)
+    start = corners.astype(np.float32).reshape(-1, 1, 2)
+    refined = cv2.cornerSubPix(grey, start.copy(), (half, half), (-1, -1), criteria).reshape(-1, 2)
+    # A corner that runs away has met something else than the crossing of two edges.
+    near = np.linalg.norm(refined - corners, axis=1) < half
+    return np.where(near[:, None], refined, corners).astype(np.float64)
+
+
+def calibrate_camera(
+    views: Iterable[BoardView],
+    board: Board,
+    size: tuple[int, int],
+    *,
+    limits: CalibrationLimits | None = None,
+    name: str = "camera",
+) -> CameraCalibration:
+    """Estimate focal lengths, principal point and distortion (k1, k2, p1, p2, k3).
+
+    Standard deviations come from the curvature of the squared error at its
+    minimum, scaled by the residuals (OpenCV's ``calibrateCameraExtended``).
+    Views whose rms is an outlier are removed one at a time, the worst first.
+
+    Parameters
+    ----------
+    views
+        Corners by image, from :func:`detect_board`.
+    size
+        Width and height of the images [px].
+
+    Raises
+    ------
+    CalibrationError
+        Too few views, too little of the image covered, no diversity of tilt,
+        or a fit that is too uncertain; the message says what to add.
+    """
+    limits = limits or CalibrationLimits()
+    removed: dict[str, str] = {}
+    used: list[BoardView] = []
+    for view in views:
+        if len(view.corner_ids) >= limits.min_corners and not _collinear(board, view):
+            used.append(view)
+        else:
+            removed[view.name] = (
+                f"{len(view.corner_ids)} corners, expected {limits.min_corners} not in a line"
+            )
+    while True:
+        if len(used) < limits.min_views:
+            raise CalibrationError(
+                name,
+                f"found {len(used)} good views, expected at least {limits.min_views}"
+                + (f"; left out: {_listed(removed)}" if removed else ""),
+                remedy="take more pictures of the whole board, sharp and evenly lit",
+            )
+        fit = _fit(used, board, size)
+        worst = int(np.argmax(fit.view_rms_px))
+        typical = float(np.median(fit.view_rms_px))
+        # Below a twentieth of a pixel the spread between views is no sign of a blunder.
+        if fit.view_rms_px[worst] <= max(limits.outlier * typical, 0.05):
+            break
+        bad = used.pop(worst)
+        removed[bad.name] = f"rms {fit.view_rms_px[worst]:.2f} px where {typical:.2f} px is usual"
+    coverage = _coverage(used, size)
+    _check_views(fit, coverage, limits, name)
+    camera = Camera(size[0], size[1], fit.matrix, fit.distortion, name=name)
+    return CameraCalibration(
+        camera,
+        dict(zip(_PARAMETERS, (float(value) for value in fit.sigma), strict=True)),
+        fit.rms_px,
+        {view.name: float(rms) for view, rms in zip(used, fit.view_rms_px, strict=True)},
+        coverage,
+        (float(fit.tilt_deg.min()), float(fit.tilt_deg.max())),
+        removed,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    matrix: Float[np.ndarray, "3 3"]
+    distortion: Float[np.ndarray, "5"]
+    sigma: Float[np.ndarray, "9"]
+    rms_px: float
+    view_rms_px: Float[np.ndarray, "v"]
+    normals: Float[np.ndarray, "v 3"]  #: of the board, in the camera frame
+    tilt_deg: Float[np.ndarray, "v"]
+
+
+def _fit(views: list[BoardView], board: Board, size: tuple[int, int]) -> _Fit:
+    import cv2
+
+    corners = board.corners_m
+    points = [corners[view.corner_ids].astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views]
+    try:
+        rms, matrix, distortion, turns, _, sigma, _, view_rms = cv2.calibrateCameraExtended(
+            points, pixels, size, np.eye(3), np.zeros(5)
+        )
+    except cv2.error as error:
+        raise CalibrationError("camera", f"the views cannot be fitted ({error.err})") from error
+    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
+    return _Fit(
+        np.asarray(matrix, dtype=np.float64),
+        np.asarray(distortion, dtype=np.float64).ravel()[:5],
+        np.asarray(sigma, dtype=np.float64).ravel()[:9],
+        float(rms),
+        np.asarray(view_rms, dtype=np.float64).ravel(),
+        normals,
+        tilt,
+    )
+
+
+def _check_views(fit: _Fit, coverage: float, limits: CalibrationLimits, name: str) -> None:
+    """Refuse a session whose numbers would look better than they are."""
+    problems = []
+    if coverage < limits.min_coverage:
+        problems.append(
+            f"corners cover {coverage:.0%} of the image, expected {limits.min_coverage:.0%}: "
+            "show the board at the borders and corners of the image"
+        )
+    tilted = fit.normals[fit.tilt_deg >= limits.min_tilt_deg]
+    if not _diverse(tilted):
+        problems.append(
+            f"{len(tilted)} views are tilted by {limits.min_tilt_deg:.0f} deg or more, expected some about "
+            f"two axes (largest: {fit.tilt_deg.max():.0f} deg): tilt the board left/right and up/down"
+        )
+    if fit.rms_px > limits.max_rms_px:
+        problems.append(
+            f"rms is {fit.rms_px:.2f} px, expected at most {limits.max_rms_px} px: "
+            "check that the board is flat and its size right"
+        )
+    focal = float((fit.sigma[:2] / np.diag(fit.matrix)[:2]).max())
+    if not focal <= limits.max_focal_sigma:
+        problems.append(f"focal length is known to {focal:.2%}, expected {limits.max_focal_sigma:.2%}")
+    centre = float(fit.sigma[2:4].max())
+    if not centre <= limits.max_centre_sigma_px:
+        problems.append(
+            f"principal point is known to {centre:.1f} px, expected {limits.max_centre_sigma_px} px"
+        )
+    if problems:
+        raise CalibrationError(name, "; ".join(problems))
+
+
+def _diverse(normals: Float[np.ndarray, "v 3"]) -> bool:
+    """Whether boards lean to directions at least 30 degrees apart (a lean to opposite sides is one axis)."""
+    if len(normals) < 2:
+        return False
+    leaning = np.arctan2(normals[:, 1], normals[:, 0])
+    apart = np.abs(leaning[:, None] - leaning[None, :]) % np.pi
+    return bool((np.minimum(apart, np.pi - apart) >= np.radians(30)).any())
+
+
+def _coverage(views: list[BoardView], size: tuple[int, int]) -> float:
+    seen = np.zeros((6, 6), dtype=bool)
+    for view in views:
+        cells = np.clip((view.pixels / np.array(size) * 6).astype(int), 0, 5)
+        seen[cells[:, 1], cells[:, 0]] = True
+    return float(seen.mean())
+
+
+def _collinear(board: Board, view: BoardView) -> bool:
+    """Corners on one line of the board leave its pose open."""
+    points = board.corners_m[view.corner_ids, :2]
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[-1] < 0.4 * board.square_m)
+
+
+def _listed(removed: dict[str, str]) -> str:
+    texts = [f"{name} ({reason})" for name, reason in removed.items()]
+    return ", ".join(texts[:5]) + (f" and {len(texts) - 5} more" if len(texts) > 5 else "")

@@ -1,0 +1,229 @@
+"""What a verb may say, and where it goes: results to stdout, everything else to stderr."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Sized
+from types import TracebackType
+from typing import Any, Generic, Self, TextIO, TypeVar
+
+from . import _json
+
+__all__ = ["Arguments", "Console", "OutputClosedError", "Progress"]
+
+Item = TypeVar("Item")
+
+#: A plain progress line is due after so many seconds ...
+PLAIN_SECONDS = 5.0
+#: ... or after this share of the work, but never more often than once per second.
+PLAIN_SHARE = 0.1
+
+
+class OutputClosedError(Exception):
+    """The reader of our output has gone (``visuohaptic ... | head``)."""
+
+
+class Arguments(argparse.Namespace):
+    """Arguments of a verb, and the console that it talks through."""
+
+    json: bool  #: the result goes to stdout as JSON, every report to stderr
+    verbose: bool
+    quiet: bool
+    console: Console
+
+    def report(self, text: str = "") -> None:
+        """Print a line for people."""
+        self.console.report(text)
+
+    def progress(self, work: Iterable[Item] | int, description: str) -> Progress[Item]:
+        """Show how far a long work is; iterate over it, or call its ``advance``."""
+        return self.console.progress(work, description)
+
+
+class Console:
+    """Lines for people, JSON for machines, progress for the patient."""
+
+    def __init__(self, *, json: bool = False, quiet: bool = False, verbose: bool = False) -> None:
+        self.json = json
+        self.quiet = quiet
+        self.verbose = verbose
+        self._reported = False
+
+    def report(self, text: str = "") -> None:
+        """Print a line for people: on stdout, or on stderr when stdout carries JSON."""
+        self._reported = True
+        if not self.quiet:
+            _write(sys.stderr if self.json else sys.stdout, text)
+
+    def result(self, value: Any) -> None:
+        """Print the result as JSON when that was asked for, else as lines if the verb said nothing."""
+        if self.json:
+            _write(sys.stdout, _json.dumps(value))
+        elif not self._reported and not self.quiet:
+            for line in _lines(_json.plain(value)):
+                _write(sys.stdout, line)
+
+    def error(self, text: str) -> None:
+        """Print the one line that says what went wrong."""
+        _write(sys.stderr, "visuohaptic: error: " + " ".join(text.split()))
+
+    def progress(self, work: Iterable[Item] | int, description: str) -> Progress[Item]:
+        """Progress over an iterable, or over a number of steps that the caller advances."""
+        return Progress(work, description, quiet=self.quiet)
+
+    def start_logging(self) -> None:
+        """Send the library's log to stderr."""
+        level = logging.ERROR if self.quiet else logging.DEBUG if self.verbose else logging.WARNING
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(_LogLine())
+        logger = logging.getLogger("visuohaptic")
+        logger.handlers[:] = [handler]
+        logger.setLevel(level)
+        logger.propagate = False
+
+
+class _LogLine(logging.Formatter):
+    """``visuohaptic: warning: text``, as the errors look."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        text = f"visuohaptic: {record.levelname.lower()}: {record.getMessage()}"
+        return f"{text}\n{self.formatException(record.exc_info)}" if record.exc_info else text
+
+
+def _lines(value: Any, indent: str = "") -> Iterator[str]:
+    """A plain result for people: one field per line, what is inside another is indented."""
+    pairs = (
+        value.items() if isinstance(value, dict) else ((f"{i + 1}.", item) for i, item in enumerate(value))
+    )
+    for name, item in pairs:
+        if isinstance(item, (dict, list)) and item and not _is_flat(item):
+            yield f"{indent}{name}"
+            yield from _lines(item, indent + "  ")
+        else:
+            yield f"{indent}{name}: {_flat_text(item)}"
+
+
+def _is_flat(value: Any) -> bool:
+    return isinstance(value, list) and not any(isinstance(item, (dict, list)) for item in value)
+
+
+def _flat_text(value: Any) -> str:
+    if isinstance(value, (list, dict)):
+        return ", ".join(_flat_text(item) for item in value) if value else "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "unknown" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _write(stream: TextIO, text: str) -> None:
+    try:
+        stream.write(text + "\n")
+        stream.flush()
+    except BrokenPipeError as error:
+        raise OutputClosedError from error
+
+
+class Progress(Generic[Item]):
+    """A bar on a terminal, a line now and then in a log file.
+
+    Use it in one of two ways::
+
+        for frame in args.progress(frames, "reading"): ...
+
+        with args.progress(300, "driving") as bar:
+            bar.advance(text="contact")
+
+    Parameters
+    ----------
+    work
+        What to iterate over, or the number of steps (0 when it is not known).
+    description
+        What is being done, one or two words.
+    """
+
+    def __init__(
+        self,
+        work: Iterable[Item] | int,
+        description: str,
+        *,
+        quiet: bool = False,
+        stream: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._items: Iterable[Item] = () if isinstance(work, int) else work
+        self.total = work if isinstance(work, int) else len(work) if isinstance(work, Sized) else 0
+        self.done = 0
+        self._description = description
+        self._quiet = quiet
+        self._stream = stream if stream is not None else sys.stderr
+        self._clock = clock
+        self._bar: Any = None
+        self._task: Any = None
+        self._text = ""
+        self._started_s = self._printed_s = clock()
+        self._printed_done = 0
+
+    def __iter__(self) -> Iterator[Item]:
+        with self:
+            for item in self._items:
+                yield item
+                self.advance()
+
+    def __enter__(self) -> Self:
+        self._started_s = self._printed_s = self._clock()
+        if not self._quiet and self._stream.isatty():
+            self._open_bar()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        elif not self._quiet and kind is None and self.done > self._printed_done:
+            self._print_line()
+
+    def advance(self, steps: int = 1, text: str = "") -> None:
+        """Say that ``steps`` more are done; ``text`` is shown behind the numbers."""
+        self.done += steps
+        self._text = text
+        if self._quiet:
+            return
+        if self._bar is not None:
+            self._bar.update(self._task, advance=steps, note=text)
+            return
+        waited_s = self._clock() - self._printed_s
+        share = (self.done - self._printed_done) / self.total if self.total else 0.0
+        if waited_s >= PLAIN_SECONDS or (waited_s >= 1.0 and share >= PLAIN_SHARE):
+            self._print_line()
+
+    def _print_line(self) -> None:
+        elapsed_s = self._clock() - self._started_s
+        line = f"{self._description}: {self.done}"
+        if self.total:
+            line += f"/{self.total} ({100 * self.done / self.total:.0f} %)"
+        line += f", {elapsed_s:.0f} s"
+        if 0 < self.done < self.total:
+            line += f", about {elapsed_s * (self.total - self.done) / self.done:.0f} s left"
+        _write(self._stream, line + (f", {self._text}" if self._text else ""))
+        self._printed_s, self._printed_done = self._clock(), self.done
+
+    def _open_bar(self) -> None:
+        from rich.console import Console as RichConsole
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as RichProgress
+
+        self._bar = RichProgress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=RichConsole(file=self._stream),
+        )
+        self._task = self._bar.add_task(self._description, total=self.total or None, note="")
+        self._bar.start()

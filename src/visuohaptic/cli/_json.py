@@ -1,0 +1,53 @@
+"""Results as JSON that every reader accepts: no NaN, no types that only Python knows."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from pathlib import PurePath
+from typing import Any
+
+__all__ = ["dumps", "plain"]
+
+
+def plain(value: Any) -> Any:
+    """Turn a result into mappings, lists, numbers, texts and ``None``.
+
+    NaN and infinities become ``None`` because JSON has no word for them.
+    NumPy's numbers and arrays, dataclasses, enumerations and paths are
+    understood; NumPy itself is not imported for that.
+
+    Raises
+    ------
+    TypeError
+        A value of an unknown type: a mistake in the verb, not in its input.
+    """
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, int):
+        return int(value)
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if isinstance(value, PurePath):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [plain(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+    if callable(to_list := getattr(value, "tolist", None)):  # NumPy's arrays and numbers
+        return plain(to_list())
+    raise TypeError(f"a result has a value of type {type(value).__name__}, which JSON cannot hold")
+
+
+def dumps(value: Any) -> str:
+    """One line of JSON."""
+    return json.dumps(plain(value), ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,230 @@
+"""The command ``visuohaptic``: finds the verb, loads only that verb's module, and turns errors into one line.
+
+A verb is a module with
+
+- ``HELP: str``, what it does in one line;
+- ``add_arguments(parser)``, its arguments;
+- ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
+- optionally ``EPILOG: str``, what it reads and writes, with an example.
+
+Exit codes: 0 done, 2 bad input or usage, 1 a mistake of ours, 130 interrupted,
+141 the reader of our output has gone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from types import ModuleType
+from typing import NoReturn
+
+from .._version import __version__
+from ..errors import VisuohapticError
+from ._console import Arguments, Console, OutputClosedError
+
+__all__ = ["VERBS", "UsageError", "main", "verb_parser"]
+
+#: Verb -> module and one line of help. The help is repeated here so that the
+#: overview needs no import of the modules, which take half a second.
+VERBS: Mapping[str, tuple[str, str]] = {
+    "demo": ("visuohaptic.cli.demo", "drive a simulated robot at three obstacles and read the force"),
+    "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
+    "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
+    "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
+    "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
+    "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
+    "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
+    "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
+}
+
+_GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}
+
+_OVERVIEW = """\
+visuohaptic {version}: force and shape from a camera, and what a robot does with them
+
+usage: visuohaptic VERB [options]
+
+verbs:
+{verbs}
+
+options, with every verb:
+  -h, --help         what the verb reads and writes, with an example
+  --json             the result as JSON on stdout, everything else on stderr
+  -v, --verbose      say more, and show where an unexpected error came from
+  -q, --quiet        say nothing but errors
+  --version          print the version
+
+example: visuohaptic calibrate foam data.csv --out foam.yaml"""
+
+
+class UsageError(VisuohapticError):
+    """A command line that cannot be understood."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """argparse with one line for an error instead of the whole usage."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
+
+
+def main(argv: Sequence[str] | None = None, verbs: Mapping[str, tuple[str, str]] = VERBS) -> int:
+    """Run one verb and return the exit code.
+
+    Parameters
+    ----------
+    argv
+        The words after ``visuohaptic``; those of this process by default.
+    verbs
+        The registry; tests hand over their own.
+    """
+    words = list(sys.argv[1:] if argv is None else argv)
+    for stream in (sys.stdout, sys.stderr):
+        if callable(reconfigure := getattr(stream, "reconfigure", None)):
+            reconfigure(errors="replace")  # a sigma on an ASCII terminal is no reason to fail
+    console = Console(
+        json="--json" in words,
+        quiet=bool({"-q", "--quiet"} & set(words)),
+        verbose=bool({"-v", "--verbose"} & set(words)),
+    )
+    try:
+        return _run(words, console, verbs)
+    except OutputClosedError:
+        # Python would complain once more when it flushes stdout at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 141
+    except KeyboardInterrupt:
+        console.error("interrupted")
+        return 130
+    except VisuohapticError as error:
+        console.error(str(error))
+        return 2
+    except OSError as error:
+        console.error(f"{error.filename or 'input or output'}: {error.strerror or error}")
+        return 2
+    except Exception as error:  # noqa: BLE001 - the last line of defence: one line, never a traceback
+        console.error(f"unexpected {type(error).__name__}: {error}; {_advice(console.verbose)}")
+        if console.verbose:
+            import traceback
+
+            traceback.print_exc()
+        return 1
+
+
+def _advice(verbose: bool) -> str:
+    return "please report it with what follows" if verbose else "run it again with --verbose to see where"
+
+
+def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]]) -> int:
+    verb, rest = _find_verb(words, verbs)
+    if verb is None:
+        flags = set(words)
+        if "--version" in flags:
+            sys.stdout.write(f"visuohaptic {__version__}\n")
+        else:
+            console.json = False
+            console.report(_overview(verbs))
+        return 0
+    if words_of_group := _group(verb, verbs):
+        if not {"-h", "--help"} & set(rest):
+            raise UsageError(f"{verb}: which one? expected {_listed(words_of_group)}")
+        console.report(_overview({name: verbs[name] for name in words_of_group}))
+        return 0
+    module = _load(verb, verbs)
+    parser = verb_parser(verb, module)
+    try:
+        args = parser.parse_args(rest, namespace=Arguments())
+    except SystemExit as stop:  # argparse has printed the help
+        return int(stop.code or 0)
+    console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
+    console.start_logging()
+    args.console = console
+    result = module.run(args)
+    if result is not None:
+        console.result(result)
+    return 0
+
+
+def verb_parser(verb: str, module: ModuleType) -> argparse.ArgumentParser:
+    """The parser of one verb, with the options that every verb has."""
+    parser = _Parser(
+        prog=f"visuohaptic {verb}",
+        description=module.HELP,
+        epilog=getattr(module, "EPILOG", None),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+        conflict_handler="resolve",  # an option of the verb's own wins
+    )
+    common = parser.add_argument_group("with every verb")
+    for flags, text in (
+        (("--json",), "the result as JSON on stdout, everything else on stderr"),
+        (("-v", "--verbose"), "say more, and show where an unexpected error came from"),
+        (("-q", "--quiet"), "say nothing but errors"),
+    ):
+        common.add_argument(*flags, action="store_true", help=text)
+    module.add_arguments(parser)
+    return parser
+
+
+def _find_verb(words: list[str], verbs: Mapping[str, tuple[str, str]]) -> tuple[str | None, list[str]]:
+    """The verb (or group of verbs) that the words name, and the words that are left for it."""
+    lead = 0
+    while lead < len(words) and words[lead].startswith("-"):
+        if words[lead] not in _GLOBAL_FLAGS | {"-h", "--help", "--version"}:
+            raise UsageError(f"unknown option {words[lead]} before the verb; see visuohaptic --help")
+        lead += 1
+    front, named = words[:lead], words[lead:]
+    if not named or "--version" in front:
+        return None, []
+    for count in (2, 1):
+        candidate = " ".join(named[:count])
+        if candidate in verbs or (count == 1 and _group(candidate, verbs)):
+            rest = front + named[count:]
+            if candidate not in verbs and len(named) > 1 and not named[1].startswith("-"):
+                raise _unknown(" ".join(named[:2]), verbs)
+            return candidate, rest
+    raise _unknown(named[0], verbs)
+
+
+def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
+    """Verbs that begin with a word that is no verb itself."""
+    return [] if name in verbs else [verb for verb in verbs if verb.startswith(name + " ")]
+
+
+def _unknown(name: str, verbs: Mapping[str, tuple[str, str]]) -> UsageError:
+    import difflib
+
+    near = difflib.get_close_matches(name, verbs, n=1)
+    return UsageError(f"unknown verb '{name}', expected {_listed(near or list(verbs))}")
+
+
+def _listed(names: Sequence[str]) -> str:
+    quoted = [f"'{name}'" for name in names]
+    return quoted[0] if len(quoted) == 1 else ", ".join(quoted[:-1]) + " or " + quoted[-1]
+
+
+def _load(verb: str, verbs: Mapping[str, tuple[str, str]]) -> ModuleType:
+    name = verbs[verb][0]
+    try:
+        return importlib.import_module(name)
+    except VisuohapticError:
+        raise
+    except ImportError as error:
+        if error.name == name:
+            raise UsageError(f"the verb '{verb}' is not part of this version ({__version__})") from error
+        from ._extras import missing_library_error
+
+        raise missing_library_error(error, verb) from error
+
+
+def _overview(verbs: Mapping[str, tuple[str, str]]) -> str:
+    width = max(len(verb) for verb in verbs) + 2
+    lines = "\n".join(f"  {verb:<{width}}{text}" for verb, (_, text) in verbs.items())
+    return _OVERVIEW.format(version=__version__, verbs=lines)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,111 @@
+"""A complete foam sensor in the virtual world: pressed, calibrated, mounted, zeroed, as one would a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera import Frame
+from ..sensing.foam import FoamSensor, calibrate_foam, read_strain_stress
+from ..simulation.effects import CameraEffects
+from ..simulation.look import Look
+from ..simulation.press import calibration_press
+from ..simulation.renderer import SceneRenderer
+from ..simulation.rig import SensorRig
+from ..simulation.scene import FoamScene
+from ..simulation.strip import SOFT_FOAM, StripGeometry, StripLaw
+from ..simulation.strip_law import write_calibration_csv
+
+__all__ = ["VirtualSensor", "rest_scene"]
+
+#: Imperfections of the camera in demos and benchmarks: a usual webcam in indoor light.
+WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
+
+
+def rest_scene(geometry: StripGeometry, t_s: float = 0.0) -> FoamScene:
+    """The strip with nothing in front of it."""
+    s = geometry.positions_m()
+    back = geometry.back_m(s)
+    return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
+
+
+@dataclass
+class VirtualSensor:
+    """What it takes to simulate a foam sensor, and the files that describe it.
+
+    ``build`` writes ``strain_stress.csv`` from a simulated press, calibrates it to
+    ``foam.yaml``, writes ``camera.yaml`` and ``sensor.yaml``, and takes the zero
+    reference from rendered frames: the estimator gets nothing else.
+    """
+
+    geometry: StripGeometry = field(default_factory=lambda: StripGeometry(spacing_m=0.001))
+    law: StripLaw = SOFT_FOAM
+    rig: SensorRig = field(default_factory=SensorRig)
+    look: Look = field(default_factory=Look.photo)
+    effects: CameraEffects = WEBCAM
+    press_sigma_N: float = 0.05  #: noise of the press's force sensor
+    frame_rate_Hz: float = 30.0
+
+    def build(
+        self,
+        folder: Path | str,
+        rng: np.random.Generator,
+        *,
+        zero_frames: int = 30,
+        on_step: Callable[[str], None] | None = None,
+        **config: Any,
+    ) -> FoamSensor:
+        """Write all files to a folder and return the zeroed sensor.
+
+        Parameters
+        ----------
+        config
+            Further fields of ``sensor.yaml``.
+        """
+        folder = Path(folder)
+        say = on_step or (lambda text: None)
+        say("pressing the foam for its strain-stress curve")
+        rows = calibration_press(
+            geometry=StripGeometry(
+                self.geometry.length_m, self.geometry.width_m, self.geometry.height_m, spacing_m=0.002
+            ),
+            law=self.law,
+            reference_sigma_N=self.press_sigma_N,
+            rng=rng,
+        )
+        write_calibration_csv(folder / "strain_stress.csv", rows)
+        say("calibrating")
+        calibration = calibrate_foam(
+            read_strain_stress(folder / "strain_stress.csv"),
+            width_m=self.geometry.width_m,
+            height_m=self.geometry.height_m,
+        )
+        calibration.material.save(folder / "foam.yaml")
+        bent = np.isfinite(self.geometry.radius_m)
+        path = self.rig.write(
+            folder,
+            length_m=self.geometry.length_m,
+            radius_m=self.geometry.radius_m if bent else None,
+            **config,
+        )
+        sensor = FoamSensor.load(path)
+        say("taking the zero reference")
+        zero = sensor.zero(self.rest_frames(rng, zero_frames), limit=zero_frames)
+        zero.save(sensor.setup.zero_path)
+        return sensor
+
+    def renderer(self) -> SceneRenderer:
+        """The camera above this strip."""
+        return SceneRenderer(self.rig.camera, self.rig.pose_camera_foam, self.look, self.effects)
+
+    def rest_frames(self, rng: np.random.Generator, count: int) -> list[Frame]:
+        """Frames of the untouched strip that end just before time zero."""
+        renderer, scene = self.renderer(), rest_scene(self.geometry)
+        return [
+            Frame(renderer.render(scene, rng=rng), (i - count) / self.frame_rate_Hz, i - count)
+            for i in range(count)
+        ]

@@ -1,0 +1,257 @@
+"""Compiled sums over a contour; plain arrays in and out. Everything else is in ``profile.py``."""
+
+# mypy: disable-error-code="no-untyped-def"
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+#: Columns of the region table.
+FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (
+    range(11)
+)
+DOUBT_VAR = 11
+COLUMNS = 12
+#: Flanks of simulated foams bend as if their tension were this many times that of the force law.
+FLANK = 2.5
+#: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
+TOUCH = 0.5
+
+
+@njit(cache=True)
+def _share(
+    s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
+):
+    """Share the force of a region out over its points by the Pasternak law; find where it touches."""
+    highest = 0.0
+    for j in range(first, last + 1):
+        highest = max(highest, delta[j])
+    for j in range(lo, hi):
+        ds = s[j + 1] - s[j]
+        g = (max(delta[j + 1], 0.0) - max(delta[j], 0.0)) / ds
+        eps = max(0.5 * (max(delta[j], 0.0) + max(delta[j + 1], 0.0)) / width, 2e-3)
+        mean = 0.5 * (factor[j] * stress[j] + factor[j + 1] * stress[j + 1])
+        pull = FLANK * kappa * width * mean * (1 - eps) / (eps * (2 - eps)) / 3 * g / np.sqrt(1 + g * g)
+        if j >= first:
+            pressure[j] -= pull / weight[j]
+        if j + 1 <= last:
+            pressure[j + 1] += pull / weight[j + 1]
+    touch_first, touch_last = -1, -1
+    total = 0.0
+    for j in range(first, last + 1):
+        # Two neighbours must agree: in the shallow tail noise bends the contour at single points.
+        here = pressure[j] > TOUCH * factor[j] * stress[j]
+        after = j < last and pressure[j + 1] > TOUCH * factor[j + 1] * stress[j + 1]
+        before = j > first and pressure[j - 1] > TOUCH * factor[j - 1] * stress[j - 1]
+        if here and (after or before) and delta[j] > 0.1 * highest:
+            if touch_first < 0:
+                touch_first = j
+            touch_last = j
+    if touch_first < 0:
+        touch_first, touch_last = first, last
+    if mode == 0:
+        force = 0.0
+        for j in range(first, last + 1):
+            inside = touch_first <= j <= touch_last
+            pressure[j] = factor[j] * stress[j] if inside else 0.0
+            force += height * weight[j] * pressure[j]
+        return touch_first, touch_last, force
+    for j in range(first, last + 1):
+        if pressure[j] < 0 or j < touch_first or j > touch_last:
+            pressure[j] = 0.0
+        total += height * weight[j] * pressure[j]
+    if total > 0:
+        for j in range(first, last + 1):
+            pressure[j] *= force / total
+    return touch_first, touch_last, force
+
+
+@njit(
+    "Tuple((i8, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[::1]))"
+    "(f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8, f8, f8, f8, f8, f8, i8, f8, f8, i8,"
+    " f8[::1], f8[:, ::1], f8[:, :, ::1], f8[::1], f8)",
+    cache=True,
+)
+def integrate_regions(
+    s,
+    delta,
+    sigma,
+    doubt,
+    index,
+    factor,
+    cell_before,
+    cell_after,
+    zero_sigma,
+    width,
+    height,
+    kappa,
+    mode,
+    seed_pair,
+    seed_single,
+    max_gap,
+    knots,
+    pieces,
+    basis_pieces,
+    soft,
+    soft_end,
+):
+    """Find contact regions and integrate stress, noise and derivatives over each.
+
+    All points given are valid; ``index`` is their number on the strip, so that a jump
+    in it is a gap. ``factor`` scales the stress (hysteresis). ``doubt`` is a systematic
+    error of each point. ``cell_before`` and ``cell_after`` are the lengths of foam beyond
+    the first and the last point. ``mode`` is the index in
+    ``BOUNDARIES``. Returns the number of regions, pressure, pressure sigma, the region
+    table, the sums of basis functions per region, and the weight of each point [m].
+    """
+    n = len(s)
+    terms = basis_pieces.shape[1]
+    stress = np.zeros(n)
+    slope = np.zeros(n)
+    pressure = np.zeros(n)
+    pressure_sigma = np.zeros(n)
+    weight = np.zeros(n)
+    piece_of = np.zeros(n, np.int64)
+    end = knots[-1]
+    last_piece = len(knots) - 2
+    for i in range(n):
+        eps = delta[i] / width
+        x = min(max(eps, 0.0), end)
+        k = 0
+        while k < last_piece and x >= knots[k + 1]:
+            k += 1
+        piece_of[i] = k
+        x -= knots[k]
+        a, b, c, d = pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3]
+        slope[i] = b + x * (2 * c + 3 * x * d)
+        stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * max(eps - end, 0.0)
+        pressure_sigma[i] = (
+            factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+        )
+    table = np.zeros((n // 2 + 1, 12))
+    sums = np.zeros((n // 2 + 1, terms))
+    count = 0
+    step = soft_end / (len(soft) - 1)
+    gradient = np.zeros(n)
+    i = 0
+    while i < n:
+        # A region grows from a seed: one point far above the noise, or two neighbours above it.
+        if delta[i] <= 0.0:
+            i += 1
+            continue
+        first = i
+        seeded = False
+        previous = False
+        while i < n and delta[i] > 0.0:
+            if i > first and index[i] - index[i - 1] > max_gap + 1:
+                break
+            scale = np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+            high = delta[i] > seed_pair * scale
+            if delta[i] > seed_single * scale or (high and previous):
+                seeded = True
+            previous = high
+            i += 1
+        last = i - 1
+        if not seeded:
+            continue
+        cut = 0.0
+        # The trapezoid goes on to the neighbour outside, where the stress is zero.
+        if first > 0:
+            if index[first] - index[first - 1] > max_gap + 1:
+                cut = 1.0
+        elif index[first] > max_gap:
+            cut = 1.0
+        if last < n - 1 and index[last + 1] - index[last] > max_gap + 1:
+            cut = 1.0
+        lo = first - 1 if first > 0 and index[first] - index[first - 1] <= max_gap + 1 else first
+        hi = last + 1 if last < n - 1 and index[last + 1] - index[last] <= max_gap + 1 else last
+        for j in range(lo, hi + 1):
+            gradient[j] = 0.0
+            if first <= j <= last:
+                weight[j] = 0.0
+                pressure[j] = factor[j] * stress[j]
+        if first == 0:
+            weight[0] += cell_before
+        if last == n - 1:
+            weight[n - 1] += cell_after
+        relief = 0.0
+        sampling = 0.0
+        top = 0.0
+        for j in range(lo, hi):
+            ds = s[j + 1] - s[j]
+            left = max(delta[j], 0.0)
+            right = max(delta[j + 1], 0.0)
+            if j >= first:
+                weight[j] += 0.5 * ds
+            if j + 1 <= last:
+                weight[j + 1] += 0.5 * ds
+            m_left = factor[j] * stress[j]
+            m_right = factor[j + 1] * stress[j + 1]
+            g = (right - left) / ds
+            if abs(g) > 0.7 or index[j + 1] - index[j] > 1:
+                # A jump somewhere between two points: uniformly distributed.
+                sampling += (height * ds * (m_right - m_left)) ** 2 / 12
+            if mode != 1:
+                eps = 0.5 * (left + right) / width
+                position = min(eps / step, len(soft) - 1.001)
+                cell = int(position)
+                rise = soft[cell + 1] - soft[cell]
+                loss = soft[cell] + rise * (position - cell)
+                scale = 0.5 * (factor[j] + factor[j + 1])
+                sine2 = g * g / (1 + g * g)
+                relief += height * ds * loss * sine2 * scale
+                turn = kappa * height * scale * loss * 2 * g / (1 + g * g) ** 2
+                drift = kappa * height * scale * ds * sine2 * rise / step / (2 * width)
+                gradient[j] += turn - drift
+                gradient[j + 1] -= turn + drift
+        force = 0.0
+        for j in range(first, last + 1):
+            force += height * weight[j] * factor[j] * stress[j]
+            gradient[j] += height * weight[j] * factor[j] * slope[j] / width
+            top = max(top, delta[j] / width)
+        touch_first, touch_last = first, last
+        if mode != 1:
+            if mode == 2:
+                force -= kappa * relief
+            touch_first, touch_last, force = _share(
+                s,
+                delta,
+                stress,
+                factor,
+                weight,
+                pressure,
+                first,
+                last,
+                lo,
+                hi,
+                width,
+                height,
+                kappa,
+                mode,
+                force,
+            )
+        image = 0.0
+        systematic = 0.0
+        zero = 0.0
+        for j in range(first, last + 1):
+            if mode == 0 and (j < touch_first or j > touch_last):
+                continue
+            image += (gradient[j] * sigma[j]) ** 2
+            systematic += (gradient[j] * doubt[j]) ** 2
+            zero += gradient[j]
+            eps = delta[j] / width
+            x = min(eps, end) - knots[piece_of[j]]
+            beyond = max(eps - end, 0.0)
+            for k in range(terms):
+                a = basis_pieces[piece_of[j], k, 0]
+                b = basis_pieces[piece_of[j], k, 1]
+                c = basis_pieces[piece_of[j], k, 2]
+                d = basis_pieces[piece_of[j], k, 3]
+                value = a + x * (b + x * (c + x * d)) + beyond * (b + x * (2 * c + 3 * x * d))
+                sums[count, k] += height * weight[j] * factor[j] * value
+        row = table[count]
+        row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
+        row[5], row[6], row[7], row[8] = relief, sampling, top, cut
+        row[9], row[10], row[11] = touch_first, touch_last, systematic
+        count += 1
+    return count, pressure, pressure_sigma, table, sums, weight

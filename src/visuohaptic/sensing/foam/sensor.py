@@ -1,0 +1,340 @@
+"""The foam sensor: from a camera frame to deflection, pressure and force."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...camera import Frame, PlaneView
+from ...errors import CalibrationError, InputError
+from ...objects import Contact, ErrorBudget, ForceProfile, Reason
+from ...tracking import PointReason
+from ._appearance import covered_points
+from .config import FoamSensorConfig, FoamSetup
+from .hysteresis import HysteresisState
+from .optics import ObservedStrip, StripOptics
+from .profile import ContactRegion, FoamReading, read_profile
+from .zero import ZeroReference, ZeroWatch
+
+__all__ = ["FoamSensor"]
+
+log = logging.getLogger(__name__)
+
+#: A gap of up to this many points between seen neighbours is bridged; a longer one may hide a contact.
+_BRIDGED_POINTS = 2
+
+#: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
+#: part of the difference between these.
+_DOUBTFUL_POINTS = 3
+_DOUBTFUL_MARGIN = 0.15
+
+
+class FoamSensor:
+    """A foam strip observed by a camera.
+
+    Examples
+    --------
+    >>> sensor = FoamSensor.load("sensor.yaml")                    # doctest: +SKIP
+    >>> with open_source("push.mp4") as source:                    # doctest: +SKIP
+    ...     for frame in source:
+    ...         profile = sensor.read(frame)
+    ...         print(profile.t_s, profile.force_N, profile.force_sigma_N, profile.reason)
+    """
+
+    def __init__(self, setup: FoamSetup, zero: ZeroReference | None = None) -> None:
+        self.setup = setup
+        stripe = setup.config.stripe
+        self.optics = StripOptics(
+            setup.geometry,
+            setup.config.tracking,
+            PlaneView(setup.camera, setup.pose_camera_foam),
+            stripe_width_m=stripe.width_m if stripe is not None else 0.0,
+        )
+        self._watch = ZeroWatch(zero) if zero is not None else None
+        self._memory = HysteresisState.at_rest(len(setup.geometry.s_m))
+        self._last_t_s: float | None = None
+        self._last_sample: np.ndarray | None = None
+        self.strip: ObservedStrip | None = None  #: of the last frame, for drawing
+        self.reading: FoamReading | None = None  #: of the last frame
+
+    @classmethod
+    def load(cls, path: Path | str) -> FoamSensor:
+        """A sensor as described by ``sensor.yaml``, with its zero reference if there is one."""
+        setup = FoamSensorConfig.load(path)
+        zero = None
+        if setup.zero_path.exists():
+            zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
+        return cls(setup, zero)
+
+    @property
+    def zero_reference(self) -> ZeroReference | None:
+        """The present zero reference; ``None`` before :meth:`zero`."""
+        return self._watch.zero if self._watch is not None else None
+
+    def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
+        """Take the zero reference from frames of a strip that nothing touches.
+
+        Parameters
+        ----------
+        limit
+            No more than this many frames are read.
+
+        Raises
+        ------
+        CalibrationError
+            The contours were not found, or the strip moved meanwhile.
+        """
+        self._watch = None
+        self.optics.reset()
+        seen: list[ObservedStrip] = []
+        used = 0
+        for used, frame in enumerate(frames, start=1):
+            self._check_size(frame)
+            strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
+            if strip is not None:
+                seen.append(strip)
+            if used >= limit:
+                break
+        if len(seen) < max(1, used // 2):
+            raise CalibrationError(
+                "zero",
+                f"the reference contour was found in {len(seen)} of {used} frames",
+                remedy="check pose_camera_foam in sensor.yaml, the light and the focus",
+            )
+        zero = ZeroReference.from_samples(
+            seen[-1].t_s,
+            np.array([strip.reference_px for strip in seen]),
+            np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
+            np.array([strip.foam_grey for strip in seen]),
+            doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
+        )
+        self._watch = ZeroWatch(zero)
+        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
+        self._last_t_s = None
+        self.optics.forget_motion()
+        return zero
+
+    def reset(self) -> None:
+        """Forget the last frames and the foam's history; the zero reference stays."""
+        self.optics.reset()
+        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
+        self._last_t_s = None
+        self._last_sample = None
+
+    def read(self, frame: Frame) -> ForceProfile:
+        """Deflection, pressure and force of one frame, with uncertainty, validity and reason.
+
+        Frames are given in the order in which the camera delivers them. A frame that is
+        older than the one before, or the very same image again, is reported as stale.
+        """
+        self._check_size(frame)
+        if self._stale(frame):
+            return self.blank(frame.t_s, Reason.STALE)
+        strip = self.strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
+        if strip is None:
+            return self.blank(frame.t_s, Reason.LOST)
+        return self._interpret(strip)
+
+    def _check_size(self, frame: Frame) -> None:
+        camera = self.setup.camera
+        if frame.image.shape[:2] != (camera.height, camera.width):
+            raise InputError(
+                f"frame {frame.index}",
+                f"found {frame.image.shape[1]} x {frame.image.shape[0]} px, "
+                f"expected {camera.width} x {camera.height} as in {self.setup.config.camera}",
+            )
+
+    def _stale(self, frame: Frame) -> bool:
+        """A frame out of order, or a repetition: real images never repeat to the last bit of noise."""
+        sample = frame.image[:: max(1, frame.image.shape[0] // 64), ::7].copy()
+        repeated = self._last_sample is not None and np.array_equal(sample, self._last_sample)
+        late = self._last_t_s is not None and not frame.t_s > self._last_t_s
+        if late or repeated:
+            return True
+        self._last_sample = sample
+        if self._last_t_s is not None and frame.t_s - self._last_t_s > self.setup.config.max_gap_s:
+            self.optics.forget_motion()
+        self._last_t_s = frame.t_s
+        return False
+
+    def _interpret(self, strip: ObservedStrip) -> ForceProfile:
+        """Widths to deflection, deflection to pressure and force, and whether to believe it."""
+        geometry, material = self.setup.geometry, self.setup.material
+        watch = self._watch
+        zero = watch.zero if watch is not None else None
+        width0 = zero.width_m if zero is not None else np.full(len(geometry.s_m), self.optics.rest_width_m)
+        zero_sigma = zero.width_sigma_m if zero is not None else 0.0
+        scale = geometry.width_m / width0
+        delta = scale * (width0 - strip.width_m)
+        sigma = scale * np.hypot(strip.width_sigma_m, zero_sigma)
+        covered = np.zeros(len(delta), dtype=bool)
+        if zero is not None:
+            covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
+        good = strip.usable & ~covered
+        doubtful = strip.doubtful & ~covered
+        doubt = np.where(doubtful, scale * _doubt(strip), 0.0)
+        seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
+        delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
+        doubt = np.where(seen, doubt, 0.0)
+        moved_px = strip.moved_px
+        common = watch.sigma_m if watch is not None else 0.0
+        # A camera that shifted sideways may have shifted as far in depth: width scales with 1/distance.
+        common = float(np.hypot(common, geometry.width_m * moved_px / self.setup.camera.focal_px))
+        reading = read_profile(
+            geometry.s_m,
+            delta,
+            sigma,
+            np.isfinite(delta),
+            material,
+            boundary=self.setup.config.boundary,
+            zero_sigma_m=common,
+            memory=self._memory,
+            doubt_m=doubt,
+            end_cells_m=geometry.end_cells_m,
+        )
+        self.reading = reading
+        sigma = np.hypot(sigma, doubt)
+        reason = self._judge(reading, gap, covered, strip)
+        if watch is not None and reason is Reason.OK:
+            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
+        return ForceProfile(
+            strip.t_s,
+            reason is Reason.OK,
+            reason,
+            reading.force_N,
+            reading.budget,
+            geometry.s_m,
+            delta,
+            sigma,
+            reading.pressure_Pa,
+            reading.pressure_sigma_Pa,
+            seen,
+            tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
+        )
+
+    def _contact(
+        self,
+        region: ContactRegion,
+        strip: ObservedStrip,
+        delta: Float[np.ndarray, "K"],
+        sigma: Float[np.ndarray, "K"],
+    ) -> Contact:
+        """One region with its contour in frame F, free of points that were not seen."""
+        inside = np.arange(region.first, region.last + 1)
+        inside = inside[np.isfinite(delta[inside])]
+        geometry = self.setup.geometry
+        # From deflections rather than cast pixels: normalised with the zero reference like the force.
+        front = geometry.front_m[inside] - delta[inside, None] * geometry.outward[inside]
+        return Contact(
+            region.s_start_m,
+            region.s_end_m,
+            region.force_N,
+            region.budget,
+            region.valid,
+            region.reason,
+            front,
+            sigma[inside],
+            delta[inside],
+        )
+
+    def _judge(self, reading: FoamReading, gap: bool, covered: np.ndarray, strip: ObservedStrip) -> Reason:
+        """The first reason not to believe the frame, the gravest first."""
+        if self._watch is None:
+            return Reason.NOT_ZEROED
+        if strip.moved_px > self.setup.config.tracking.bump_px:
+            return Reason.MOVED
+        if gap:
+            hidden = covered | (strip.front.reason == PointReason.OCCLUDED)
+            return Reason.OCCLUDED if 2 * hidden.sum() >= (~strip.usable | covered).sum() else Reason.LOST
+        if self._watch.drifted:
+            return Reason.DRIFTED
+        return reading.reason
+
+    def blank(self, t_s: float, reason: Reason) -> ForceProfile:
+        """A profile that says only why there is none."""
+        unknown = np.full(len(self.setup.geometry.s_m), np.nan)
+        return ForceProfile(
+            t_s,
+            False,
+            reason,
+            float("nan"),
+            ErrorBudget(float("nan"), float("nan"), float("nan"), float("nan")),
+            self.setup.geometry.s_m,
+            delta_m=unknown,
+            delta_sigma_m=unknown,
+            pressure_Pa=unknown,
+            pressure_sigma_Pa=unknown,
+            point_valid=np.zeros(len(unknown), dtype=bool),
+        )
+
+
+def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
+    """What a width may be wrong by where the edge is no clean step [m]: grows with the misfit."""
+    return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))
+
+
+def _plausible(
+    delta: Float[np.ndarray, "K"],
+    sigma: Float[np.ndarray, "K"],
+    good: Bool[np.ndarray, "K"],
+    doubtful: Bool[np.ndarray, "K"],
+) -> Bool[np.ndarray, "K"]:
+    """Doubtful points that lie between their good neighbours, up to a few in a row.
+
+    At the edge of a plate the front is a kink, which is no blurred step; its fit is
+    still ten times closer than a line between the neighbours. What lies outside of
+    its neighbours is something else, and is not used.
+    """
+    usable = np.zeros_like(good)
+    known = np.flatnonzero(good)
+    for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
+        after = int(np.searchsorted(known, k))
+        if after == 0 or after == len(known) or known[after] - known[after - 1] > _DOUBTFUL_POINTS + 1:
+            continue
+        ends = delta[known[after - 1 : after + 1]]
+        margin = _DOUBTFUL_MARGIN * abs(ends[1] - ends[0]) + 5.0 * float(sigma[k])
+        usable[k] = ends.min() - margin <= delta[k] <= ends.max() + margin
+    return usable
+
+
+def _bridge(
+    s: Float[np.ndarray, "K"],
+    value: Float[np.ndarray, "K"],
+    sigma: Float[np.ndarray, "K"],
+    seen: Bool[np.ndarray, "K"],
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
+    """Fill gaps of a few points from their neighbours, with what that may be wrong by.
+
+    Returns
+    -------
+    value, sigma
+        With bridged points; NaN inside longer gaps.
+    gap
+        Whether a gap is left that could hide a contact.
+    """
+    if seen.all():
+        return value, sigma, False
+    known = np.flatnonzero(seen)
+    if len(known) < 2:
+        return np.full_like(value, np.nan), np.full_like(sigma, np.nan), True
+    filled, filled_sigma = value.copy(), sigma.copy()
+    left = np.searchsorted(known, np.arange(len(seen)), side="right") - 1
+    before = known[np.clip(left, 0, len(known) - 1)]
+    after = known[np.clip(left + 1, 0, len(known) - 1)]
+    missing = np.flatnonzero(~seen)
+    filled[missing] = np.interp(s[missing], s[known], value[known])
+    # Between two neighbours the contour may do what it does from one to the other.
+    filled_sigma[missing] = np.hypot(
+        2.0 * np.maximum(sigma[before[missing]], sigma[after[missing]]),
+        0.5 * np.abs(value[after[missing]] - value[before[missing]]),
+    )
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
+    long = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > _BRIDGED_POINTS]
+    for a, b in long:
+        filled[a:b] = np.nan
+        filled_sigma[a:b] = np.nan
+    return filled, filled_sigma, bool(long)

@@ -1,0 +1,305 @@
+"""Drive at an obstacle, touch it, push it a bit, and say what it is like (Alt 2016, Sec. 3.6.2 and 4.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float
+
+from ..camera import Frame
+from ..errors import InputError
+from ..objects import Event, EventKind, ForceProfile, HapticTag, PrimitiveKind, Reason
+from ..robots import BaseState, FrameSource, MobileBase
+from ..sensing.events import ContactEvents
+from ..sensing.foam import FoamSensor
+from ..sensing.primitives import PrimitiveFit, fit_contact
+from ..sensing.push import StopLimits, StopReason, record_push, stop_reason
+from ..sensing.tag import tag_from_push
+
+__all__ = ["Exploration", "ExploreSettings", "ExploreStep", "Outcome", "explore_obstacle"]
+
+
+class Outcome(StrEnum):
+    """How an exploration ended."""
+
+    TAGGED = "tagged"  #: touched, pushed and tagged
+    NOTHING_FOUND = "nothing_found"  #: no contact on the way
+    SENSOR_FAILED = "sensor_failed"  #: too many frames in a row could not be trusted
+    TIMED_OUT = "timed_out"
+    SOURCE_ENDED = "source_ended"  #: the camera delivered no more frames
+
+
+class _Phase(StrEnum):
+    APPROACH = "approach"
+    PUSH = "push"
+    HALT = "halt"
+    BACK_OFF = "back_off"
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreSettings:
+    """How to explore."""
+
+    approach_m_s: float = 0.05
+    push_m_s: float = 0.03
+    back_off_m_s: float = 0.08
+    search_m: float = 0.5  #: how far to drive without a contact
+    push_m: float = 0.06  #: an object that has moved by this much is movable; text: the sensor's width
+    largest_force_N: float = 20.0  #: what the platform can push
+    strain_share: float = 0.9  #: share of the densification strain at which to stop
+    halt_s: float = 0.7  #: how long to stand still: primitives and deceleration are read here
+    back_off_m: float = 0.05
+    blind_frames: int = 15  #: so many frames in a row without a usable contour end the push
+    timeout_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        for name in ("approach_m_s", "push_m_s", "back_off_m_s", "search_m", "push_m", "largest_force_N"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise InputError("ExploreSettings", f"found {value}, expected more than 0", field=name)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExploreStep:
+    """One frame of an exploration, for displays and logs."""
+
+    frame: Frame
+    profile: ForceProfile
+    state: BaseState
+    phase: str
+    travel_m: float  #: since the begin
+    events: tuple[Event, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exploration:
+    """What came out of it."""
+
+    outcome: Outcome
+    tag: HapticTag
+    fit: PrimitiveFit | None  #: shape of the contact, fitted while the platform stood still
+    stopped_by: StopReason | None
+    events: tuple[Event, ...]
+    profiles: tuple[ForceProfile, ...]
+    states: tuple[BaseState, ...]
+    travel_m: Float[np.ndarray, "N"]  #: along the direction in which the exploration began
+    fit_state: BaseState | None = None  #: where the platform stood when the shape was fitted
+    touched: bool = field(default=False)
+
+
+def explore_obstacle(
+    base: MobileBase,
+    source: FrameSource,
+    sensor: FoamSensor,
+    settings: ExploreSettings | None = None,
+    *,
+    on_step: Callable[[ExploreStep], None] | None = None,
+) -> Exploration:
+    """Drive straight on until something is touched, push it, stand still, back off.
+
+    The platform stops when the foam reaches densification or the force reaches
+    what it can push (then the obstacle is fixed), or when the object has been
+    pushed by ``push_m`` (then it is movable).
+
+    Parameters
+    ----------
+    sensor
+        With its zero reference taken.
+    on_step
+        Called once per frame.
+    """
+    settings = settings or ExploreSettings()
+    run = _Run(base, sensor, settings)
+    base.drive(settings.approach_m_s, 0.0)
+    try:
+        for frame in source:
+            step = run.step(frame)
+            if on_step is not None:
+                on_step(step)
+            if run.outcome is not None:
+                break
+    finally:
+        base.stop()
+    return run.result()
+
+
+class _Run:
+    """State of one exploration."""
+
+    def __init__(self, base: MobileBase, sensor: FoamSensor, settings: ExploreSettings) -> None:
+        self.base, self.sensor, self.settings = base, sensor, settings
+        material = sensor.setup.material
+        self.limits = StopLimits(
+            deflection_m=settings.strain_share * material.densification_strain * material.width_m,
+            force_N=settings.largest_force_N,
+            distance_m=settings.push_m,
+        )
+        self.detector = ContactEvents()
+        self.phase = _Phase.APPROACH
+        self.outcome: Outcome | None = None
+        self.stopped_by: StopReason | None = None
+        self.events: list[Event] = []
+        self.profiles: list[ForceProfile] = []
+        self.states: list[BaseState] = []
+        self.halted: list[tuple[ForceProfile, BaseState]] = []
+        self.start: BaseState | None = None
+        self.motion_travel: float | None = None
+        self.halt_t = self.back_travel = math.nan
+        self.blind = 0
+        self.touched = False
+
+    def step(self, frame: Frame) -> ExploreStep:
+        profile, state = self.sensor.read(frame), self.base.state()
+        if self.start is None:
+            self.start = state
+        travel = self._travel(state)
+        found = self.detector.update(profile, travel_m=travel)
+        self.events += found
+        if self.phase is not _Phase.BACK_OFF:
+            self.profiles.append(profile)
+            self.states.append(state)
+        for event in found:
+            if event.kind is EventKind.MOTION and self.motion_travel is None:
+                self.motion_travel = self._travel_at(event.t_s)
+        seen = profile.reason in (Reason.OK, Reason.UNLOADING, Reason.SATURATED)
+        self.blind = 0 if seen else self.blind + 1
+        self._decide(profile, state, travel)
+        return ExploreStep(frame, profile, state, self.phase.value, travel, tuple(found))
+
+    def _travel(self, state: BaseState) -> float:
+        assert self.start is not None
+        dx, dy = state.x_m - self.start.x_m, state.y_m - self.start.y_m
+        return dx * math.cos(self.start.heading_rad) + dy * math.sin(self.start.heading_rad)
+
+    def _travel_at(self, t_s: float) -> float:
+        times = [profile.t_s for profile in self.profiles]
+        return float(np.interp(t_s, times, [self._travel(state) for state in self.states]))
+
+    def _decide(self, profile: ForceProfile, state: BaseState, travel: float) -> None:
+        """Next phase, and what the platform does in it."""
+        settings = self.settings
+        assert self.start is not None
+        if state.t_s - self.start.t_s > settings.timeout_s:
+            self._end(Outcome.TIMED_OUT)
+        elif self.blind >= settings.blind_frames:
+            self._end(Outcome.SENSOR_FAILED)
+        elif self.phase is _Phase.APPROACH:
+            if self.detector.in_contact:
+                self.touched = True
+                self.phase = _Phase.PUSH
+                self.base.drive(settings.push_m_s, 0.0)
+            elif travel > settings.search_m:
+                self._end(Outcome.NOTHING_FOUND)
+        elif self.phase is _Phase.PUSH:
+            pushed = travel - self.motion_travel if self.motion_travel is not None else 0.0
+            self.stopped_by = self._must_stop(profile, pushed)
+            if self.stopped_by is not None:
+                self.base.stop()
+                self.phase, self.halt_t = _Phase.HALT, state.t_s
+            elif travel > settings.search_m + settings.push_m:
+                # Lost on the way: what was touched went out of reach without ever resisting.
+                self.stopped_by = StopReason.PUSHED_FAR
+                self.base.stop()
+                self.phase, self.halt_t = _Phase.HALT, state.t_s
+        elif self.phase is _Phase.HALT:
+            if abs(state.speed_m_s) < 1e-3 and profile.contacts:
+                self.halted.append((profile, state))
+            if state.t_s - self.halt_t >= settings.halt_s:
+                self.phase, self.back_travel = _Phase.BACK_OFF, travel
+                self.base.drive(-settings.back_off_m_s, 0.0)
+        elif travel < self.back_travel - settings.back_off_m:
+            self._end(Outcome.TAGGED)
+
+    def _must_stop(self, profile: ForceProfile, pushed_m: float) -> StopReason | None:
+        if not np.isfinite(profile.delta_m).any():
+            return None
+        return stop_reason(
+            float(np.nanmax(profile.delta_m)),
+            profile.force_N,
+            pushed_m,
+            self.limits,
+            force_sigma_N=profile.force_sigma_N,
+        )
+
+    def _end(self, outcome: Outcome) -> None:
+        self.base.stop()
+        self.outcome = outcome
+
+    def result(self) -> Exploration:
+        """Evaluate what was recorded."""
+        outcome = self.outcome or Outcome.SOURCE_ENDED
+        travel = np.array([self._travel(state) for state in self.states])
+        fit, fit_state = self._shape()
+        enough = self.touched and len(self.profiles) >= 2
+        tag = self._tag(travel, fit) if enough else HapticTag()
+        return Exploration(
+            outcome,
+            tag,
+            fit,
+            self.stopped_by,
+            tuple(self.events),
+            tuple(self.profiles),
+            tuple(self.states),
+            travel,
+            fit_state,
+            self.touched,
+        )
+
+    def _shape(self) -> tuple[PrimitiveFit | None, BaseState | None]:
+        """The primitive, from the largest contact while the platform stood still, or at its deepest."""
+        if self.halted:
+            profile, state = self.halted[len(self.halted) // 2]
+        else:
+            pressed = [i for i, p in enumerate(self.profiles) if p.contacts]
+            if not pressed:
+                return None, None
+            best = max(pressed, key=lambda i: self.profiles[i].force_N)
+            profile, state = self.profiles[best], self.states[best]
+        return fit_contact(max(profile.contacts, key=lambda contact: contact.force_N)), state
+
+    def _tag(self, travel: Float[np.ndarray, "N"], fit: PrimitiveFit | None) -> HapticTag:
+        first = self.states[0]
+        lateral = np.array(
+            [
+                -(state.x_m - first.x_m) * math.sin(first.heading_rad)
+                + (state.y_m - first.y_m) * math.cos(first.heading_rad)
+                for state in self.states
+            ]
+        )
+        best = fit.best if fit is not None else None
+        angle = None
+        if best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
+            angle = np.array(
+                [
+                    _face_angle(profile) + state.heading_rad
+                    for profile, state in zip(self.profiles, self.states, strict=True)
+                ]
+            )
+        centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
+        if best is not None and best.kind is PrimitiveKind.SEGMENT:
+            centre = 0.5 * float(best.parameters[1] + best.parameters[3])
+        return tag_from_push(
+            record_push(self.profiles, travel, lateral_m=lateral, angle_rad=angle),
+            events=self.events,
+            stopped_by=self.stopped_by,
+            primitive=best,
+            object_centre_m=centre,
+        )
+
+
+def _face_angle(profile: ForceProfile) -> float:
+    """Angle of the flat face that is touched, in frame F [rad]; NaN without enough contact."""
+    if not profile.contacts:
+        return math.nan
+    contact = max(profile.contacts, key=lambda one: one.force_N)
+    pressed = contact.delta_m > 0.7 * contact.delta_m.max()
+    if pressed.sum() < 4:
+        return math.nan
+    x, y = contact.points_foam_m[pressed].T
+    slope = np.polyfit(y, x, 1)[0]
+    # A face along y has angle zero; turning counter-clockwise moves x down as y grows.
+    return float(-math.atan(slope))

@@ -1,0 +1,416 @@
+"""A page for the browser that shows a run while it happens: camera, force, strip, obstacles, map, tags."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections import deque
+from collections.abc import Mapping
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from jaxtyping import Float, Int8, UInt8
+
+from ..camera import Pose
+from ..errors import DeviceError, InputError, MissingExtraError
+from ..objects import ForceProfile, HapticTag
+from .meshes import columns, pressure_colours, prism
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["LivePage"]
+
+_log = logging.getLogger(__name__)
+
+#: Width of the camera picture on the page [px].
+PICTURE_WIDTH = 800
+#: Points of the force plot; older ones are thinned out by forgetting.
+HISTORY = 1200
+
+_FIXED_RGB = (70, 78, 90)
+_MOVABLE_RGB = (222, 130, 62)
+_PLATFORM_RGB = (62, 98, 150)
+
+
+class LivePage:
+    """The page, served to this machine only.
+
+    It works without a browser attached: :meth:`update` then costs a copy of
+    the numbers. Drawing is limited to ``rate_hz``; all forces are kept for the
+    plot anyway. The page loads nothing from the internet, and viser's sharing
+    through an outside server is switched off.
+
+    Parameters
+    ----------
+    port
+        TCP port on 127.0.0.1; the next free one is taken when it is in use.
+    title
+        Headline of the page.
+    rate_hz
+        How often the page is drawn at most.
+    strip_width_m, strip_height_m
+        Size of the foam, for its picture when no contour is given.
+    full_pressure_Pa
+        Pressure that is drawn in full red.
+    platform_size_m
+        Length, width and height of the platform's body behind the foam.
+
+    Raises
+    ------
+    MissingExtraError
+        viser is not installed.
+    DeviceError
+        No port could be opened.
+
+    Examples
+    --------
+    >>> with LivePage(port=0) as page:  # doctest: +SKIP
+    ...     for frame, profile in run:
+    ...         page.update(frame_bgr=frame.image, profile=profile)
+    """
+
+    def __init__(
+        self,
+        port: int = 8080,
+        *,
+        title: str = "visuohaptic",
+        rate_hz: float = 10.0,
+        strip_width_m: float = 0.04,
+        strip_height_m: float = 0.05,
+        full_pressure_Pa: float = 6000.0,
+        platform_size_m: tuple[float, float, float] = (0.35, 0.3, 0.18),
+    ) -> None:
+        self._server: Any = _start(port, title)
+        self._period_s = 1.0 / rate_hz
+        self._drawn_s = -np.inf
+        self._strip_size_m = (strip_width_m, strip_height_m)
+        self._full_pressure_Pa = full_pressure_Pa
+        self._forces: deque[tuple[float, float, float, float]] = deque(maxlen=HISTORY)
+        self._obstacles: dict[str, Any] = {}
+        self._strip: Any = None
+        self._plot: Any = None
+        self._build(title, platform_size_m)
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self._server.get_port()}"
+
+    def _build(self, title: str, platform_size_m: tuple[float, float, float]) -> None:
+        server = self._server
+        gui, scene = server.gui, server.scene
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.set_panel_label(title)
+        self._status = gui.add_markdown("Waiting for the first frame.", order=0)
+        blank = np.full((PICTURE_WIDTH * 9 // 16, PICTURE_WIDTH, 3), 230, np.uint8)
+        self._picture = gui.add_image(blank, label="camera", format="jpeg", jpeg_quality=80, order=1)
+        self._tags = gui.add_markdown("No object has been touched yet.", order=3)
+        scene.set_up_direction("+z")
+        scene.add_grid("/floor", 20.0, 20.0, cell_size=0.5, position=(0.0, 0.0, -0.002))
+        server.initial_camera.position = (0.45, -0.7, 0.6)
+        server.initial_camera.look_at = (0.05, 0.0, 0.0)
+        self._foam = scene.add_frame("/foam", show_axes=False, visible=False)
+        length_m, width_m, height_m = platform_size_m
+        scene.add_box(
+            "/foam/platform",
+            _PLATFORM_RGB,
+            (length_m, width_m, height_m),
+            position=(-0.5 * length_m, 0.0, 0.5 * height_m - self._strip_size_m[1]),
+        )
+
+    def set_map(
+        self,
+        cells: Int8[np.ndarray, "rows columns"],
+        resolution_m: float,
+        origin_world_m: tuple[float, float],
+    ) -> None:
+        """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y."""
+        rows, columns = cells.shape
+        grey = np.select([cells < 0, cells >= 50], [205, 70], default=250).astype(np.uint8)
+        picture = np.repeat(grey[::-1, :, None], 3, axis=2)
+        width_m, height_m = columns * resolution_m, rows * resolution_m
+        centre_m = (origin_world_m[0] + 0.5 * width_m, origin_world_m[1] + 0.5 * height_m, 0.0)
+        # A picture's first row is at its bottom in viser's own axes: turn it about x.
+        self._server.scene.add_image(
+            "/map", picture, width_m, height_m, format="png", position=centre_m, wxyz=(0.0, 1.0, 0.0, 0.0)
+        )
+        self._server.initial_camera.look_at = centre_m
+        reach_m = max(width_m, height_m)
+        self._server.initial_camera.position = (
+            centre_m[0] - 0.35 * reach_m,
+            centre_m[1] - 0.75 * reach_m,
+            0.75 * reach_m,
+        )
+
+    def set_obstacle(
+        self,
+        name: str,
+        outline_m: Float[np.ndarray, "n 2"],
+        pose_world_object: Pose,
+        *,
+        height_m: float = 0.3,
+        fixed: bool | None = None,
+    ) -> None:
+        """Show an obstacle, or move it when it is there already.
+
+        ``outline_m`` is its outline on the floor in its own frame, of which
+        ``pose_world_object`` gives the place.
+        """
+        position, wxyz = tuple(pose_world_object.translation_m), _quaternion(pose_world_object.rotation)
+        if (handle := self._obstacles.get(name)) is not None:
+            handle.position, handle.wxyz = position, wxyz
+            return
+        vertices, faces = prism(outline_m, height_m)
+        colour = _FIXED_RGB if fixed else _MOVABLE_RGB
+        scene = self._server.scene
+        path = f"/obstacles/{len(self._obstacles)}"
+        self._obstacles[name] = scene.add_mesh_simple(
+            path,
+            vertices.astype(np.float32),
+            faces.astype(np.uint32),
+            color=colour,
+            flat_shading=True,
+            side="double",
+            position=position,
+            wxyz=wxyz,
+        )
+        scene.add_label(f"{path}/name", name, position=(0.0, 0.0, height_m + 0.05))
+
+    def set_tags(self, tags: Mapping[str, str | HapticTag]) -> None:
+        """List what is known of each object: its tag, or a text."""
+        lines = ["| object | what was felt |", "|---|---|"]
+        lines += [f"| {_cell(name)} | {_cell(_tag_line(tag))} |" for name, tag in tags.items()]
+        self._tags.content = "\n".join(lines)
+
+    def update(
+        self,
+        t_s: float | None = None,
+        *,
+        frame_bgr: UInt8[np.ndarray, "rows columns *colour"] | None = None,
+        profile: ForceProfile | None = None,
+        truth_N: float | None = None,
+        pose_world_foam: Pose | None = None,
+        contours_foam_m: tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K 2"]] | None = None,
+        note: str = "",
+    ) -> bool:
+        """Show the newest state.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame; that of the profile by default.
+        frame_bgr
+            Camera picture, blue-green-red or grey, annotated or not.
+        profile
+            What the sensor read.
+        truth_N
+            True force, where there is one.
+        pose_world_foam
+            Where the sensor's frame F is: moves the platform and the strip.
+        contours_foam_m
+            Back and front contour in F, one point per point of the profile;
+            a straight strip is drawn from the deflections without them.
+        note
+            A word behind the force, for example the newest event.
+
+        Returns
+        -------
+        bool
+            Whether the page was drawn; ``False`` when the last drawing is younger than its period.
+        """
+        if t_s is None:
+            t_s = profile.t_s if profile is not None else 0.0
+        if profile is not None:
+            measured_N = profile.force_N if profile.valid else float("nan")
+            true_N = float("nan") if truth_N is None else truth_N
+            self._forces.append((t_s, measured_N, profile.force_sigma_N, true_N))
+        now_s = time.monotonic()
+        if now_s - self._drawn_s < self._period_s:
+            return False
+        self._drawn_s = now_s
+        with self._server.atomic():
+            if frame_bgr is not None:
+                self._picture.image = _small_rgb(frame_bgr)
+            if pose_world_foam is not None:
+                self._foam.position = tuple(pose_world_foam.translation_m)
+                self._foam.wxyz = _quaternion(pose_world_foam.rotation)
+                self._foam.visible = True
+            if profile is not None:
+                self._status.content = _status_line(t_s, profile, truth_N, note)
+                self._draw_forces()
+                self._draw_strip(profile, contours_foam_m)
+        return True
+
+    def _draw_forces(self) -> None:
+        t_s, measured_N, sigma_N, true_N = np.array(self._forces, dtype=np.float64).T
+        if len(t_s) < 2:
+            return
+        # The plot cannot leave gaps: where the force is not valid, the last valid one is held
+        # under a shade, so that nobody takes it for a reading.
+        known = np.isfinite(measured_N)
+        held = np.maximum.accumulate(np.where(known, np.arange(len(t_s)), 0))
+        shown_N = np.nan_to_num(measured_N[held])
+        band_N = 2 * np.nan_to_num(np.where(known, sigma_N, 0.0))
+        shade_N = np.where(known, 0.0, max(float(shown_N.max()), 0.1))
+        data = [t_s, shown_N + band_N, shown_N - band_N, shown_N, shade_N]
+        with_truth = bool(np.isfinite(true_N).any())
+        if with_truth:
+            data.append(np.where(np.isfinite(true_N), true_N, shown_N))
+        if self._plot is None or len(self._plot.data) != len(data):
+            self._add_plot(tuple(data), with_truth)
+        else:
+            self._plot.data = tuple(data)
+
+    def _add_plot(self, data: tuple[np.ndarray, ...], with_truth: bool) -> None:
+        from viser import uplot
+
+        if self._plot is not None:
+            self._plot.remove()
+        series = [
+            uplot.Series(label="time [s]"),
+            uplot.Series(label="+2 sigma", stroke="rgba(0,114,178,0.25)", width=0.5),
+            uplot.Series(label="-2 sigma", stroke="rgba(0,114,178,0.25)", width=0.5),
+            uplot.Series(label="measured", stroke="#0072b2", width=2),
+            uplot.Series(label="not valid", stroke="rgba(213,94,0,0.3)", fill="rgba(213,94,0,0.3)", width=0),
+        ]
+        if with_truth:
+            series.append(uplot.Series(label="true", stroke="#1c2430", width=1.2, dash=(5, 3)))
+        self._plot = self._server.gui.add_uplot(
+            data,
+            tuple(series),
+            bands=(uplot.Band(series=(1, 2), fill="rgba(0,114,178,0.18)"),),
+            scales={"x": uplot.Scale(time=False)},
+            title="force [N] over time [s]",
+            aspect=1.9,
+            order=2,
+        )
+
+    def _draw_strip(self, profile: ForceProfile, contours: tuple[np.ndarray, np.ndarray] | None) -> None:
+        width_m, height_m = self._strip_size_m
+        if contours is None:
+            back_m = np.column_stack([np.zeros_like(profile.s_m), profile.s_m])
+            front_m = np.column_stack([width_m - np.nan_to_num(profile.delta_m), profile.s_m])
+        else:
+            back_m, front_m = contours
+        if len(front_m) != len(profile.pressure_Pa):
+            raise InputError(
+                "LivePage.update",
+                f"found {len(front_m)} points, expected {len(profile.pressure_Pa)} as in the profile",
+                field="contours_foam_m",
+            )
+        positions_m, quaternions, sizes_m = columns(back_m, front_m, height_m)
+        pressure_Pa = np.where(profile.point_valid, profile.pressure_Pa, np.nan)
+        colours = pressure_colours(pressure_Pa, self._full_pressure_Pa)
+        if self._strip is None or len(self._strip.batched_positions) != len(positions_m):
+            corners = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+            vertices, faces = prism(corners, 1.0)
+            self._strip = self._server.scene.add_batched_meshes_simple(
+                "/foam/strip",
+                vertices.astype(np.float32),
+                faces.astype(np.uint32),
+                quaternions.astype(np.float32),
+                positions_m.astype(np.float32),
+                batched_scales=sizes_m.astype(np.float32),
+                batched_colors=colours,
+                lod="off",
+                flat_shading=True,
+                side="double",
+            )
+            return
+        self._strip.batched_wxyzs = quaternions.astype(np.float32)
+        self._strip.batched_positions = positions_m.astype(np.float32)
+        self._strip.batched_scales = sizes_m.astype(np.float32)
+        self._strip.batched_colors = colours
+
+    def close(self) -> None:
+        """Stop serving; harmless when repeated."""
+        if self._server is not None:
+            server, self._server = self._server, None
+            server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _start(port: int, title: str) -> viser.ViserServer:
+    """A viser server on 127.0.0.1 that cannot be shared to the outside."""
+    try:
+        import viser
+    except ImportError as error:
+        raise MissingExtraError("viser", "view", "the browser page") from error
+    import rich
+
+    class LocalServer(viser.ViserServer):  # type: ignore[misc]
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Refuse: any attached browser could ask viser to open a tunnel to the internet."""
+            _log.warning("a browser asked to share the page over the internet: refused")
+            return None
+
+    # viser prints when it stops; stdout belongs to our results.
+    rich.reconfigure(stderr=True)
+    try:
+        server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
+    except OSError as error:
+        raise DeviceError(
+            f"the page cannot be served on port {port} ({error}); choose another port"
+        ) from error
+    if port and server.get_port() != port:
+        _log.warning("port %d is in use, the page is on port %d", port, server.get_port())
+    return server
+
+
+def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    import cv2
+
+    vector = cv2.Rodrigues(np.ascontiguousarray(rotation, dtype=np.float64))[0].ravel()
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle > 0 else vector
+    x, y, z = np.sin(0.5 * angle) * axis
+    return float(np.cos(0.5 * angle)), float(x), float(y), float(z)
+
+
+def _small_rgb(frame: UInt8[np.ndarray, "rows columns *colour"]) -> UInt8[np.ndarray, "rows columns 3"]:
+    import cv2
+
+    scale = PICTURE_WIDTH / frame.shape[1]
+    small = cv2.resize(frame, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else frame
+    return cv2.cvtColor(small, cv2.COLOR_GRAY2RGB if small.ndim == 2 else cv2.COLOR_BGR2RGB)
+
+
+def _status_line(t_s: float, profile: ForceProfile, truth_N: float | None, note: str) -> str:
+    parts = [f"**{t_s:.2f} s**"]
+    if profile.valid:
+        parts.append(f"**{profile.force_N:.2f} ± {profile.force_sigma_N:.2f} N**")
+    else:
+        parts.append(f"not valid: {profile.reason}")
+    if truth_N is not None:
+        parts.append(f"true {truth_N:.2f} N")
+    parts.append(f"contacts {len(profile.contacts)}")
+    return " · ".join([*parts, _cell(note)] if note else parts)
+
+
+def _tag_line(tag: str | HapticTag) -> str:
+    if isinstance(tag, str):
+        return tag
+    parts = ["fixed" if tag.fixed else "movable"] if tag.fixed is not None else []
+    if tag.dynamic_friction_N is not None:
+        parts.append(f"friction {tag.dynamic_friction_N.value:.2f} ± {tag.dynamic_friction_N.sigma:.2f} N")
+    if tag.primitive is not None:
+        parts.append(str(tag.primitive.kind))
+    if tag.falls:
+        parts.append("falls")
+    return ", ".join(parts) or "nothing observed"
+
+
+def _cell(text: str) -> str:
+    """Text that Markdown leaves as it is."""
+    return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>()#+!|" else letter for letter in text)

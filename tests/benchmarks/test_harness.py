@@ -1,0 +1,85 @@
+"""The harness judges, tabulates and saves; one benchmark that fails does not hide the others."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+import types
+
+import pytest
+
+from benchmarks import harness
+
+
+@pytest.fixture
+def report(monkeypatch):
+    """Rows of two made-up benchmarks, one of which fails."""
+    good = types.ModuleType("benchmarks.made_up")
+    good.run = lambda: [
+        {
+            "name": "speed",
+            "ours": 1500.0,
+            "peer": 16.0,
+            "peer_name": "snake",
+            "unit": "1/s",
+            "floor": 650,
+            "aim": 2000,
+        },
+        {"name": "noise", "ours": 1.02, "unit": "x bound", "floor": 1.15, "aim": 1.05},
+        {"name": "delay", "ours": 12.0, "peer": 6.0, "unit": "ms", "floor": 10, "aim": 6},
+        {"name": "plain", "ours": 3.0, "unit": "ms"},
+        {"name": "range", "ours": 0.85, "unit": "ratio", "floor": "0.8-1.25", "aim": (0.9, 1.1)},
+    ]
+    bad = types.ModuleType("benchmarks.broken")
+    bad.run = lambda: 1 / 0
+    monkeypatch.setitem(sys.modules, "benchmarks.made_up", good)
+    monkeypatch.setitem(sys.modules, "benchmarks.broken", bad)
+    return harness.run(["made_up", "broken"], "benchmarks")
+
+
+def test_verdicts_follow_the_direction_of_floor_and_aim(report):
+    assert [row.verdict for row in report.rows] == ["floor", "aim", "missed", "", "floor", "failed"]
+
+
+def test_the_ratio_is_above_one_when_we_are_better(report):
+    assert report.rows[0].ratio == pytest.approx(1500 / 16)
+    assert report.rows[2].ratio == pytest.approx(0.5)
+
+
+def test_the_table_names_machine_versions_commit_and_command(report):
+    text = harness.table(report)
+    for part in (
+        "machine ",
+        "versions ",
+        "commit ",
+        "command ",
+        "numpy ",
+        "made_up: speed",
+        "ZeroDivisionError",
+    ):
+        assert part in text
+
+
+def test_the_file_holds_the_same_rows(report, tmp_path):
+    harness.save(tmp_path / "bench.json", report)
+    saved = json.loads((tmp_path / "bench.json").read_text())
+    assert [row["name"] for row in saved["rows"]] == ["speed", "noise", "delay", "plain", "range", "broken"]
+    assert saved["rows"][5]["ours"] is None
+    assert [path.name for path in tmp_path.iterdir()] == ["bench.json"]
+
+
+def test_cpu_seconds_measures_work_and_not_waiting():
+    """A sleep costs no CPU; a loop ten times as long costs about ten times as much."""
+    assert harness.cpu_seconds(lambda: sum(range(10_000)), repeats=3) < 0.1
+    small = harness.cpu_seconds(lambda: sum(range(20_000)), repeats=5)
+    large = harness.cpu_seconds(lambda: sum(range(200_000)), repeats=5)
+    assert 5 < large / small < 20  # caches and load move it, an error of units would not hide
+    started_s = time.process_time()
+    time.sleep(0.05)
+    assert time.process_time() - started_s < 0.04
+
+
+def test_the_cold_start_is_among_the_benchmarks():
+    assert "cold_start" in harness.benchmark_names()
+    assert "harness" not in harness.benchmark_names()

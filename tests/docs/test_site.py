@@ -1,0 +1,50 @@
+"""Facts that the documentation repeats agree with the code."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+
+import yaml
+
+from visuohaptic import __version__
+from visuohaptic.objects import Reason
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_every_reason_has_its_remedy():
+    page = (ROOT / "docs" / "howto" / "measure.md").read_text()
+    assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == {str(reason) for reason in Reason}
+
+
+def test_every_extra_is_explained():
+    extras = set(tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"])
+    page = (ROOT / "docs" / "getting_started.md").read_text()
+    assert extras - {"all"} == set(re.findall(r"^\| `(\w+)` \| [a-zA-Z]", page, re.MULTILINE)) - {
+        "t",
+        "true",
+    } - {
+        "measured",
+        "sigma",
+        "event",
+    }
+
+
+def test_the_citation_has_the_version():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert str(citation["version"]) == __version__
+    assert citation["license"] == "Apache-2.0"
+
+
+def test_every_package_has_its_page():
+    packages = {path.parent.name for path in (ROOT / "src" / "visuohaptic").glob("*/__init__.py")} - {"cli"}
+    pages = {path.stem for path in (ROOT / "docs" / "api").glob("*.md")}
+    assert packages <= pages
+
+
+def test_the_menu_names_pages_that_exist():
+    menu = re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
+    assert menu
+    assert [page for page in menu if not (ROOT / "docs" / page).is_file()] == []

@@ -1,0 +1,80 @@
+"""The calibrate command from CSV to file and picture."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import numpy as np
+import pytest
+
+from visuohaptic.cli import calibrate_foam as command
+from visuohaptic.errors import CalibrationError, InputError
+from visuohaptic.sensing.foam.boundary import contour_force
+from visuohaptic.sensing.foam.material import FoamMaterial
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    lines: list[str] = []
+    args = parser.parse_args([str(a) for a in arguments])
+    args.report = lines.append
+    return command.run(args), lines
+
+
+@pytest.fixture
+def press(tmp_path, reference_law):
+    rng = np.random.default_rng(0)
+    up = np.linspace(0, 0.6, 80)
+    rows = []
+    for _ in range(3):
+        rows += [f"{x},{reference_law.stress(x) + rng.normal(0, 80)},loading" for x in up]
+        rows += [f"{x},{reference_law.stress(x) * (0.5 + 0.5 * x / 0.6)},unloading" for x in up[::-1]]
+    path = tmp_path / "press.csv"
+    path.write_text("strain,stress_Pa,direction\n" + "\n".join(rows), encoding="utf-8")
+    return path
+
+
+def test_from_press_log_to_file_and_picture(tmp_path, press, material, reference_law):
+    s = np.linspace(0, 0.25, 500)
+    rows = []
+    for depth in (0.003, 0.005, 0.007):
+        delta = depth * np.exp(-(((s - 0.125) / 0.015) ** 2))
+        enlarged, relief = contour_force(s, delta, material)
+        rows += [f"{depth},{enlarged - 0.3 * relief},{a},{b}" for a, b in zip(s, delta, strict=True)]
+    plate = tmp_path / "plate.csv"
+    plate.write_text("depth_m,force_N,s_m,delta_m\n" + "\n".join(rows), encoding="utf-8")
+    out, picture = tmp_path / "foam.yaml", tmp_path / "foam.png"
+    result, lines = run(press, "--out", out, "--plate", plate, "--plot", picture)
+    assert json.loads(json.dumps(result)) == result
+    assert result["tension_calibrated"]
+    # The noise of the press log (80 Pa over 240 points) moves a correction of 2 % of the force.
+    assert result["tension_ratio"] == pytest.approx(0.3, abs=0.15)
+    up = np.linspace(0, 0.6, 500)
+    stress = reference_law.stress(up)
+    loss = 1 - np.trapezoid(stress * (0.5 + 0.5 * up / 0.6), up) / np.trapezoid(stress, up)
+    assert result["hysteresis_loss"] == pytest.approx(loss, abs=0.01)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert FoamMaterial.load(out).unloading is not None
+    assert any("working strain 0." in line for line in lines)
+
+
+@pytest.mark.parametrize("section", ["trapezoid", "triangle"])
+def test_sections_and_cubic(tmp_path, press, section):
+    out = tmp_path / "foam.yaml"
+    result, _ = run(press, "--out", out, "--section", section, "--curve", "cubic", "--width", 0.03)
+    assert result["curve"] == "cubic"
+    material = FoamMaterial.load(out)
+    assert material.section == section
+    assert material.width_m == 0.03
+
+
+def test_refusals_leave_no_file(tmp_path, press):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("strain,stress_Pa\n" + "\n".join(f"{x},{np.sin(5 * x)}" for x in np.linspace(0, 0.6, 50)))
+    with pytest.raises(CalibrationError, match="unsuitable"):
+        run(bad, "--out", tmp_path / "foam.yaml")
+    with pytest.raises(InputError, match=r"cannot be written as a picture"):
+        run(press, "--out", tmp_path / "foam.yaml", "--plot", tmp_path / "foam.xyz")
+    assert not (tmp_path / "foam.yaml").exists()

@@ -1,0 +1,137 @@
+"""Contact, motion and release on deflections with known truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.objects import Contact, ErrorBudget, Event, EventKind, ForceProfile, Reason
+from visuohaptic.sensing.events import ContactEvents, DeflectionEvents
+
+SIGMA = 2e-5
+FRAME = 1 / 30
+
+
+def _push(rng: np.random.Generator, drop: float = 0.0) -> list[tuple[float, EventKind]]:
+    """Touch at 0.5 s, motion at 5 mm, contact lost when the robot backs off from 3 s on; 20 mm/s."""
+    machine, raised = DeflectionEvents(), []
+    for i in range(150):
+        t = i * FRAME
+        travel = 0.02 * min(t, 3.0) - 0.02 * max(t - 3.0, 0.0)
+        deflection = float(np.clip(travel - 0.01, 0, 0.005))
+        if t > 3.0:
+            deflection = max(0.005 - 0.02 * (t - 3.0), 0.0)
+        if rng.random() < drop:
+            continue
+        noisy = deflection + SIGMA * rng.standard_normal()
+        raised += [(t, e.t_s, e.kind) for e in machine.update(t, noisy, SIGMA, travel)]
+    return raised
+
+
+@pytest.mark.parametrize("drop", [0.0, 0.3])
+def test_a_push_raises_its_three_events_in_order_and_in_time(drop: float) -> None:
+    for seed in range(20):
+        raised = _push(np.random.default_rng(seed), drop)
+        assert [kind for _, _, kind in raised] == [EventKind.CONTACT, EventKind.MOTION, EventKind.RELEASE]
+        late = 2 + round(8 * drop)  # frames; a gap of g frames delays by g
+        for (decided, stamp, _), truth in zip(raised, (0.5, 0.75, 3.25), strict=True):
+            assert abs(stamp - truth) <= (late + 0.5) * FRAME
+            # Motion is decided after 2 mm of travel, 3 frames at this speed, and four frames.
+            assert decided - truth <= (late + 5) * FRAME
+
+
+def test_noise_alone_raises_nothing() -> None:
+    rng = np.random.default_rng(0)
+    machine = DeflectionEvents()
+    # Five sigma twice in a row: 1e-13 a frame.
+    assert not any(machine.update(i * FRAME, SIGMA * rng.standard_normal(), SIGMA, 0.0) for i in range(20000))
+
+
+def test_a_fixed_object_never_moves() -> None:
+    rng = np.random.default_rng(0)
+    machine, kinds = DeflectionEvents(), []
+    for i in range(100):
+        travel = 0.0007 * i
+        value = 0.6 * max(travel - 0.01, 0) + SIGMA * rng.standard_normal()
+        kinds += [event.kind for event in machine.update(i * FRAME, value, SIGMA, travel)]
+    assert kinds == [EventKind.CONTACT]
+
+
+def test_an_object_that_runs_ahead_has_moved() -> None:
+    """An open door: a short touch, then the foam is free again although the platform goes on."""
+    machine, kinds = DeflectionEvents(), []
+    for i, value in enumerate([0, 0, 3e-4, 4e-4, 2e-4, 0, 0, 0]):
+        kinds += [event.kind for event in machine.update(i * FRAME, value, SIGMA, 0.0007 * i)]
+    assert kinds == [EventKind.CONTACT, EventKind.MOTION, EventKind.RELEASE]
+
+
+def test_without_odometry_the_first_rise_stands_in_for_the_speed() -> None:
+    machine, kinds = DeflectionEvents(), []
+    for i in range(60):
+        value = min(max(0.0007 * (i - 10), 0), 0.005)
+        kinds += [event.kind for event in machine.update(i * FRAME, value, SIGMA)]
+    assert kinds == [EventKind.CONTACT, EventKind.MOTION]
+
+
+def test_late_and_repeated_frames_change_nothing() -> None:
+    machine = DeflectionEvents()
+    assert machine.update(1.0, 0.002, SIGMA, 0.0) == ()
+    assert machine.update(1.0, 0.002, SIGMA, 0.0) == ()
+    assert machine.update(0.9, 0.002, SIGMA, 0.0) == ()
+    assert [e.kind for e in machine.update(1.1, 0.002, SIGMA, 0.0)] == [EventKind.CONTACT]
+
+
+def _profile(t_s: float, depths: dict[float, float], reason: Reason = Reason.OK) -> ForceProfile:
+    """A strip of 25 cm with contacts of 4 cm at the given places."""
+    s = np.linspace(0, 0.25, 85)
+    delta, found = np.zeros(85), []
+    for centre, depth in depths.items():
+        inside = np.abs(s - centre) < 0.02
+        delta[inside] = depth
+        if depth > 1e-4:
+            points = np.column_stack([0.02 - delta[inside], s[inside]])
+            sigma = np.full(inside.sum(), SIGMA)
+            found.append(
+                Contact(
+                    s_start_m=centre - 0.02, s_end_m=centre + 0.02, force_N=1.0, budget=ErrorBudget(0.01),
+                    valid=True, reason=reason, points_foam_m=points, point_sigma_m=sigma,
+                    delta_m=delta[inside],
+                )
+            )  # fmt: skip
+    return ForceProfile(
+        t_s=t_s, valid=reason == Reason.OK, reason=reason, force_N=1.0, budget=ErrorBudget(0.01), s_m=s,
+        delta_m=delta, delta_sigma_m=np.full(85, SIGMA), pressure_Pa=np.zeros(85),
+        pressure_sigma_Pa=np.zeros(85), point_valid=np.ones(85, dtype=bool), contacts=tuple(found),
+    )  # fmt: skip
+
+
+def test_every_region_has_its_own_events() -> None:
+    events, raised = ContactEvents(), []
+    for i in range(40):
+        first = 0.001 if i >= 5 else 0.0
+        second = 0.001 if 15 <= i < 25 else 0.0
+        raised += events.update(_profile(i * FRAME, {0.05: first, 0.18: second}), travel_m=0.0)
+    assert [(e.kind, round(e.s_m, 2)) for e in raised] == [
+        (EventKind.CONTACT, 0.05), (EventKind.CONTACT, 0.18), (EventKind.RELEASE, 0.18),
+    ]  # fmt: skip
+    assert events.in_contact
+    assert not events.moving
+
+
+def test_frames_without_a_contour_are_passed_over() -> None:
+    events, raised = ContactEvents(), []
+    for i in range(20):
+        occluded = 8 <= i < 14
+        depth = 0.0 if occluded or i < 3 else 0.001
+        reason = Reason.OCCLUDED if occluded else Reason.OK
+        raised += events.update(_profile(i * FRAME, {0.1: depth}, reason), speed_m_s=0.0)
+    assert [e.kind for e in raised] == [EventKind.CONTACT]
+
+
+def test_falls_are_passed_through_and_others_refused() -> None:
+    events = ContactEvents()
+    fall = Event(EventKind.FALL, 0.1)
+    assert events.update(_profile(0.1, {}), external=[fall]) == (fall,)
+    with pytest.raises(InputError, match="found event 'contact', expected fall or slip"):
+        events.update(_profile(0.2, {}), external=[Event(EventKind.CONTACT, 0.1)])

@@ -1,0 +1,113 @@
+"""Maps with obstacles: our own office, and the real maps of others."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.files import load_yaml
+from visuohaptic.recording import OccupancyMap
+from visuohaptic.simulation.office import (
+    ApproachPath,
+    furnished_office,
+    obstacles_for_map,
+    wall_obstacles,
+)
+
+
+def read_map(path: Path) -> tuple[np.ndarray, float, tuple[float, float, float]]:
+    """A small reader of its own: truth made another way than the package's."""
+    import cv2
+
+    about = load_yaml(path)
+    grey = cv2.imread(str(path.parent / about["image"]), cv2.IMREAD_GRAYSCALE)
+    dark = (255 - grey[::-1].astype(float)) / 255
+    cells = np.full(grey.shape, -1, np.int8)
+    cells[dark > about["occupied_thresh"]] = 100
+    cells[dark < about["free_thresh"]] = 0
+    x, y, yaw = about["origin"]
+    return cells, float(about["resolution"]), (float(x), float(y), float(yaw))
+
+
+def check(
+    paths: tuple[ApproachPath, ...], cells: np.ndarray, resolution: float, origin: tuple[float, float, float]
+) -> None:
+    """Every disc of the platform along every way lies on free cells; brute force, cell by cell."""
+    radius = 0.2
+    c, s = math.cos(origin[2]), math.sin(origin[2])
+    grid = np.arange(-radius, radius + 1e-9, resolution / 2)
+    disc = np.array([(u, v) for u in grid for v in grid if math.hypot(u, v) <= radius])
+    assert [path.obstacle.fixed for path in paths] == [False, False, True]
+    for path in paths:
+        x, y, heading = path.start
+        assert path.obstacle.x_m == pytest.approx(x + path.distance_m * math.cos(heading))
+        assert path.obstacle.y_m == pytest.approx(y + path.distance_m * math.sin(heading))
+        assert path.obstacle.yaw_rad == pytest.approx(heading)
+        for way in np.arange(0, path.distance_m, 0.05):
+            centre = (x + way * math.cos(heading) - origin[0], y + way * math.sin(heading) - origin[1])
+            points = disc + np.array(centre)
+            column = np.floor((c * points[:, 0] + s * points[:, 1]) / resolution).astype(int)
+            row = np.floor((c * points[:, 1] - s * points[:, 0]) / resolution).astype(int)
+            assert (cells[row, column] == 0).all()
+    centres = np.array([(p.obstacle.x_m, p.obstacle.y_m) for p in paths])
+    gaps = [float(np.hypot(*(centres[i] - centres[j]))) for i in range(3) for j in range(i)]
+    assert min(gaps) > 2 * radius
+
+
+def test_own_office(tmp_path: Path) -> None:
+    office = furnished_office()
+    check(office.paths, office.cells, office.resolution_m, office.origin)
+    assert len(office.furniture) == 4
+    path = tmp_path / "map.yaml"
+    OccupancyMap(office.cells, office.resolution_m, office.origin).save(path)
+    cells, resolution, origin = read_map(path)
+    assert np.array_equal(cells, office.cells)
+    assert (resolution, origin) == (office.resolution_m, office.origin)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    "name",
+    [
+        "aws_small_house/map",
+        "cob_ipa_apartment/map",
+        "mit_stata/stata_basement",
+        "nav2/depot",
+        "wpi_rail/rail_lab",
+    ],
+)
+def test_real_maps(data: Path, name: str) -> None:
+    cells, resolution, origin = read_map(data / "navigation" / "dev" / "maps" / f"{name}.yaml")
+    check(obstacles_for_map(cells, resolution, origin), cells, resolution, origin)
+
+
+def test_turned_map_is_the_same_place_turned() -> None:
+    office = furnished_office()
+    turned = obstacles_for_map(office.cells, 0.05, (1.0, 2.0, 0.5))
+    check(turned, office.cells, 0.05, (1.0, 2.0, 0.5))
+    flat = obstacles_for_map(office.cells, 0.05, (0.0, 0.0, 0.0))
+    c, s = math.cos(0.5), math.sin(0.5)
+    for a, b in zip(turned, flat, strict=True):
+        x, y = b.obstacle.x_m, b.obstacle.y_m
+        assert (a.obstacle.x_m, a.obstacle.y_m) == pytest.approx((1.0 + c * x - s * y, 2.0 + s * x + c * y))
+
+
+def test_walls_are_where_the_map_says() -> None:
+    office = furnished_office()
+    walls = wall_obstacles(office.cells, 0.05, office.origin, (0.0, 3.0), 0.5)
+    assert walls
+    assert all(w.fixed and abs(w.x_m) < 1.0 for w in walls)
+    assert min(w.x_m - w.length_m / 2 for w in walls) == pytest.approx(-0.1)
+
+
+def test_maps_without_room_are_refused() -> None:
+    with pytest.raises(InputError, match="no free place wider than"):
+        obstacles_for_map(np.full((20, 20), 100, np.int8), 0.05)
+    with pytest.raises(InputError, match="no room for obstacle"):
+        obstacles_for_map(np.zeros((16, 16), np.int8), 0.05)
+    with pytest.raises(InputError, match="not in wide free space"):
+        obstacles_for_map(np.zeros((90, 90), np.int8), 0.05, start_m=(-5.0, 0.0))

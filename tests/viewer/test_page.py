@@ -1,0 +1,160 @@
+"""The live page: for this machine only, with or without a browser, loading nothing from outside."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import socket
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.camera import Pose
+from visuohaptic.errors import InputError
+from visuohaptic.objects import ErrorBudget, Estimate, ForceProfile, HapticTag, Reason
+from visuohaptic.viewer import LivePage
+
+pytest.importorskip("viser", reason="the browser page is an extra")
+
+
+def profile(force_N: float, *, valid: bool = True, count: int = 21) -> ForceProfile:
+    s_m = np.linspace(-0.1, 0.1, count)
+    delta_m = 1e-3 * force_N * np.exp(-((s_m / 0.03) ** 2))
+    ones = np.ones(count)
+    return ForceProfile(
+        t_s=force_N,
+        valid=valid,
+        reason=Reason.OK if valid else Reason.OCCLUDED,
+        force_N=force_N,
+        budget=ErrorBudget(image_N=0.01),
+        s_m=s_m,
+        delta_m=delta_m,
+        delta_sigma_m=1e-5 * ones,
+        pressure_Pa=5e5 * delta_m,
+        pressure_sigma_Pa=50 * ones,
+        point_valid=np.ones(count, bool),
+    )
+
+
+@pytest.fixture
+def page():
+    with LivePage(port=0, rate_hz=1e6) as live:
+        yield live
+
+
+def other_address() -> str | None:
+    """An address of this machine that is not the loopback."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("10.255.255.255", 1))  # a datagram socket sends nothing when it connects
+        except OSError:
+            return None
+        address = probe.getsockname()[0]
+    return None if address.startswith("127.") else address
+
+
+def test_it_answers_on_the_loopback_and_nowhere_else(page):
+    port = int(page.url.rpartition(":")[2])
+    assert page.url == f"http://127.0.0.1:{port}"
+    with socket.create_connection(("127.0.0.1", port), timeout=5):
+        pass
+    listening = Path("/proc/net/tcp")
+    if listening.is_file():
+        local = [
+            line.split()[1] for line in listening.read_text().splitlines()[1:] if line.split()[3] == "0A"
+        ]
+        assert [entry for entry in local if entry.endswith(f":{port:04X}")] == [f"0100007F:{port:04X}"]
+    if (address := other_address()) is not None:
+        with pytest.raises(OSError):  # noqa: PT011 - refused or unreachable, as the system likes
+            socket.create_connection((address, port), timeout=5)
+
+
+def test_updates_without_a_browser(page):
+    page.set_map(np.zeros((40, 60), np.int8), 0.05, (-1.0, -1.0))
+    square = np.array([[0, 0], [0.2, 0], [0.2, 0.2], [0, 0.2]])
+    pose = Pose(np.eye(3), np.array([1.0, 0.0, 0.0]))
+    for step in range(5):
+        page.set_obstacle("box", square, pose)
+        assert page.update(
+            step / 30,
+            frame_bgr=np.zeros((90, 160), np.uint8),
+            profile=profile(step, valid=step != 2),
+            truth_N=step if step > 2 else None,
+            pose_world_foam=pose,
+        )
+    page.set_tags({"box": HapticTag(dynamic_friction_N=Estimate(3.2, 0.1)), "wall": "fixed"})
+
+
+def test_the_rate_limits_drawing_and_not_the_record(page):
+    page._period_s = 3600.0
+    assert [page.update(step, profile=profile(step)) for step in range(4)] == [True, False, False, False]
+    assert len(page._forces) == 4
+
+
+def test_a_strip_may_change_its_number_of_points(page):
+    page.update(0.0, profile=profile(1.0, count=21))
+    page.update(0.1, profile=profile(1.0, count=33))
+
+
+def test_contours_have_to_fit_the_profile(page):
+    with pytest.raises(InputError, match="found 4 points, expected 21 as in the profile"):
+        page.update(0.0, profile=profile(1.0), contours_foam_m=(np.zeros((4, 2)), np.zeros((4, 2))))
+
+
+def test_a_port_in_use_is_left_alone(page):
+    port = int(page.url.rpartition(":")[2])
+    with LivePage(port=port) as other:
+        assert other.url != page.url
+
+
+def test_sharing_through_the_internet_is_refused(page):
+    assert page._server.request_share_url() is None
+
+
+def test_closing_twice_does_no_harm():
+    live = LivePage(port=0)
+    live.close()
+    live.close()
+
+
+def load_browser():
+    specification = importlib.util.spec_from_file_location("browser", Path(__file__).with_name("browser.py"))
+    module = importlib.util.module_from_spec(specification)
+    sys.modules["browser"] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_a_browser_shows_the_page_and_asks_nobody_else(page, tmp_path):
+    browser = load_browser()
+    if (program := browser.find_chromium()) is None:
+        pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
+    page.set_tags({"a|b": "<script>felt</script>"})
+    for step in range(3):
+        page.update(
+            step,
+            frame_bgr=np.full((90, 160), 128, np.uint8),
+            profile=profile(1.5),
+            truth_N=1.4,
+            note="contact",
+        )
+    chromium = browser.Browser(program, tmp_path / "profile")
+    try:
+        chromium.open(page.url)
+        text = chromium.wait_for("felt")
+        chromium.screenshot(tmp_path / "page.png")
+    finally:
+        chromium.close()
+    assert "1.50 ± 0.01 N" in text
+    assert "true 1.40 N" in text
+    assert "<script>felt</script>" in text
+    outside = [
+        address
+        for address in chromium.requests
+        if not address.startswith(("data:", f"blob:{page.url}", page.url, page.url.replace("http", "ws")))
+    ]
+    assert outside == [], json.dumps(outside)
+    assert (tmp_path / "page.png").stat().st_size > 10_000
