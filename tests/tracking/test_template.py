@@ -62,8 +62,10 @@ def test_unusable_files_are_refused_in_one_line(tmp_path: Path, photo: np.ndarra
     path.write_bytes(cv2.imencode(".png", np.full((60, 60), 9, np.uint8))[1].tobytes())
     with pytest.raises(InputError, match="no contrast"):
         Template.from_file(path, width_m=0.1)
+    empty = tmp_path / "empty"
+    empty.mkdir()
     with pytest.raises(InputError, match="has no template"):
-        load_templates(tmp_path / "empty" if (tmp_path / "empty").mkdir() else tmp_path / "empty")
+        load_templates(empty)
     with pytest.raises(InputError, match=r"id: found 600, expected 0\.\.586"):
         Template.from_tag(600, size_m=0.1)
     for damage in (b"\x89PNG\r\n\x1a\n\0\0", b"\xff\xd8\xff\xe0\0\x10JFIF\0", b""):
@@ -164,7 +166,7 @@ def test_sheet_has_exact_sizes_and_its_tags_can_be_read(tmp_path: Path, photo: n
 
 
 def test_sheet_refuses_what_does_not_fit(tmp_path: Path, photo: np.ndarray) -> None:
-    with pytest.raises(InputError, match="does not fit on A4.*larger paper"):
+    with pytest.raises(InputError, match=r"does not fit on A4.*larger paper"):
         lay_out([SheetItem("big", photo, 0.25)])
     with pytest.raises(InputError, match="does not fit"):
         lay_out([SheetItem(str(k), photo, 0.08) for k in range(9)])

@@ -48,7 +48,11 @@ def test_graf_views_against_published_homographies(data: Path) -> None:
 
 
 def test_rendered_tags_with_published_poses(data: Path) -> None:
-    """Corners of every tag of the board within 0.5 px of those published for the picture."""
+    """Corners of every tag within 0.35 px of those published for the picture.
+
+    Their coordinates begin at the corner of the first pixel, ours at its centre: half a pixel.
+    The rendered edges are not smoothed, which alone makes them uncertain by about 0.3 px.
+    """
     folder = data / "sensing" / "visp_images"
     image = grey(folder / "tag36_11_640x480.png")
     text = (folder / "corners_tag36_11.txt").read_text().split("\n")
@@ -67,72 +71,73 @@ def test_rendered_tags_with_published_poses(data: Path) -> None:
         if not refined.valid:
             continue
         corners = apply_homography(refined.homography, template.tag_corners)
-        truth = numbers[template.tag_id]
+        truth = numbers[template.tag_id] - 0.5
         # The order of the corners differs between the conventions: nearest ones.
         worst.append(np.linalg.norm(corners[:, None] - truth[None], axis=2).min(axis=1).max())
     assert len(worst) >= 0.8 * len(numbers)
-    assert np.median(worst) < 0.5
+    assert np.median(worst) < 0.35
 
 
 def test_real_tag_photos(data: Path) -> None:
-    """Published corners of small tags in photographs: the template lies on them within a pixel."""
+    """Published corners of tags in photographs, each looked for near its place: they all have number 0."""
     folder = data / "sensing" / "apriltag"
-    seen = published = 0
-    errors = []
+    template = Template.from_tag(0, size_m=0.1)
+    count, errors = 0, []
     for listing in sorted(folder.glob("*.txt")):
         image = grey(listing.with_suffix(".jpg"))
-        quads: dict[int, list[np.ndarray]] = {}
         for line in listing.read_text().splitlines():
             values = [float(v) for v in re.findall(r"-?\d+\.?\d*", line)]
-            if len(values) == 9:
-                quads.setdefault(int(values[0]), []).append(np.array(values[1:]).reshape(4, 2))
-        single = {number: quad[0] for number, quad in quads.items() if len(quad) == 1}
-        large = {
-            number: quad for number, quad in single.items() if cv2.contourArea(quad.astype(np.float32)) > 900
-        }
-        published += len(large)
-        templates = tuple(Template.from_tag(number, size_m=0.1) for number in large)
-        if not templates:
-            continue
-        found = detect_templates(templates, image)
-        for template in templates:
-            if template.name in found:
-                refined = align(template.esm, image, found[template.name].homography)
-                if refined.valid:
-                    seen += 1
-                    corners = apply_homography(refined.homography, template.tag_corners)
-                    near = np.linalg.norm(corners[:, None] - large[template.tag_id][None], axis=2).min(axis=1)
-                    errors.append(near.max())
-    if not published:
-        pytest.skip("no tag is large enough and alone with its number")
-    assert seen > 0
-    assert np.median(errors) < 1.5
+            if len(values) != 9 or values[0] != 0:
+                continue
+            # Half a pixel: their origin is the corner of the first pixel.
+            quad = np.array(values[1:]).reshape(4, 2) - 0.5
+            if cv2.contourArea(quad.astype(np.float32)) < 900:
+                continue
+            count += 1
+            low, high = quad.min(0) - 15, quad.max(0) + 15
+            box = (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
+            found = detect_templates((template,), image, region=box)
+            if template.name not in found:
+                continue
+            refined = align(template.esm, image, found[template.name].homography)
+            if refined.valid:
+                corners = apply_homography(refined.homography, template.tag_corners)
+                near = np.linalg.norm(corners[:, None] - quad[None], axis=2).min(axis=1)
+                errors.append(near.max())
+    assert count > 0
+    assert len(errors) >= 0.7 * count
+    # Both sides err: half a pixel for the published ones on photos that were shrunk and compressed.
+    assert np.median(errors) < 1.0
 
 
 def test_hand_moved_target_through_blur(data: Path) -> None:
     """mire-2: a box lid with five white dots; their centroids are an independent check in every frame."""
     paths = sorted((data / "sensing" / "visp_images" / "mire-2").glob("*.png"))
-    first = grey(paths[0])
-    dots = dot_centres(first)
+    middle = 29  # a sharp frame; the first ones are blurred by motion
+    image = grey(paths[middle])
+    low, high = np.array([84, 128]), np.array([266, 246])
+    template = EsmTemplate.from_image(image[low[1] : high[1], low[0] : high[0]].copy())
+    dots = dot_centres(image)
+    dots = dots[((dots > low) & (dots < high)).all(axis=1)]
     assert len(dots) == 5
-    low = np.maximum(dots.min(0) - 12, 0).astype(int)
-    high = (dots.max(0) + 13).astype(int)
-    template = EsmTemplate.from_image(first[low[1] : high[1], low[0] : high[0]].copy())
-    homography = np.array([[1, 0, low[0]], [0, 1, low[1]], [0, 0, 1.0]])
+    place = np.array([[1, 0, low[0]], [0, 1, low[1]], [0, 0, 1.0]])
     tracked, errors = 0, []
-    for path in paths:
-        image = grey(path)
-        found = align(template, image, homography)
-        if not found.valid:
-            continue
-        tracked += 1
-        homography = found.homography
-        expected = apply_homography(homography, dots - low)
-        centres = dot_centres(image)
-        if len(centres) == 5:
-            distance = np.linalg.norm(expected[:, None] - centres[None], axis=2).min(axis=1)
-            errors.append(distance.max())
-    assert tracked == len(paths)
+    for part in (paths[middle:], paths[middle::-1]):
+        homography = place
+        for path in part:
+            image = grey(path)
+            found = align(template, image, homography)
+            if not found.valid:
+                continue
+            tracked += 1
+            homography = found.homography
+            expected = apply_homography(homography, dots - low)
+            distance = np.linalg.norm(expected[:, None] - dot_centres(image)[None], axis=2).min(axis=1)
+            # A dot that a threshold cannot separate in this frame says nothing.
+            errors.extend(distance[distance < 6.0])
+    assert tracked == len(paths) + 1
+    assert len(errors) > 4 * len(paths)
+    # Blurred centroids are good to a few tenths of a pixel.
     assert np.median(errors) < 0.5
 
 
@@ -143,7 +148,7 @@ def dot_centres(image: np.ndarray) -> np.ndarray:
     centres = []
     for k in range(1, count):
         _, _, w, h, area = stats[k]
-        if 30 < area < 900 and 0.5 < w / h < 2 and area > 0.6 * w * h:
+        if 30 < area < 5000 and 0.5 < w / h < 2 and area > 0.6 * w * h:
             y, x = np.nonzero(labels == k)
             weight = image[y, x].astype(float)
             centres.append([(x * weight).sum() / weight.sum(), (y * weight).sum() / weight.sum()])

@@ -208,9 +208,9 @@ def _pdf(placed: tuple[PlacedItem, ...], paper_m: tuple[float, float]) -> bytes:
     ]
     result = bytearray(b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n")
     offsets = []
-    for number, (entries, data) in enumerate(parts, start=1):
+    for number, (entries, body) in enumerate(parts, start=1):
         offsets.append(len(result))
-        stream = b"" if data is None else b"\nstream\n" + data + b"\nendstream"
+        stream = b"" if body is None else b"\nstream\n" + body + b"\nendstream"
         result += f"{number} 0 obj\n<< {entries} >>".encode("latin-1") + stream + b"\nendobj\n"
     start = len(result)
     result += f"xref\n0 {len(parts) + 1}\n0000000000 65535 f \n".encode()

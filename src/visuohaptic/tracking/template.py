@@ -208,7 +208,7 @@ class TemplateQuality:
 
     score: float  #: 0 (useless) .. 1 (as good as it gets), the weakest of the three below
     corner_sigma_px: float  #: Cramer-Rao bound of the corners at noise 5, seen at 200 px on the longer side
-    ambiguity: float  #: second-highest correlation with itself shifted by 8 % of its size or more, 0..1
+    ambiguity: float  #: correlation of its quarters with other places in it, 0 (unique) .. 1 (repeats)
     features: int  #: SIFT features that the detector can use; for a tag its code counts
     problems: tuple[str, ...]  #: what to change, in words
 
@@ -242,14 +242,9 @@ def template_quality(template: Template) -> TemplateQuality:
     covariance = 25.0 * np.linalg.pinv(jacobian.T @ jacobian)[:8, :8]
     sigma = float(np.sqrt(max(np.trace(corners @ covariance @ corners.T) / 4, 0.0)))
 
-    coarse = cv2.resize(small.astype(np.float32), None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-    reach = max(coarse.shape) // 4
-    padded = cv2.copyMakeBorder(coarse, reach, reach, reach, reach, cv2.BORDER_REFLECT_101)
-    match = cv2.matchTemplate(padded, coarse, cv2.TM_CCOEFF_NORMED)
-    v, u = np.mgrid[: match.shape[0], : match.shape[1]] - reach
-    away = np.hypot(u, v) >= max(3.0, 0.08 * max(coarse.shape))
-    peaks = match >= cv2.dilate(match, np.ones((3, 3), np.uint8))
-    ambiguity = float(max(0.0, match[away & peaks].max(initial=0.0)))
+    ambiguity = _resemblance(
+        cv2.resize(small.astype(np.float32), None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    )
 
     features = len(template.keypoints)
     parts = {
@@ -270,3 +265,23 @@ def template_quality(template: Template) -> TemplateQuality:
     if parts["features"] < 0.5:
         problems.append(f"only {features} SIFT features, 60 wanted; add corners and blobs, or use a tag")
     return TemplateQuality(min(parts.values()), sigma, ambiguity, features, tuple(problems))
+
+
+def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
+    """How well the four quarters of a picture fit elsewhere in it: mean of the best correlations, 0..1."""
+    import cv2
+
+    rows, columns = image.shape[0] // 2, image.shape[1] // 2
+    best = []
+    for top in (0, image.shape[0] - rows):
+        for left in (0, image.shape[1] - columns):
+            part = image[top : top + rows, left : left + columns]
+            if part.std() < 1.0:
+                continue
+            match = cv2.matchTemplate(image, part, cv2.TM_CCOEFF_NORMED)
+            v, u = np.mgrid[: match.shape[0], : match.shape[1]]
+            away = np.hypot(u - left, v - top) >= max(3.0, 0.16 * max(rows, columns))
+            # Only peaks: the flank of the own place is no second place.
+            peaks = match >= cv2.dilate(match, np.ones((3, 3), np.uint8))
+            best.append(float(np.clip(match[away & peaks].max(initial=0.0), 0, 1)))
+    return float(np.mean(best)) if best else 1.0
