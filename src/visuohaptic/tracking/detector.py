@@ -27,8 +27,10 @@ class DetectorSettings:
     ratio: float = 0.8  #: nearest over second-nearest descriptor distance of a good match
     threshold_px: float = 4.0  #: distance at which a match agrees with a homography
     matches_minimum: int = 8  #: agreeing matches that are believed
-    features_maximum: int = 2000  #: in the image
+    features_maximum: int = 4000  #: in a whole image
     side_maximum_px: int = 1280  #: larger images are shrunk for the search of features
+    region_features_maximum: int = 600  #: in a region, where the template fills a good part
+    region_side_maximum_px: int = 240  #: of a region; the tracker refines on all its pixels anyway
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +81,10 @@ def detect_templates(
     pictures = tuple(template for template in templates if len(template.descriptors) >= 2)
     found = _tags(tags, image) if tags else {}
     if pictures:
-        found |= _pictures(pictures, image, settings, seed)
+        side, features = settings.side_maximum_px, settings.features_maximum
+        if region is not None:
+            side, features = settings.region_side_maximum_px, settings.region_features_maximum
+        found |= _pictures(pictures, image, settings, seed, side, features)
     shift = np.array([[1, 0, x0], [0, 1, y0], [0, 0, 1.0]])
     return {
         name: Detection(name, shift @ detection.homography, detection.support)
@@ -122,16 +127,21 @@ def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detec
 
 
 def _pictures(
-    templates: tuple[Template, ...], image: np.ndarray, settings: DetectorSettings, seed: int
+    templates: tuple[Template, ...],
+    image: np.ndarray,
+    settings: DetectorSettings,
+    seed: int,
+    side: int,
+    features: int,
 ) -> dict[str, Detection]:
     """Pictures by SIFT, ratio test and robust homography."""
     import cv2
 
-    scale = min(1.0, settings.side_maximum_px / max(image.shape))
+    scale = min(1.0, side / max(image.shape))
     if scale < 1:
         size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    points, descriptors = cv2.SIFT.create(settings.features_maximum).detectAndCompute(image, None)
+    points, descriptors = cv2.SIFT.create(features).detectAndCompute(image, None)
     result: dict[str, Detection] = {}
     if descriptors is None or len(descriptors) < 2:
         return result

@@ -167,25 +167,20 @@ class TemplateTracker:
 
     def _search(self, lost: list[_Track], grey: UInt8[np.ndarray, "height width"]) -> dict[str, Detection]:
         """Look for lost templates: at once, or in the thread, which then answers in a later frame."""
-        if self._worker is None:
-            return self._detect(lost, grey)
-        if self._pending is None:
-            self._pending = self._worker.submit(self._detect, lost, grey.copy())
-        return {}
-
-    def _detect(self, lost: list[_Track], grey: UInt8[np.ndarray, "height width"]) -> dict[str, Detection]:
-        found: dict[str, Detection] = {}
-        everywhere = []
+        if self._pending is not None:
+            return {}
+        places: list[tuple[Template, tuple[int, int, int, int] | None]] = []
         for track in lost:
             track.tries += 1
-            if track.last_seen is None or track.tries > self.settings.region_tries:
-                everywhere.append(track.template)
-                continue
-            region = _region(track.last_seen, track.template)
-            found |= detect_templates((track.template,), grey, self.settings.detector, region=region)
-        if everywhere:
-            found |= detect_templates(tuple(everywhere), grey, self.settings.detector)
-        return found
+            region = None
+            if track.last_seen is not None and track.tries <= self.settings.region_tries:
+                region = _region(track.last_seen, track.template)
+            places.append((track.template, region))
+        if self._worker is None:
+            return _detect(places, grey, self.settings.detector)
+        # The thread gets copies only: nothing that it reads changes meanwhile.
+        self._pending = self._worker.submit(_detect, places, grey.copy(), self.settings.detector)
+        return {}
 
     # -- tracking ----------------------------------------------------------------------
 
@@ -301,6 +296,22 @@ class TemplateTracker:
             [b.translation_m - a.translation_m, Rotation.from_matrix(b.rotation @ a.rotation.T).as_rotvec()]
         )
         return current, True, current.covariance + weight * np.outer(apart, apart)
+
+
+def _detect(
+    places: list[tuple[Template, tuple[int, int, int, int] | None]],
+    grey: UInt8[np.ndarray, "height width"],
+    settings: DetectorSettings,
+) -> dict[str, Detection]:
+    """Templates with a region are looked for there, the others in the whole image, all in one go."""
+    found: dict[str, Detection] = {}
+    for template, region in places:
+        if region is not None:
+            found |= detect_templates((template,), grey, settings, region=region)
+    everywhere = tuple(template for template, region in places if region is None)
+    if everywhere:
+        found |= detect_templates(everywhere, grey, settings)
+    return found
 
 
 def _no_pose(name: str, t_s: float, reason: Reason, detail: str, alignment: Alignment | None) -> TemplatePose:
