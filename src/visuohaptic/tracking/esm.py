@@ -118,7 +118,7 @@ def align(
     # the old spread the cut would fall on good pixels and shorten the step.
     work.light[2] *= 1.5
     if work.clipped:
-        work.margin = min(2.2 * work.light[2], 30.0)
+        work.margin = min(3.0 * work.light[2], 30.0)
     shift = work.refine(
         0, 3, share=0.0, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px
     )

@@ -154,15 +154,18 @@ class Work:
         """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere."""
         import cv2
 
-        end = level.x[-1], level.y[-1]
-        square = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * end
-        corners = apply_homography(h, square)
-        low = np.maximum(np.floor(np.nan_to_num(corners.min(axis=0))).astype(int) - 8, 0)
-        high = np.maximum(np.ceil(np.nan_to_num(corners.max(axis=0))).astype(int) + 9, 0)
-        part = image[low[1] : high[1], low[0] : high[0]]
+        (a, b, c), (d, e, f), (g, i, j) = h.tolist()
+        ends = [(sx * level.x[-1], sy * level.y[-1]) for sx in (-1, 1) for sy in (-1, 1)]
+        depths = [max(g * x + i * y + j, 1e-9) for x, y in ends]
+        across = [(a * x + b * y + c) / depth for (x, y), depth in zip(ends, depths, strict=True)]
+        down = [(d * x + e * y + f) / depth for (x, y), depth in zip(ends, depths, strict=True)]
+        height, width = image.shape
+        low = max(0, int(min(down)) - 8), max(0, int(min(across)) - 8)
+        high = min(height, max(0, int(max(down)) + 9)), min(width, max(0, int(max(across)) + 9))
+        part = image[low[0] : high[0], low[1] : high[1]]
         result = np.zeros_like(image)
         if part.size:
-            result[low[1] : high[1], low[0] : high[0]] = cv2.sepFilter2D(
+            result[low[0] : high[0], low[1] : high[1]] = cv2.sepFilter2D(
                 part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
             )
         return result
