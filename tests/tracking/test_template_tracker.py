@@ -196,6 +196,19 @@ def test_flip_is_resolved_over_time(scene) -> None:
         assert error < 5.0
 
 
+def test_tilt_through_straight_on_keeps_its_direction(scene) -> None:
+    """From +24 to -24 degrees: both tilts meet in the middle, and the evidence starts anew there."""
+    view, template = scene
+    rng = np.random.default_rng(6)
+    with TemplateTracker([template], CAMERA, threaded=False) as tracker:
+        for k, tilt_deg in enumerate(np.linspace(24, -24, 17)):
+            pose = tilted([tilt_deg, 0, 0], [0.005, -0.004, 0.2])
+            (seen,) = tracker.update(Frame(render(view, template, CAMERA, pose, 3, rng), 0.03 * k, k))
+            assert seen.valid
+            sigma = np.rad2deg(np.sqrt(np.trace(seen.covariance[3:, 3:])))
+            assert angle_deg(seen.pose_camera_template, pose) < 5 * sigma + 0.02
+
+
 def test_bad_use_is_refused(scene) -> None:
     _, template = scene
     with pytest.raises(InputError, match="all different"):

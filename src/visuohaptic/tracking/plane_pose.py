@@ -21,7 +21,7 @@ from ..camera import Camera, Pose
 from ..errors import InputError
 from .homography import decompose_homography, estimate_homography, facing_motions
 
-__all__ = ["PlanePose", "estimate_plane_poses"]
+__all__ = ["PlanePose", "estimate_plane_poses", "pose_difference", "tilted_back"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,18 +67,27 @@ def estimate_plane_poses(
     if points.shape != (4, 3) or not np.allclose(points[:, 2], 0):
         raise InputError("estimate_plane_poses", "expected four points (4, 3) with z = 0", field="points")
     # A floor of a thousandth of a pixel keeps a noise-free covariance invertible.
-    root = np.linalg.cholesky(np.asarray(corner_covariance) + 1e-6 * np.eye(8))
+    # Inverted once: calls of triangular solvers on 8 x 8 may wait for the threads of the linear algebra.
+    whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(corner_covariance) + 1e-6 * np.eye(8)))
     if not starts:
         start = _from_decomposition(camera, points, corners_px)
-        starts = (start, _tilted_back(start)) if start is not None else ()
+        starts = (start, tilted_back(start)) if start is not None else ()
     found: list[PlanePose] = []
     for start in starts:
-        refined = _refine(camera, points, corners_px, root, start)
+        refined = _refine(camera, points, corners_px, whiten, start)
         if refined is not None and all(
             _angle(refined.pose_camera_template, other.pose_camera_template) > 1e-4 for other in found
         ):
             found.append(refined)
     return tuple(sorted(found, key=lambda pose: pose.chi2))
+
+
+def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
+    """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(b.rotation @ a.rotation.T).as_rotvec()
+    return np.concatenate([b.translation_m - a.translation_m, turn])
 
 
 def _angle(a: Pose, b: Pose) -> float:
@@ -106,7 +115,7 @@ def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarr
     return Pose(motion.rotation, shift) if shift[2] > 0 else None
 
 
-def _tilted_back(pose: Pose) -> Pose:
+def tilted_back(pose: Pose) -> Pose:
     """The pose with its tilt mirrored about the line of sight: same picture without perspective."""
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
     side = np.cross(sight, [0.0, 1.0, 0.0])
@@ -117,23 +126,22 @@ def _tilted_back(pose: Pose) -> Pose:
 
 
 def _refine(
-    camera: Camera, points: np.ndarray, corners_px: np.ndarray, root: np.ndarray, start: Pose
+    camera: Camera, points: np.ndarray, corners_px: np.ndarray, whiten: np.ndarray, start: Pose
 ) -> PlanePose | None:
     """Levenberg-Marquardt on the six parameters, residuals whitened by the corners' covariance."""
-    from scipy.linalg import solve_triangular
 
     def residual(pose: Pose) -> np.ndarray | None:
         predicted = camera.project(pose.apply(points))
         if not np.isfinite(predicted).all():
             return None
-        return np.asarray(solve_triangular(root, (predicted - corners_px).ravel(), lower=True))
+        return np.asarray(whiten @ (predicted - corners_px).ravel())
 
     pose, error, damping = start, residual(start), 1e-6
     if error is None:
         return None
     normal = np.eye(6)
     for _ in range(20):
-        jacobian = solve_triangular(root, _pose_jacobian(camera, pose, points), lower=True)
+        jacobian = whiten @ _pose_jacobian(camera, pose, points)
         normal = jacobian.T @ jacobian
         gradient = jacobian.T @ error
         step = np.zeros(6)

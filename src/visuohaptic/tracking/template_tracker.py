@@ -23,7 +23,7 @@ from ..objects import Reason
 from .detector import Detection, DetectorSettings, detect_templates
 from .esm import Alignment, EsmSettings, align
 from .homography import apply_homography, estimate_homography
-from .plane_pose import PlanePose, estimate_plane_poses
+from .plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
 from .template import Template
 from .warp import is_proper
 
@@ -56,6 +56,9 @@ class TemplatePose:
     #: of (x, y, z, rx, ry, rz) [m, rad], rotation about the camera's axes; NaN when not valid
     covariance: Float[np.ndarray, "6 6"]
     ambiguous: bool  #: a second tilt explains the view as well; the covariance spans both
+    #: misfit of the pose with 2 degrees of freedom; a large one says that the calibration of the
+    #: camera or the flatness of the print is worse than the noise of the image
+    chi2: float
     alignment: Alignment | None  #: homography, correlation, noise; None when there was nothing to align
 
 
@@ -214,7 +217,16 @@ class TemplateTracker:
         track.pose = chosen.pose_camera_template
         track.tries = 0
         return TemplatePose(
-            name, t_s, True, Reason.OK, "", chosen.pose_camera_template, covariance, ambiguous, alignment
+            name=name,
+            t_s=t_s,
+            valid=True,
+            reason=Reason.OK,
+            detail="",
+            pose_camera_template=chosen.pose_camera_template,
+            covariance=covariance,
+            ambiguous=ambiguous,
+            chi2=chosen.chi2,
+            alignment=alignment,
         )
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
@@ -243,7 +255,19 @@ class TemplateTracker:
 
     def _poses(self, track: _Track, alignment: Alignment) -> tuple[PlanePose, ...]:
         points = track.template.points_m(track.template.esm.corners)
-        return estimate_plane_poses(self.camera, points, alignment.corners, alignment.corner_covariance)
+        starts: tuple[Pose, ...] = ()
+        if track.pose is not None:
+            starts = (track.pose,)
+            if track.advantage < 50.0 or _slant(track.pose) < np.deg2rad(20.0):
+                starts = (track.pose, tilted_back(track.pose))
+        found = estimate_plane_poses(
+            self.camera, points, alignment.corners, alignment.corner_covariance, starts=starts
+        )
+        if starts and (not found or found[0].chi2 > 100.0):
+            # The last pose was no start: begin with the decomposition.
+            found += estimate_plane_poses(self.camera, points, alignment.corners, alignment.corner_covariance)
+            found = tuple(sorted(found, key=lambda pose: pose.chi2))[:2]
+        return found
 
     def _with_distortion(
         self,
@@ -269,7 +293,6 @@ class TemplateTracker:
     ) -> tuple[PlanePose, bool, Float[np.ndarray, "6 6"]]:
         """Keep one of two tilts; evidence is added up over frames, so that a noisy frame cannot flip it."""
         if len(poses) == 1:
-            track.advantage = 0.0
             return poses[0], False, poses[0].covariance
         current, other = poses
         if track.pose is not None:
@@ -277,6 +300,11 @@ class TemplateTracker:
             turn = [np.trace(kept.T @ pose.pose_camera_template.rotation) for pose in poses]
             if turn[1] > turn[0]:
                 current, other = other, current
+        apart = pose_difference(current.pose_camera_template, other.pose_camera_template)
+        if apart @ np.linalg.solve(current.covariance, apart) < 25.0:
+            # Seen straight on, the two meet: what was known of them before no longer counts.
+            track.advantage *= 0.5
+            return current, False, current.covariance
         # One frame says little where the model is not exact; its say is bounded.
         gain = float(np.clip(other.chi2 - current.chi2, -20.0, 20.0))
         track.advantage = float(np.clip(track.advantage + gain, -100.0, 100.0))
@@ -289,12 +317,7 @@ class TemplateTracker:
             return current, False, current.covariance
         # Mixture of both: the weight of the other is its likelihood ratio.
         weight = 1.0 / (1.0 + np.exp(min(0.5 * track.advantage, 50.0)))
-        from scipy.spatial.transform import Rotation
-
-        a, b = current.pose_camera_template, other.pose_camera_template
-        apart = np.concatenate(
-            [b.translation_m - a.translation_m, Rotation.from_matrix(b.rotation @ a.rotation.T).as_rotvec()]
-        )
+        apart = pose_difference(current.pose_camera_template, other.pose_camera_template)
         return current, True, current.covariance + weight * np.outer(apart, apart)
 
 
@@ -315,11 +338,18 @@ def _detect(
 
 
 def _no_pose(name: str, t_s: float, reason: Reason, detail: str, alignment: Alignment | None) -> TemplatePose:
-    return TemplatePose(name, t_s, False, reason, detail, None, np.full((6, 6), np.nan), False, alignment)
+    nothing = np.full((6, 6), np.nan)
+    return TemplatePose(name, t_s, False, reason, detail, None, nothing, False, np.nan, alignment)
 
 
 def _corners(track: _Track, homography: np.ndarray) -> np.ndarray:
     return apply_homography(homography, track.template.esm.corners)
+
+
+def _slant(pose: Pose) -> float:
+    """Angle between the normal of a template and the line of sight [rad]."""
+    sight = pose.translation_m / np.linalg.norm(pose.translation_m)
+    return float(np.arccos(np.clip(pose.rotation[:, 2] @ sight, -1.0, 1.0)))
 
 
 def _region(homography: np.ndarray, template: Template) -> tuple[int, int, int, int]:
