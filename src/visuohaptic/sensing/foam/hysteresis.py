@@ -33,7 +33,9 @@ RELEASE_STRAIN = 0.005
 RELATIVE_DROP = 0.02
 #: ... or by this many standard deviations of the difference, whichever is more.
 DROP_SIGMAS = 4.0
-#: Half the backlash between a noisy strain and the elements: noise alone must not turn them.
+#: Neighbours to both sides whose mean change a point takes part in: noise alone must not turn it.
+NEIGHBOURS = 5
+#: A point's own strain is believed against them outside of this band.
 PLAY_SIGMAS = 2.0
 #: Number of elements, and the shortest of them.
 ELEMENTS, SHORTEST_STRAIN = 10, 1e-3
@@ -89,7 +91,7 @@ class HysteresisState:
     """What every point of one strip has been through since its last release; changed by ``update``."""
 
     peak_strain: Float[np.ndarray, "K"]  #: largest strain
-    followed: Float[np.ndarray, "K"] = field(init=False)  #: strain behind the backlash
+    followed: Float[np.ndarray, "K"] = field(init=False)  #: strain that moves the elements
     xi: Float[np.ndarray, "K J"] | None = field(default=None, init=False)  #: elements, with a law
 
     def __post_init__(self) -> None:
@@ -110,8 +112,9 @@ class HysteresisState:
         """Take one frame in; returns which points are unloading. Invalid points keep their memory.
 
         The peak of a noisy signal creeps up by a few sigma while a contact rests;
-        the margin below the peak is wider than that. The elements move behind a
-        backlash of two sigma to both sides for the same reason.
+        the margin below the peak is wider than that. For the same reason the
+        elements move with the mean change of a point's neighbourhood, as a body
+        moves it, and with the point's own only where that leaves its noise.
         """
         if strain.shape != self.peak_strain.shape:
             raise InputError(
@@ -124,7 +127,7 @@ class HysteresisState:
         rising = valid & (strain > self.peak_strain)
         self.peak_strain[rising] = strain[rising]
         if law is not None:
-            self._move(strain, PLAY_SIGMAS * strain_sigma, valid, released, law)
+            self._move(strain, strain_sigma, valid, released, law)
         margin = np.maximum(RELATIVE_DROP * self.peak_strain, DROP_SIGMAS * np.sqrt(2.0) * strain_sigma)
         unloading: Bool[np.ndarray, "K"] = valid & ~released & (strain < self.peak_strain - margin)
         return unloading
@@ -132,20 +135,25 @@ class HysteresisState:
     def _move(
         self,
         strain: Float[np.ndarray, "K"],
-        play: Float[np.ndarray, "K"],
+        sigma: Float[np.ndarray, "K"],
         valid: Bool[np.ndarray, "K"],
         released: Bool[np.ndarray, "K"],
         law: HysteresisLaw,
     ) -> None:
         if self.xi is None or self.xi.shape[1] != len(law.yield_strain):
             self.xi = np.ones((len(strain), len(law.yield_strain)))
-            self.followed = strain - play
-        followed = np.clip(self.followed, strain - play, strain + play)
-        followed[released] = (strain - play)[released]
-        step = np.where(valid, followed - self.followed, 0.0)
+            self.followed = np.zeros(len(strain))
+        change = np.where(valid, strain - self.followed, 0.0)
+        pressed = valid & ~released
+        weight = np.where(pressed, 1.0 / np.maximum(sigma, 1e-9) ** 2, 0.0)
+        window = np.ones(2 * NEIGHBOURS + 1)
+        around = np.convolve(weight, window)[NEIGHBOURS:-NEIGHBOURS]
+        common = np.convolve(weight * change, window)[NEIGHBOURS:-NEIGHBOURS] / np.maximum(around, 1e-300)
+        step = np.clip(common, change - PLAY_SIGMAS * sigma, change + PLAY_SIGMAS * sigma)
+        step = np.where(pressed, step, change)
         self.xi = np.clip(self.xi + step[:, None] / law.yield_strain, -1.0, 1.0)
         self.xi[released] = 1.0
-        self.followed = np.where(valid, followed, self.followed)
+        self.followed = self.followed + step
 
 
 def stop_path(
