@@ -179,9 +179,7 @@ def _onto(geometry: StripGeometry, outline, centre_m: float):
     return outline.moved(geometry.radius_m, 0.0).moved(0.0, 0.0, angle).moved(-geometry.radius_m, 0.0)
 
 
-def _mixed(
-    made: list[Delivery], first: int, last: int, rng: np.random.Generator
-) -> list[Delivery]:
+def _mixed(made: list[Delivery], first: int, last: int, rng: np.random.Generator) -> list[Delivery]:
     """Some frames come twice, too late, or again with a new time stamp."""
     result = list(made[:first])
     for i in range(first, last + 1):
@@ -221,7 +219,10 @@ def make_trial(seed: int, kinds: tuple[str, ...] | None = None) -> Trial:
         foam=Surface(foam, float(rng.uniform(0, 6)), "foam", seed=seed),
         body=Surface(float(rng.uniform(35, 75)), 3.0, "metal", seed=seed),
         floor=Surface(
-            float(rng.uniform(60, foam - 45)), float(rng.uniform(0, 14)), str(rng.choice(MATERIALS)), seed=seed
+            float(rng.uniform(60, foam - 45)),
+            float(rng.uniform(0, 14)),
+            str(rng.choice(MATERIALS)),
+            seed=seed,
         ),
         face_contrast=float(rng.uniform(0, 0.35)),
         shadow=float(rng.uniform(0, 0.55)),
@@ -297,10 +298,14 @@ def _switch_on(trial: Trial, kind: str, rng: np.random.Generator) -> None:
         trial.occluders.append(_occluder(trial, across, begin, end, rng))
     elif kind == "light off":
         gain = float(rng.choice([0.0, 0.02, 0.1, 0.25]))
-        trial.effects = replace(trial.effects, light=lambda t: gain if begin - 1e-6 <= t <= end + 0.02 else 1.0)
+        trial.effects = replace(
+            trial.effects, light=lambda t: gain if begin - 1e-6 <= t <= end + 0.02 else 1.0
+        )
     elif kind == "light step":
         gain = float(rng.choice([rng.uniform(0.4, 0.8), rng.uniform(1.2, 2.0)]))
-        trial.effects = replace(trial.effects, light=lambda t: gain if begin - 1e-6 <= t <= end + 0.02 else 1.0)
+        trial.effects = replace(
+            trial.effects, light=lambda t: gain if begin - 1e-6 <= t <= end + 0.02 else 1.0
+        )
     elif kind == "flicker":
         depth, rate = float(rng.uniform(0.1, 0.5)), float(rng.uniform(3, 100))
         trial.effects = replace(trial.effects, light=lambda t: 1 + depth * np.sin(2 * np.pi * rate * t))
@@ -348,13 +353,20 @@ def _switch_on(trial: Trial, kind: str, rng: np.random.Generator) -> None:
             body.update(texture=float(rng.uniform(20, 45)), material=str(rng.choice(MATERIALS)))
     elif kind == "object as grey as foam":
         for body in trial.bodies:
-            body.update(grey=trial.look.foam.grey + float(rng.uniform(-12, 12)), texture=float(rng.uniform(0, 6)))
+            body.update(
+                grey=trial.look.foam.grey + float(rng.uniform(-12, 12)), texture=float(rng.uniform(0, 6))
+            )
     elif kind == "specular spot":
         spot_px = _place_px(trial, float(rng.uniform(-0.07, 0.07)), float(rng.uniform(0.0, 0.03)))
         sizes = rng.uniform(4, 40, 2)
         trial.gloss = during(
-            lambda i: 400.0
-            * np.exp(-0.5 * ((pixel_x - spot_px[0]) / sizes[0]) ** 2 - 0.5 * ((pixel_y - spot_px[1]) / sizes[1]) ** 2)
+            lambda i: (
+                400.0
+                * np.exp(
+                    -0.5 * ((pixel_x - spot_px[0]) / sizes[0]) ** 2
+                    - 0.5 * ((pixel_y - spot_px[1]) / sizes[1]) ** 2
+                )
+            )
         )
     elif kind == "dropped frames":
         trial.window = (first, min(first + int(rng.integers(0, 30)), len(trial.depths_m) - 6))
@@ -382,7 +394,11 @@ def _occluder(
     limit = 0.5 * trial.geometry.length_m
     outline = np.array(
         [
-            _place_px(trial, float(np.clip(middle + half * a, -limit, limit)), 0.5 * (low + high) + 0.5 * (high - low) * b)
+            _place_px(
+                trial,
+                float(np.clip(middle + half * a, -limit, limit)),
+                0.5 * (low + high) + 0.5 * (high - low) * b,
+            )
             for a, b in square
         ]
     )
