@@ -404,5 +404,10 @@ def _occluder(
     )
     grey = float(rng.choice([rng.uniform(10, 240), trial.look.foam.grey, trial.look.floor.grey]))
     surface = Surface(grey, float(rng.choice([0.0, rng.uniform(0, 25)])), str(rng.choice(MATERIALS)))
-    velocity = tuple(rng.uniform(-400, 400, 2) * (rng.random() < 0.6))
-    return Occluder(outline, None, surface, begin - 1e-3, end + 0.02, velocity)
+    velocity = rng.uniform(-400, 400, 2) * (rng.random() < 0.6)
+    if rng.random() < 0.4:
+        # Comes in from ahead of the strip, 0.1 to 0.5 m/s; slower ones look like a push to any camera.
+        velocity = np.array([rng.uniform(-300, 300), 10 ** rng.uniform(2.8, 3.5)])
+        outline = outline - velocity * min(0.1, 300.0 / velocity[1])
+    moving = (float(velocity[0]), float(velocity[1]))
+    return Occluder(outline, None, surface, begin - 1e-3, end + 0.02, moving)

@@ -182,7 +182,7 @@ def main() -> None:
     """Print each trial and the table by kind; arguments: count, first seed."""
     import sys
 
-    count, seed = (int(a) for a in (sys.argv[1:] + ["20", "0"])[:2])
+    count, seed = (int(a) for a in [*sys.argv[1:], "20", "0"][:2])
 
     def say(outcome: Outcome) -> None:
         worst = float(outcome.excess.max())
