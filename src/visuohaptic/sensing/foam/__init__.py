@@ -6,8 +6,9 @@ from .config import FoamSensorConfig, FoamSetup
 from .curve import StressCurve
 from .finger import FingerReading, FingerSensor
 from .geometry import StripGeometry
-from .hysteresis import HysteresisState
+from .hysteresis import HysteresisLaw, HysteresisState, identify_hysteresis
 from .material import FoamMaterial
+from .optics import ObservedStrip
 from .profile import ContactRegion, FoamReading, read_profile
 from .records import PlateRecord, StrainStress, read_plate, read_strain_stress
 from .section import section_material, sensitivity
@@ -27,7 +28,9 @@ __all__ = [
     "FoamSensor",
     "FoamSensorConfig",
     "FoamSetup",
+    "HysteresisLaw",
     "HysteresisState",
+    "ObservedStrip",
     "PlateRecord",
     "StrainStress",
     "StressCurve",
@@ -37,6 +40,7 @@ __all__ = [
     "ZeroWatch",
     "calibrate_foam",
     "calibrate_tension",
+    "identify_hysteresis",
     "read_plate",
     "read_profile",
     "read_strain_stress",

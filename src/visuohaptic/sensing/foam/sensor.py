@@ -176,9 +176,10 @@ class FoamSensor:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
         good = strip.usable & ~covered
         doubtful = strip.doubtful & ~covered
-        sigma = np.where(doubtful, np.hypot(sigma, scale * _doubt(strip)), sigma)
-        seen = good | _plausible(delta, sigma, good, doubtful)
+        doubt = np.where(doubtful, scale * _doubt(strip), 0.0)
+        seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
+        doubt = np.where(seen, doubt, 0.0)
         moved_px = strip.moved_px
         common = watch.sigma_m if watch is not None else 0.0
         # A camera that shifted sideways may have shifted as far in depth: width scales with 1/distance.
@@ -192,8 +193,11 @@ class FoamSensor:
             boundary=self.setup.config.boundary,
             zero_sigma_m=common,
             memory=self._memory,
+            doubt_m=doubt,
+            end_cells_m=geometry.end_cells_m,
         )
         self.reading = reading
+        sigma = np.hypot(sigma, doubt)
         reason = self._judge(reading, gap, covered, strip)
         if watch is not None and reason is Reason.OK:
             watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
