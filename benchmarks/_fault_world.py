@@ -180,7 +180,11 @@ def _onto(geometry: StripGeometry, outline, centre_m: float):
 
 
 def _mixed(made: list[Delivery], first: int, last: int, rng: np.random.Generator) -> list[Delivery]:
-    """Some frames come twice, too late, or again with a new time stamp."""
+    """Some frames come twice, too late, or again with a new time stamp.
+
+    A late picture that comes for the first time, with a new time stamp, is not among them: nothing in
+    it tells its age.
+    """
     result = list(made[:first])
     for i in range(first, last + 1):
         kind = rng.integers(5)
@@ -191,7 +195,7 @@ def _mixed(made: list[Delivery], first: int, last: int, rng: np.random.Generator
         elif kind == 2:  # out of order
             result += [made[i], made[i - 2]]
         elif kind == 3:  # an old picture under a new time stamp: the camera's buffers are mixed up
-            old = made[i - int(rng.integers(1, 4))].frame
+            old = result[-min(int(rng.integers(1, 4)), len(result))].frame
             result.append(replace(made[i], frame=Frame(old.image, made[i].frame.t_s, made[i].frame.index)))
         # 4: lost
     return result + made[last + 1 :]
