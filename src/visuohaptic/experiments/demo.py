@@ -19,7 +19,7 @@ from ..recording import MeasurementWriter, OccupancyMap, TableWriter
 from ..simulation.look import Look
 from ..simulation.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.platform import PlatformConfig
-from ..simulation.push_script import SimulatedSensorCamera
+from ..simulation.sensor_camera import SimulatedSensorCamera
 from ..simulation.renderer import SceneRenderer
 from ..simulation.scene import FoamScene
 from ..simulation.world import PushWorld
@@ -129,7 +129,8 @@ def run_demo(
     )
     if page is not None:
         _show_world(page, grid, world)
-    objects, track = [], []
+    objects: list[DemoObject] = []
+    track: list[tuple[float, float]] = []
     with MeasurementWriter(folder / "run.mcap") as recording, TableWriter(folder / "run.csv") as table:
         recording.write_camera(sensor.setup.camera, 0.0)
         recording.write_map(grid, 0.0)
