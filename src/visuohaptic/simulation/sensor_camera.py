@@ -26,7 +26,7 @@ class Renderer(Protocol):
         """The camera's model."""
 
     def render(
-        self, scene: FoamScene, rng: np.random.Generator | None = None
+        self, scene: FoamScene, *, rng: np.random.Generator
     ) -> UInt8[np.ndarray, "rows columns *colour"]:
         """Image of a scene, with noise from ``rng``."""
 
