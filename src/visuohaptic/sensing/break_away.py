@@ -39,6 +39,8 @@ RELEASED = 1.5
 WAY_ERROR = 0.1
 #: Error of the method itself, by the force: the Stribeck part of the friction, turning bodies.
 METHOD_ERROR = 0.02
+#: Frames before the contact that tell the noise.
+QUIET_FRAMES = 6
 #: Frames after the last one at rest that are looked at.
 FRAMES = 3
 #: An object slides, and rests, when its way grows by more, and less, than these parts of the travel.
@@ -66,7 +68,7 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     t, x, d, force = record.t_s[part], record.travel_m[part], record.deflection_m[part], record.force_N[part]
     if len(t) < 4 or not (np.isfinite(d).all() and np.isfinite(force).all()):
         return None
-    noise = max(float(np.median(record.deflection_sigma_m[part])), 1e-7)
+    noise = _noise_m(record, begin)
     pressed = np.flatnonzero(d > 5 * noise)
     if len(pressed) < 3:
         return None
@@ -116,6 +118,22 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     spread = float(np.sqrt(weight @ (static - value) ** 2))
     grid = float(np.ptp(static)) / TIMES / np.sqrt(12.0)
     return value, float(np.sqrt(spread**2 + grid**2 + (METHOD_ERROR * value) ** 2))
+
+
+def _noise_m(record: PushRecord, before: int) -> float:
+    """Noise of the deflection from frame to frame [m].
+
+    The declared sigma holds what stays the same in every frame, too (zero reference,
+    texture at the edge), and that falls out of differences in time: with enough frames
+    before the contact their scatter is believed instead, never more than declared.
+    """
+    declared = max(float(np.nanmedian(record.deflection_sigma_m)), 1e-7)
+    free = record.deflection_m[:before]
+    free = free[np.isfinite(free)]
+    if len(free) < QUIET_FRAMES:
+        return declared
+    # The largest of many noisy points scatter less than each of them: a factor on the safe side.
+    return min(declared, max(1.5 * float(np.std(np.diff(free))), 1e-6))
 
 
 def _load(

@@ -57,9 +57,10 @@ def tag_from_push(
         Why the platform stopped: without motion this tells a fixed object
         from a push that ended early.
     primitive
-        Shape fitted while the platform stood still.
+        Shape fitted while the platform stood still, in frame F of that moment; it is kept as it is.
     object_centre_m
-        Where along the strip the object's centre is, for the contact offset.
+        Where along the strip (y of frame F) the object's centre is. The contact offset is the
+        median of the contact's place minus this one over phase (a), positive to the left.
     settings
         Thresholds.
     """

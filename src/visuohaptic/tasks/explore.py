@@ -77,7 +77,12 @@ class ExploreStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exploration:
-    """What came out of it."""
+    """What came out of it.
+
+    ``tag.primitive`` and ``fit`` are in frame F of the sensor where the platform
+    stood at ``fit_state``; ``tag.contact_offset_m`` is along y of F, to the left of
+    the fitted shape's centre. Lines and corners have no centre and no offset.
+    """
 
     outcome: Outcome
     tag: HapticTag

@@ -1,0 +1,75 @@
+"""The break-away against pushes integrated here: a linear foam, another integrator, finer steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.sensing.break_away import break_away
+from visuohaptic.sensing.push import PushRecord
+
+FRAME_S, NOISE_M = 1 / 30, 1e-5
+
+
+def push(
+    rng: np.random.Generator, *, speed: float, mass: float, static: float, dynamic: float, k: float = 1000.0
+) -> tuple[PushRecord, int, int]:
+    """Record of a rigid object in front of a linear foam, and the frames of phase (a)."""
+    dt, y, v, moving = 2e-5, 0.0, 0.0, False
+    rows, next_frame, start = [], rng.uniform(0, FRAME_S), -0.002
+    for step in range(round(0.6 / dt)):
+        t = step * dt
+        x = start + speed * t
+        depth = max(x - y, 0.0)
+        moving = moving or k * depth > static
+        if moving:
+            v = max(v + dt * (k * depth - dynamic) / mass, 0.0)
+            y += dt * v
+        if t >= next_frame:
+            rows.append((t, x, depth, k * depth, y))
+            next_frame += FRAME_S
+    t, x, depth, force, way = np.array(rows).T
+    count = len(t)
+    nothing = np.zeros(count)
+    record = PushRecord(
+        t, np.ones(count, bool), force + 0.002 * rng.standard_normal(count), np.full(count, 0.002), 0.0,
+        depth + NOISE_M / 2 * rng.standard_normal(count), np.full(count, NOISE_M), x - start,
+        nothing, nothing, np.full(count, np.nan),
+    )  # fmt: skip
+    return record, int(np.argmax(depth > 5e-5)), int(np.argmax(way > 1e-4)) + 1
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.035, 0.05])
+def test_static_friction_without_the_overshoot(speed: float) -> None:
+    rng = np.random.default_rng(7)
+    error, peak, inside = [], [], []
+    for _ in range(30):
+        dynamic = rng.uniform(2.0, 6.0)
+        static = dynamic * rng.uniform(1.0, 1.25)
+        mass = dynamic / (rng.uniform(0.25, 0.6) * 9.81)
+        record, begin, until = push(rng, speed=speed, mass=mass, static=static, dynamic=dynamic)
+        found = break_away(record, begin, until, dynamic)
+        if found is None:
+            continue  # two frames of phase (a) at most
+        value, sigma = found
+        error.append(value / static - 1)
+        peak.append(record.force_N.max() / static - 1)
+        inside.append(abs(value - static) < 1.645 * sigma)
+    assert len(error) >= 27
+    # The peak is too high by v sqrt(m k), a fifth and more; the aim for the break-away is 5 %.
+    assert np.median(np.abs(error)) < 0.05
+    assert np.median(np.abs(error)) < 0.5 * np.median(np.abs(peak))
+    # 30 pushes: two standard deviations of a 90 % interval are 11 %.
+    assert np.mean(inside) >= 0.79
+
+
+def test_soft_and_late_objects_have_no_break_away() -> None:
+    t = np.arange(40) * FRAME_S
+    x = 0.03 * t
+    nothing = np.zeros(40)
+    for deflection in (0.5 * x, np.minimum(0.2 * x, 1e-3), nothing):
+        record = PushRecord(
+            t, np.ones(40, bool), 1000 * deflection, np.full(40, 0.01), 0.0, deflection,
+            np.full(40, NOISE_M), x, nothing, nothing, nothing,
+        )  # fmt: skip
+        assert break_away(record, 2, 30, 3.0) is None
