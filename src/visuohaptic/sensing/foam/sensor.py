@@ -39,8 +39,12 @@ _DOUBTFUL_MARGIN = 0.15
 _REMEMBERED_IMAGES = 8
 
 #: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
-#: than that may be the wrong one of two.
-_FAINT = 3.5
+#: than that, or than this part of the foam's grey level, may be the wrong one of two.
+_FAINT, _FAINT_OF_FOAM = 3.5, 0.12
+
+#: Foam gives back less than it took: where a contact was out of sight for ``_BRANCH_S`` or longer, its
+#: force is uncertain by this fraction until it is released.
+_UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
 #: Scatter from point to point, in declared sigmas, that is still forgiven, and that is too much.
 _ROUGH, _TOO_ROUGH = 1.5, 4.0
@@ -141,6 +145,10 @@ class FoamSensor:
         self._memory = HysteresisState.at_rest(points)
         self._onset = OnsetWatch(points, self.setup.config.max_contact_speed_m_s)
         self._focus = FocusWatch()
+        self._seen_t_s: float | None = None  # when the whole front was seen last
+        self._frame_s = np.inf  # shortest time between two frames
+        self._touched = False
+        self._unseen_s = 0.0  # for how long the present contact was out of sight
         self._last_t_s: float | None = None
 
     def read(self, frame: Frame) -> ForceProfile:
@@ -175,6 +183,8 @@ class FoamSensor:
         self._images.append(image)
         if self._last_t_s is not None and frame.t_s - self._last_t_s > self.setup.config.max_gap_s:
             self.optics.forget_motion()
+        if self._last_t_s is not None:
+            self._frame_s = min(self._frame_s, frame.t_s - self._last_t_s)
         self._last_t_s = frame.t_s
         return False
 
@@ -192,7 +202,8 @@ class FoamSensor:
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
             covered |= thicker_than_at_rest(delta, sigma, geometry.width_m)
-        faint = np.abs(strip.front.contrast) < _FAINT * strip.front.noise_grey
+        step = np.abs(strip.front.contrast)
+        faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
         good = strip.usable & ~covered & ~faint
         doubtful = strip.doubtful & ~covered & ~faint
         doubt = np.where(doubtful, scale * _doubt(strip), 0.0)
@@ -218,6 +229,7 @@ class FoamSensor:
             doubt_m=doubt,
             end_cells_m=geometry.end_cells_m,
         )
+        reading = self._with_unknown_branch(reading, strip.t_s, gap)
         limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
         reading = self.reading = replace(
             reading,
@@ -243,6 +255,22 @@ class FoamSensor:
             seen,
             tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
         )
+
+    def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
+        """Doubt about the hysteresis after a time in which the contact may have turned round unseen."""
+        if gap:
+            return reading
+        if self._touched and self._seen_t_s is not None:
+            away = t_s - self._seen_t_s
+            self._unseen_s += away - self._frame_s if away > 1.5 * self._frame_s else 0.0
+        self._seen_t_s, self._touched = t_s, bool(reading.contacts)
+        if not self._touched:
+            self._unseen_s = 0.0
+        if self._unseen_s == 0.0:
+            return reading
+        doubt = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
+        model = float(np.hypot(reading.budget.model_N, doubt))
+        return replace(reading, budget=replace(reading.budget, model_N=model))
 
     def _with_unexplained(
         self,
