@@ -77,7 +77,9 @@ class ElasticRod:
                 break
             if change < 1e-14:
                 return RodState(self, force, moment, frames, points)
-        raise InputError("ElasticRod.bend", f"no shape found under {force} N and {moment} Nm", remedy="load less")
+        raise InputError(
+            "ElasticRod.bend", f"no shape found under {force} N and {moment} Nm", remedy="load less"
+        )
 
     def _chain(
         self, turns: np.ndarray, force: np.ndarray, stretch: np.ndarray, twist: float
@@ -87,7 +89,7 @@ class ElasticRod:
         whole, half = _rotations(turns), _rotations(0.5 * turns)
         c, s = math.cos(twist), math.sin(twist)
         frames = np.zeros((self.links + 1, 3, 3))
-        frames[0] = [[1, 0, 0], [0, c, -s], [0, s, c]]
+        frames[0] = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
         for k in range(self.links):
             frames[k + 1] = frames[k] @ whole[k]
         along = np.array([1.0, 0.0, 0.0]) + np.einsum("nji,j->ni", frames, force) * stretch

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+from jaxtyping import Float
 
 __all__ = ["integrate_rod", "rod_jacobian"]
 
 
 @nb.njit("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[:,::1])", cache=True, error_model="numpy")
-def _rates(state, force, moment, stiffness, clamp_x, out):
+def _rates(
+    state: Float[np.ndarray, "4 3"],
+    force: Float[np.ndarray, "3"],
+    moment: Float[np.ndarray, "3"],
+    stiffness: Float[np.ndarray, "5"],
+    clamp_x: float,
+    out: Float[np.ndarray, "4 3"],
+) -> None:
     """d/ds of rows (position; three columns of the frame), for the state of one cross section.
 
     The frame turns about u = m / EI + (1 / GJ - 1 / EI) (t . m) t, with tangent t and
@@ -33,7 +41,13 @@ def _rates(state, force, moment, stiffness, clamp_x, out):
 
 
 @nb.njit("void(f8[::1], f8[::1], f8[::1], i8, f8[:,:,::1])", cache=True, error_model="numpy")
-def integrate_rod(base, stiffness, stations, steps, out):
+def integrate_rod(
+    base: Float[np.ndarray, "6"],
+    stiffness: Float[np.ndarray, "5"],
+    stations: Float[np.ndarray, "n"],
+    steps: int,
+    out: Float[np.ndarray, "n 4 3"],
+) -> None:
     """Cross sections of a rod whose clamp carries a known force and moment.
 
     Parameters
@@ -91,7 +105,15 @@ def integrate_rod(base, stiffness, stations, steps, out):
     cache=True,
     error_model="numpy",
 )
-def rod_jacobian(base, stiffness, stations, steps, step, out, jacobian):
+def rod_jacobian(
+    base: Float[np.ndarray, "6"],
+    stiffness: Float[np.ndarray, "5"],
+    stations: Float[np.ndarray, "n"],
+    steps: int,
+    step: Float[np.ndarray, "6"],
+    out: Float[np.ndarray, "n 4 3"],
+    jacobian: Float[np.ndarray, "n 6 6"],
+) -> None:
     """Cross sections as in :func:`integrate_rod`, and how they move and turn with the base wrench.
 
     Parameters
@@ -116,15 +138,13 @@ def rod_jacobian(base, stiffness, stations, steps, step, out, jacobian):
             for j in range(3):
                 jacobian[n, j, c] = scale * (ahead[n, 0, j] - behind[n, 0, j])
             # Half the sum of a x da over the three axes is the small rotation between two frames.
+            for j in range(3, 6):
+                jacobian[n, j, c] = 0.0
             for k in range(1, 4):
                 ax, ay, az = out[n, k, 0], out[n, k, 1], out[n, k, 2]
                 bx = ahead[n, k, 0] - behind[n, k, 0]
                 by = ahead[n, k, 1] - behind[n, k, 1]
                 bz = ahead[n, k, 2] - behind[n, k, 2]
-                if k == 1:
-                    jacobian[n, 3, c] = 0.0
-                    jacobian[n, 4, c] = 0.0
-                    jacobian[n, 5, c] = 0.0
                 jacobian[n, 3, c] += 0.5 * scale * (ay * bz - az * by)
                 jacobian[n, 4, c] += 0.5 * scale * (az * bx - ax * bz)
                 jacobian[n, 5, c] += 0.5 * scale * (ax * by - ay * bx)

@@ -67,13 +67,17 @@ class RelativePoses:
     names: tuple[str, ...]
     poses: tuple[Pose, ...]  #: pose_reference_template of each
     covariance: Float[np.ndarray, "6n 6n"]  #: correlated, because all share the reference
+    shared: Float[np.ndarray, "6n 6"]  #: d(poses) / d(reference), of the part that is in common
 
     def select(self, names: Sequence[str]) -> RelativePoses:
         """Only these, in this order."""
         places = [self.names.index(name) for name in names]
         rows = np.concatenate([6 * place + np.arange(6) for place in places])
         return RelativePoses(
-            tuple(names), tuple(self.poses[place] for place in places), self.covariance[np.ix_(rows, rows)]
+            tuple(names),
+            tuple(self.poses[place] for place in places),
+            self.covariance[np.ix_(rows, rows)],
+            self.shared[rows],
         )
 
 
@@ -115,7 +119,9 @@ def relative_poses(
         if pose is None:
             raise InputError("templates", f"{template.name} has no pose", remedy="leave it out")
         if template.covariance.shape != (6, 6) or not np.isfinite(template.covariance).all():
-            raise InputError("templates", f"{template.name} is valid, but its covariance is not 6 x 6 numbers")
+            raise InputError(
+                "templates", f"{template.name} is valid, but its covariance is not 6 x 6 numbers"
+            )
         poses.append(reference.inverse() @ pose)
         own.append(turn @ template.covariance @ turn.T)
         lever = np.eye(6)
@@ -125,7 +131,7 @@ def relative_poses(
     covariance = stack @ reference_covariance @ stack.T
     for k, block in enumerate(own):
         covariance[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] += block
-    return RelativePoses(tuple(template.name for template in templates), tuple(poses), covariance)
+    return RelativePoses(tuple(template.name for template in templates), tuple(poses), covariance, -stack)
 
 
 def section_motion(

@@ -37,9 +37,16 @@ class SteadyReference:
         self.covariance: Float[np.ndarray, "6 6"] = np.full((6, 6), np.nan)
         self._count = 0
         self._deviating = 0
+        self._held = False
+
+    def hold(self) -> None:
+        """Take the mean as it is from now on."""
+        self._held = True
 
     def update(self, pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Reason:
         """Take in one pose; ``moved`` when it does not fit to those before."""
+        if self._held:
+            return Reason.OK
         if self.pose is None:
             self.pose, self.covariance, self._count = pose, covariance, 1
             return Reason.OK

@@ -25,6 +25,7 @@ from jaxtyping import Float
 from ...errors import InputError
 from . import _kernels
 from .mechanics import Beam
+from .observation import cross_matrix
 
 __all__ = ["RodShape", "base_wrench", "bend_rod", "rod_from_base"]
 
@@ -68,8 +69,8 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
     arm_jacobian = jacobian[-1, :3].copy()
     arm_jacobian[0, 0] -= 1 / beam.spring_N_per_m
     wrench_jacobian = np.eye(6)
-    wrench_jacobian[3:] += _cross_matrix(base[:3]) @ arm_jacobian
-    wrench_jacobian[3:, :3] -= _cross_matrix(arm)
+    wrench_jacobian[3:] += cross_matrix(base[:3]) @ arm_jacobian
+    wrench_jacobian[3:, :3] -= cross_matrix(arm)
     wrench = np.concatenate([base[:3], base[3:] - np.cross(arm, base[:3])])
     rotation = out[:, 1:].transpose(0, 2, 1)
     return RodShape(base, out[:-1, 0], rotation[:-1], jacobian[:-1], wrench, wrench_jacobian)
@@ -103,16 +104,15 @@ def bend_rod(beam: Beam, wrench: Float[np.ndarray, "6"], xi: Float[np.ndarray, "
                     break
                 if np.abs(error).max() < tolerance:
                     break
-                base = base + np.concatenate([np.zeros(3), np.linalg.solve(shape.wrench_jacobian[3:, 3:], error)])
+                base = base + np.concatenate(
+                    [np.zeros(3), np.linalg.solve(shape.wrench_jacobian[3:, 3:], error)]
+                )
             else:
                 error = np.full(3, np.inf)
             if not np.abs(error).max() < tolerance:
                 break
         else:
             return shape
-    raise InputError("bend_rod", f"no equilibrium found under the wrench {wrench}", remedy="load the rod less")
-
-
-def _cross_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    raise InputError(
+        "bend_rod", f"no equilibrium found under the wrench {wrench}", remedy="load the rod less"
+    )

@@ -16,7 +16,7 @@ from ...objects import Reason, Wrench
 from .correction import Correction, prior_correction
 from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench
 from .mechanics import Beam
-from .observation import RelativePoses, TemplateObservation, relative_poses, section_motion
+from .observation import RelativePoses, SectionMotion, TemplateObservation, relative_poses, section_motion
 from .reference import SteadyReference
 from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
@@ -112,18 +112,23 @@ class BeamSensor:
         CalibrationError
             Too little was seen, or the sensor moved meanwhile.
         """
-        found, t_s = [], 0.0
-        steady = SteadyReference() if self._steady is not None else None
-        for t_s, templates in frames:
-            relative, _ = self._relative(templates, steady)
-            if relative is not None:
-                found.append(relative)
+        seen = list(frames)
+        steady = None
+        if self._steady is not None:
+            steady = SteadyReference(max(len(seen), 2))
+            for _, templates in seen:
+                if self._relative(templates, steady)[1] is Reason.MOVED:
+                    raise CalibrationError(
+                        "zero", "the reference moved in the view", remedy="hold camera and sensor still"
+                    )
+            steady.hold()
+        found = [relative for _, templates in seen if (relative := self._relative(templates, steady)[0])]
         if not found:
             raise CalibrationError(
                 "zero", "no frame shows the reference template and one on the rod", remedy="free their view"
             )
-        zero = BeamZero.from_frames(t_s, found)
-        self._steady = steady
+        zero = BeamZero.from_frames(seen[-1][0], found, shared=None if steady is None else steady.covariance)
+        self._steady = None if steady is None else SteadyReference()
         self._set_zero(zero)
         return zero
 
@@ -204,7 +209,7 @@ class BeamSensor:
         bent = found.stress - 3 * self._stress_sigma(sigma)
         self._yielded = self._yielded or bent > 1.0
         saturated = found.stress > setup.stress_limit or self._spring_at_stop(wrench)
-        if reason is Reason.OK and self._disagree(found, motion.vector):
+        if reason is Reason.OK and self._disagree(found, motion):
             reason = Reason.DRIFTED
         if saturated:
             reason = Reason.SATURATED
@@ -215,9 +220,7 @@ class BeamSensor:
         wrench = wrench - self.watch.offset
         zero = zero + self.watch.covariance
         calibration = self.correction.covariance(wrench)
-        result = Wrench(
-            t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + calibration
-        )
+        result = Wrench(t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + calibration)
         return BeamReading(result, noise, zero, calibration, found.exact, found.stress, relative.names)
 
     def _stress_sigma(self, sigma: Float[np.ndarray, "6"]) -> float:
@@ -231,22 +234,18 @@ class BeamSensor:
             or abs(wrench[3]) > beam.spring_Nm_per_rad * beam.spring_turn_rad
         )
 
-    def _disagree(self, found: BeamEstimate, motion: Float[np.ndarray, "6n"]) -> bool:
+    def _disagree(self, found: BeamEstimate, motion: SectionMotion) -> bool:
         """Whether the templates contradict each other by more than noise and an inexact beam allow."""
         if found.freedom <= 0:
             return False
         from scipy.stats import chi2
 
         # An inexact beam leaves a share of the motion; it must not look like a loose template.
-        moved = motion.reshape(-1, 6)
-        allowed = self.setup.model_error * np.repeat(
-            np.stack([np.linalg.norm(moved[:, :3], axis=1), np.linalg.norm(moved[:, 3:], axis=1)], axis=1), 3, axis=1
-        )
-        left = np.maximum(np.abs(found.residual) - allowed.ravel(), 0.0)
-        if not left.any() or found.chi2 <= chi2.isf(_DISAGREEMENT, found.freedom):
-            return False
-        shrunk = left / np.maximum(np.abs(found.residual), 1e-300)
-        return bool(found.chi2 * float(np.max(shrunk)) ** 2 > chi2.isf(_DISAGREEMENT, found.freedom))
+        moved = motion.vector.reshape(-1, 2, 3)
+        allowed = self.setup.model_error * np.repeat(np.linalg.norm(moved, axis=2), 3, axis=1).ravel()
+        spread = motion.covariance + np.diag(allowed**2)
+        misfit = float(found.residual @ np.linalg.solve(spread, found.residual))
+        return misfit > float(chi2.isf(_DISAGREEMENT, found.freedom))
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
         nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)

@@ -50,8 +50,20 @@ class BeamZero:
     rest: RelativePoses  #: mean poses in the reference template, and the covariance of the means
 
     @classmethod
-    def from_frames(cls, t_s: float, frames: Sequence[RelativePoses], *, where: str = "zero") -> BeamZero:
+    def from_frames(
+        cls,
+        t_s: float,
+        frames: Sequence[RelativePoses],
+        *,
+        shared: Float[np.ndarray, "6 6"] | None = None,
+        where: str = "zero",
+    ) -> BeamZero:
         """Average frames of an unloaded sensor; templates that most frames miss are left out.
+
+        Parameters
+        ----------
+        shared
+            Covariance of a reference that was the same in all frames, and does not average out.
 
         Raises
         ------
@@ -59,7 +71,9 @@ class BeamZero:
             No template was seen in half of the frames, or the rod moved.
         """
         if not frames:
-            raise CalibrationError(where, "no frame shows the reference and a template", remedy="free the view")
+            raise CalibrationError(
+                where, "no frame shows the reference and a template", remedy="free the view"
+            )
         counts: dict[str, int] = {}
         for frame in frames:
             for name in frame.names:
@@ -77,13 +91,17 @@ class BeamZero:
             means.append(mean)
             offsets.append(offset)
         covariance = np.mean([frame.covariance for frame in whole], axis=0)
+        lever = whole[-1].shared
+        common = 0.0 if shared is None else lever @ shared @ lever.T
+        covariance = covariance - common  # of what is new in each frame
         scatter = np.hstack(offsets)
         if len(whole) >= 4:
             _refuse_motion(where, names, scatter, covariance)
             # Noise that the tracker does not declare must not make the zero look better than it is.
             seen_sigma = scatter.std(axis=0, ddof=1)
             covariance = covariance * max(1.0, float(np.mean(seen_sigma**2 / np.diag(covariance))))
-        return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), covariance / len(whole)))
+        mean_covariance = covariance / len(whole) + common
+        return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever))
 
     def save(self, path: Path | str) -> None:
         """Write as YAML, whole or not at all."""
@@ -121,7 +139,7 @@ class BeamZero:
         if np.linalg.eigvalsh(covariance).min() < -1e-6 * np.abs(covariance).max():
             raise InputError(path, "is not positive definite", field="covariance")
         poses = tuple(Pose.from_quaternion(t.quaternion_xyzw, t.translation_m) for t in data.templates)
-        return cls(data.t_s, data.frames, RelativePoses(tuple(found), poses, covariance))
+        return cls(data.t_s, data.frames, RelativePoses(tuple(found), poses, covariance, np.zeros((size, 6))))
 
 
 def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
