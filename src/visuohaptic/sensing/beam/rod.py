@@ -31,6 +31,8 @@ __all__ = ["RodShape", "base_wrench", "bend_rod", "rod_from_base"]
 
 #: Runge-Kutta steps; the error of the tip is below 1e-9 of the length at the yield limit.
 STEPS = 24
+#: Shapes whose moment in the clamp is beyond this many yield moments are no shapes of a sensor.
+MAX_MOMENT = 4.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +93,10 @@ def bend_rod(beam: Beam, wrench: Float[np.ndarray, "6"], xi: Float[np.ndarray, "
         No equilibrium was found: the load buckles the rod.
     """
     wrench = np.asarray(wrench, dtype=np.float64)
+    # Beyond Euler's load the straight rod is still an equilibrium, but no rod stays there.
+    buckling_N = 0.25 * (np.pi / beam.length_m) ** 2 * beam.bending_Nm2
+    if wrench[0] < -buckling_N:
+        raise InputError("bend_rod", f"found F_X = {wrench[0]:g} N, the rod buckles at {-buckling_N:.3g} N")
     tolerance = 1e-12 * beam.moment_limit_Nm + 1e-13 * np.abs(wrench).max()
     for parts in (1, 4, 16):  # a load that is too much at once is put on in parts
         base = base_wrench(beam, wrench / parts)
@@ -112,7 +118,8 @@ def bend_rod(beam: Beam, wrench: Float[np.ndarray, "6"], xi: Float[np.ndarray, "
             if not np.abs(error).max() < tolerance:
                 break
         else:
-            return shape
+            if np.abs(shape.base[3:]).max() < MAX_MOMENT * beam.moment_limit_Nm:
+                return shape
     raise InputError(
         "bend_rod", f"no equilibrium found under the wrench {wrench}", remedy="load the rod less"
     )

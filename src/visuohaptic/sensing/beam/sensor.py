@@ -44,7 +44,7 @@ class BeamSetup:
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
     #: misfit between templates that is no disagreement, as a fraction of their motion
-    model_error: float = 0.03
+    model_error: float = 0.02
     zero_path: Path | None = None
 
     def __post_init__(self) -> None:
@@ -240,9 +240,12 @@ class BeamSensor:
             return False
         from scipy.stats import chi2
 
-        # An inexact beam leaves a share of the motion; it must not look like a loose template.
+        # An inexact beam leaves a share of each motion, inexact axes one of the motion across it;
+        # neither must look like a loose template.
         moved = motion.vector.reshape(-1, 2, 3)
-        allowed = self.setup.model_error * np.repeat(np.linalg.norm(moved, axis=2), 3, axis=1).ravel()
+        across = np.linalg.norm(moved, axis=2, keepdims=True)
+        axes = self.setup.beam.alignment_tolerance_rad
+        allowed = np.hypot(self.setup.model_error * moved, axes * across).ravel()
         spread = motion.covariance + np.diag(allowed**2)
         misfit = float(found.residual @ np.linalg.solve(spread, found.residual))
         return misfit > float(chi2.isf(_DISAGREEMENT, found.freedom))
