@@ -81,7 +81,7 @@ def test_the_total_is_the_sum_of_its_parts_and_covers_the_truth(bench, vector):
     squares = []
     for k in range(60):
         reading = sensor.read(10 + k / 30, shaken(true, rng))
-        total = reading.noise + reading.zero + reading.calibration
+        total = reading.noise + reading.zero + reading.setup + reading.calibration
         assert reading.wrench.covariance == pytest.approx(total)
         error = vector(reading.wrench) - wrench
         squares.append(error @ np.linalg.solve(reading.noise + reading.zero, error))

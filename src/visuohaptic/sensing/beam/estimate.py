@@ -13,7 +13,7 @@ from .mechanics import Beam, compliance, shortening, stress_ratio
 from .observation import SectionMotion, rotation_vectors
 from .rod import base_wrench, rod_from_base
 
-__all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench"]
+__all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench", "setup_variance"]
 
 BeamModel = Literal["auto", "linear", "exact"]
 
@@ -30,8 +30,9 @@ class BeamEstimate:
     wrench: Float[np.ndarray, "6"]  #: at the tip, frame S [N, Nm]
     noise: Float[np.ndarray, "6 6"]  #: covariance by the poses of the frame
     zero: Float[np.ndarray, "6 6"]  #: covariance by the zero reference
+    setup: Float[np.ndarray, "6 6"]  #: covariance by templates that are not exactly where they are said to be
     exact: bool  #: by the exact rod; otherwise by the linear beam
-    chi2: float  #: weighted sum of squared residuals
+    chi2: float  #: sum of squared residuals, weighted by noise, zero and setup
     freedom: int  #: observations less unknowns
     residual: Float[np.ndarray, "6n"]  #: observed less explained (d, phi) of each section [m, rad]
     stress: float  #: largest equivalent stress in the rod by the yield stress
@@ -58,21 +59,40 @@ def estimate_wrench(
     if not len(motion.xi):
         raise InputError("motion", "has no cross section, expected at least one")
     try:
-        whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance))
+        setup = setup_variance(beam, motion)
+        whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance + np.diag(setup)))
     except np.linalg.LinAlgError as error:
         raise InputError("motion", "its covariance is not positive definite") from error
     start, gain, residual, freedom = _linear(beam, motion, whiten)
     if model == "linear":
         moment = base_wrench(beam, start)[3:]
         stress = max(stress_ratio(beam, moment, start[0]), stress_ratio(beam, start[3:], start[0]))
-        return _estimate(start, gain, motion, False, whiten, residual, freedom, stress)
-    exact = _exact(beam, motion, whiten, start)
+        return _estimate(start, gain, motion, setup, False, whiten, residual, freedom, stress)
+    exact = _exact(beam, motion, setup, whiten, start)
     if model == "auto":
-        linear = _estimate(start, gain, motion, False, whiten, residual, freedom, exact.stress)
-        sigma = np.sqrt(np.diag(linear.noise + linear.zero))
+        linear = _estimate(start, gain, motion, setup, False, whiten, residual, freedom, exact.stress)
+        sigma = np.sqrt(np.diag(exact.noise + exact.zero))
         if (np.abs(exact.wrench - start) <= linear_limit * sigma).all():
             return linear
     return exact
+
+
+def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
+    """What templates may contradict each other by, because they are not exactly where they are said to be.
+
+    Grows with the load: a template that sits ``place_tolerance_m`` further along
+    the rod moves by the slope times that and turns by the curvature times that;
+    a share ``shape_tolerance`` of each motion is left for all other causes.
+    Without it the weights of a tracker of micrometres would turn half a
+    millimetre of misplacement into newtons.
+    """
+    vector = motion.vector.reshape(-1, 2, 3)
+    size = np.linalg.norm(vector, axis=2)
+    place = beam.place_tolerance_m * size[:, 1]
+    reach = np.maximum(motion.xi, 0.2) * beam.length_m
+    shape = beam.shape_tolerance * size
+    both = np.stack([np.hypot(shape[:, 0], place), np.hypot(shape[:, 1], place / reach)], axis=1)
+    return np.repeat(both**2, 3, axis=1).ravel()
 
 
 def _linear(
@@ -97,7 +117,9 @@ def _linear(
     return wrench, gain, lifted - matrix @ wrench, len(observed) - 6
 
 
-def _exact(beam: Beam, motion: SectionMotion, whiten: np.ndarray, start: np.ndarray) -> BeamEstimate:
+def _exact(
+    beam: Beam, motion: SectionMotion, setup: np.ndarray, whiten: np.ndarray, start: np.ndarray
+) -> BeamEstimate:
     """Gauss-Newton on the base wrench, with step halving."""
     order = np.argsort(motion.xi, kind="stable")
     back = np.argsort(order, kind="stable")
@@ -137,25 +159,28 @@ def _exact(beam: Beam, motion: SectionMotion, whiten: np.ndarray, start: np.ndar
     white = whiten @ (jacobian * scale)
     gain = to_tip @ (scale[:, None] * (np.linalg.pinv(white) @ whiten))
     stress = max(stress_ratio(beam, base[3:], base[0]), stress_ratio(beam, wrench[3:], base[0]))
-    return _estimate(wrench, gain, motion, True, whiten, residual, len(residual) - 6, stress)
+    return _estimate(wrench, gain, motion, setup, True, whiten, residual, len(residual) - 6, stress)
 
 
 def _estimate(
     wrench: np.ndarray,
     gain: np.ndarray,
     motion: SectionMotion,
+    setup: np.ndarray,
     exact: bool,
     whiten: np.ndarray,
     residual: np.ndarray,
     freedom: int,
     stress: float,
 ) -> BeamEstimate:
+    chi2 = float(((whiten @ residual) ** 2).sum())
     return BeamEstimate(
         wrench,
         gain @ motion.noise @ gain.T,
         gain @ motion.zero @ gain.T,
+        (gain * setup) @ gain.T,
         exact,
-        float(((whiten @ residual) ** 2).sum()),
+        chi2,
         freedom,
         residual,
         stress,

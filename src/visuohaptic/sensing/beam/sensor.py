@@ -16,7 +16,7 @@ from ...objects import Reason, Wrench
 from .correction import Correction, prior_correction
 from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench
 from .mechanics import Beam
-from .observation import RelativePoses, SectionMotion, TemplateObservation, relative_poses, section_motion
+from .observation import RelativePoses, TemplateObservation, relative_poses, section_motion
 from .reference import SteadyReference
 from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
@@ -43,8 +43,6 @@ class BeamSetup:
     drift: BeamDriftSettings = field(default_factory=BeamDriftSettings)
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
-    #: misfit between templates that is no disagreement, as a fraction of their motion
-    model_error: float = 0.02
     zero_path: Path | None = None
 
     def __post_init__(self) -> None:
@@ -64,6 +62,7 @@ class BeamReading:
     wrench: Wrench  #: about the tip, frame S; its covariance is the sum of those below
     noise: Float[np.ndarray, "6 6"]  #: by the poses of this frame
     zero: Float[np.ndarray, "6 6"]  #: by the zero reference and its drift
+    setup: Float[np.ndarray, "6 6"]  #: by templates that are not exactly where they are said to be
     calibration: Float[np.ndarray, "6 6"]  #: by what is not known of the compliance
     exact: bool  #: read by the exact rod; otherwise by the linear beam
     stress: float  #: in the rod, by its yield stress
@@ -209,7 +208,7 @@ class BeamSensor:
         bent = found.stress - 3 * self._stress_sigma(sigma)
         self._yielded = self._yielded or bent > 1.0
         saturated = found.stress > setup.stress_limit or self._spring_at_stop(wrench)
-        if reason is Reason.OK and self._disagree(found, motion):
+        if reason is Reason.OK and self._disagree(found):
             reason = Reason.DRIFTED
         if saturated:
             reason = Reason.SATURATED
@@ -219,9 +218,13 @@ class BeamSensor:
                 reason = Reason.DRIFTED
         wrench = wrench - self.watch.offset
         zero = zero + self.watch.covariance
-        calibration = self.correction.covariance(wrench)
-        result = Wrench(t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + calibration)
-        return BeamReading(result, noise, zero, calibration, found.exact, found.stress, relative.names)
+        misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
+        result = Wrench(
+            t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + misplaced + calibration
+        )
+        return BeamReading(
+            result, noise, zero, misplaced, calibration, found.exact, found.stress, relative.names
+        )
 
     def _stress_sigma(self, sigma: Float[np.ndarray, "6"]) -> float:
         beam = self.setup.beam
@@ -234,23 +237,15 @@ class BeamSensor:
             or abs(wrench[3]) > beam.spring_Nm_per_rad * beam.spring_turn_rad
         )
 
-    def _disagree(self, found: BeamEstimate, motion: SectionMotion) -> bool:
-        """Whether the templates contradict each other by more than noise and an inexact beam allow."""
+    def _disagree(self, found: BeamEstimate) -> bool:
+        """Whether the templates contradict each other by more than noise and setup allow."""
         if found.freedom <= 0:
             return False
         from scipy.stats import chi2
 
-        # An inexact beam leaves a share of each motion, inexact axes one of the motion across it;
-        # neither must look like a loose template.
-        moved = motion.vector.reshape(-1, 2, 3)
-        across = np.linalg.norm(moved, axis=2, keepdims=True)
-        axes = self.setup.beam.alignment_tolerance_rad
-        allowed = np.hypot(self.setup.model_error * moved, axes * across).ravel()
-        spread = motion.covariance + np.diag(allowed**2)
-        misfit = float(found.residual @ np.linalg.solve(spread, found.residual))
-        return misfit > float(chi2.isf(_DISAGREEMENT, found.freedom))
+        return found.chi2 > float(chi2.isf(_DISAGREEMENT, found.freedom))
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
         nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)
         wrench = Wrench(t_s, False, reason, nothing, nothing.copy(), unknown)
-        return BeamReading(wrench, unknown, unknown, unknown, False, float("nan"), ())
+        return BeamReading(wrench, unknown, unknown, unknown, unknown, False, float("nan"), ())
