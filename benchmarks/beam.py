@@ -24,9 +24,9 @@ from .harness import cpu_seconds
 BOUND = PoseNoise.of(0.35, 9.9, 1.8, 4.7)
 #: Highest force across the rod [N]; 3.3 N bend it for good.
 TOP_N = 2.8
-#: A rod that is not the one of the data sheet: longer, thicker, softer, another spring.
+#: A rod that is not the one of the data sheet: longer, thinner, softer, another spring.
 OTHER_ROD = ElasticRod(
-    length_m=0.1205, diameter_m=0.00151, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
+    length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
 )
 
 

@@ -10,7 +10,6 @@ import pytest
 from visuohaptic.errors import CalibrationError
 from visuohaptic.sensing.beam import (
     Beam,
-    BeamSensor,
     Correction,
     LoadRecord,
     calibrate_beam,
@@ -22,9 +21,9 @@ from visuohaptic.simulation.rod import ElasticRod
 from visuohaptic.simulation.rod_rig import RodRig
 
 BEAM = Beam()
-#: 1 mm longer, 1 % thicker, softer: 2.5 % + 4 % + 2 % of the force.
+#: Half a millimetre longer, 0.7 % thinner, softer: compliant by 1.3 % + 2.7 % + 1.5 % more.
 OTHER_ROD = ElasticRod(
-    length_m=0.1205, diameter_m=0.00151, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
+    length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
 )
 REACH = np.array([3.0, 1.5, 1.5, 0.06, 0.12, 0.12])
 
@@ -71,26 +70,25 @@ def test_a_calibrated_sensor_reads_another_rod(calibrated, make_bench, vector):
         before = max(before, abs(plain.read(1 + k, templates).wrench.force_N[1] - force) / top)
     assert worst[1] < 0.02  # owed; the aim of 0.005 is tested by the benchmark
     assert np.delete(worst, 1).max() < 0.01
-    assert worst[1] < 0.5 * before or before < 0.005
+    assert worst[1] < 0.2 * before
 
 
-def test_the_compliance_is_that_of_the_other_rod(calibrated):
+def test_the_session_leaves_small_residuals(calibrated):
     _, found = calibrated
-    other = replace(
-        BEAM, length_m=0.1205, diameter_m=0.00151, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
-    )
-    expected = np.linalg.solve(compliance(BEAM, 1.0), compliance(other, 1.0))
-    assert np.diag(np.eye(6) + found.correction.matrix) == pytest.approx(np.diag(expected), rel=0.02)
     assert (found.residual_rms < 0.01 * REACH).all()
+    assert (found.uncalibrated_rms[[1, 2]] > 3 * found.residual_rms[[1, 2]]).all()
     assert (found.explained > 0.999).all()
     assert found.correction.calibrated
 
 
 def test_the_prior_knows_what_a_millimetre_is_worth():
-    exact = {name: 0.0 for name in ("diameter_tolerance", "youngs_tolerance", "alignment_tolerance_rad")}
+    exact = dict.fromkeys(("diameter_tolerance", "youngs_tolerance", "alignment_tolerance_rad"), 0.0)
     one = prior_correction(replace(BEAM, length_tolerance_m=1e-3, **exact))
-    # 3 dL / L = 2.5 % of the force at the tip.
-    assert np.sqrt(one.row_covariance[1, 1, 1]) == pytest.approx(0.025, rel=0.35)
+    # F = (12 w - 6 w' L) EI / L^3 with w growing by 3 dL/L of a third, w' by 2 dL/L of a half: 6 dL/L.
+    assert np.sqrt(one.row_covariance[1, 1, 1]) == pytest.approx(6e-3 / 0.12, rel=0.03)
+    # With the moment known it is 3 dL/L, the compliance itself.
+    longer = compliance(replace(BEAM, length_m=0.121), 1.0)
+    assert longer[1, 1] / compliance(BEAM, 1.0)[1, 1] - 1 == pytest.approx(0.025, rel=0.02)
 
 
 def test_declared_sigmas_cover_many_calibrations():
@@ -133,6 +131,11 @@ def test_motions_of_the_tip_do_as_well_as_readings():
         moved.append(np.concatenate([pose.translation_m - [OTHER_ROD.length_m, 0, 0], turn]))
     found = calibrate_beam(LoadRecord(loads, np.array(moved), "motion", np.arange(30)), BEAM)
     assert (found.residual_rms < 0.01 * REACH).all()
+    # The tip itself was observed: the compliance is that of the other rod, large loads bend it by 1 %.
+    other = replace(
+        BEAM, length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
+    )
+    assert np.diag(found.compliance) == pytest.approx(np.diag(compliance(other, 1.0)), rel=0.01)
 
 
 def test_correction_and_covariance_go_together():

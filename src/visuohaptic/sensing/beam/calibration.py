@@ -202,7 +202,7 @@ def _refuse_noise(
     total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
     explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
     # The scatter of the sensor's own readings counts by the load that it stands for.
-    gain = np.where(loaded, np.abs(1 + np.diag(free)), 1.0)
+    gain = np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
     share = np.sqrt((rest**2).mean(axis=0)) / np.maximum(gain, 1e-3) / reach
     worst = int(np.nanargmin(explained))
     if explained[worst] < MIN_EXPLAINED:
