@@ -32,7 +32,9 @@ __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 VERBS: Mapping[str, tuple[str, str]] = {
     "demo": ("visuohaptic.cli.demo", "drive a simulated robot at three obstacles and read the force"),
     "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
+    "sense beam": ("visuohaptic.cli.sense_beam", "read force and moment, six axes, from a bending rod"),
     "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
+    "calibrate beam": ("visuohaptic.cli.calibrate_beam", "fit a beam sensor's compliance from known loads"),
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
