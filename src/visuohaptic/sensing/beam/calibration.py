@@ -92,10 +92,12 @@ def calibrate_beam(
     reach = float(np.abs(load).max())
     _refuse_few(record, load)
     read = model_wrenches(record, beam, xi) * scale
-    _refuse_wander(record, load, read, reach)
     loaded = np.ptp(load, axis=0) > 0.05 * reach
     free, free_rest, free_sigma = _free_fit(load, read, loaded)
-    explained = _refuse_noise(record, load, read, free_rest, loaded, reach, free)
+    # What the largest load reads: another beam shows its scatter by its own scale.
+    span = reach * np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
+    _refuse_wander(record, load, read, span)
+    explained = _refuse_noise(record, read, free_rest, loaded, span)
     prior_rows = prior.row_covariance * (scale[:, None, None] ** 2 / np.multiply.outer(scale, scale)[None])
     matrix, rows, zero = np.zeros((6, 6)), np.zeros((6, 6, 6)), np.zeros(6)
     for k in range(6):
@@ -156,16 +158,16 @@ def _refuse_few(record: LoadRecord, load: np.ndarray) -> None:
         )
 
 
-def _refuse_wander(record: LoadRecord, load: np.ndarray, read: np.ndarray, reach: float) -> None:
+def _refuse_wander(record: LoadRecord, load: np.ndarray, read: np.ndarray, span: np.ndarray) -> None:
     unloaded = np.abs(load).max(axis=1) < 1e-9
     if unloaded.sum() < 2:
         return
-    wander = read[unloaded].std(axis=0, ddof=1)
+    wander = read[unloaded].std(axis=0, ddof=1) / span
     k = int(np.argmax(wander))
-    if wander[k] > MAX_WANDER * reach:
+    if wander[k] > MAX_WANDER:
         raise CalibrationError(
             record.where,
-            f"the unloaded sensor reads {AXES[k]} with a scatter of {100 * wander[k] / reach:.0f} % of the "
+            f"the unloaded sensor reads {AXES[k]} with a scatter of {100 * wander[k]:.0f} % of the "
             f"largest load, expected below {100 * MAX_WANDER:.0f} %",
             field=f"lines {', '.join(str(n) for n in record.line[unloaded][:6])}",
             remedy="let the zero settle, or load more",
@@ -190,20 +192,12 @@ def _free_fit(
 
 
 def _refuse_noise(
-    record: LoadRecord,
-    load: np.ndarray,
-    read: np.ndarray,
-    rest: np.ndarray,
-    loaded: np.ndarray,
-    reach: float,
-    free: np.ndarray,
+    record: LoadRecord, read: np.ndarray, rest: np.ndarray, loaded: np.ndarray, span: np.ndarray
 ) -> Float[np.ndarray, "6"]:
     """Refuse data that no linear sensor explains; returns the explained share of the variance."""
     total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
     explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
-    # The scatter of the sensor's own readings counts by the load that it stands for.
-    gain = np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
-    share = np.sqrt((rest**2).mean(axis=0)) / np.maximum(gain, 1e-3) / reach
+    share = np.sqrt((rest**2).mean(axis=0)) / span
     worst = int(np.nanargmin(explained))
     if explained[worst] < MIN_EXPLAINED:
         raise CalibrationError(
@@ -213,7 +207,7 @@ def _refuse_noise(
             remedy="repeat the session: settle, zero, heavier weights",
         )
     robust = 1.4826 * np.median(np.abs(rest), axis=0)
-    away = np.abs(rest) / np.maximum(robust, 0.005 * reach * gain)
+    away = np.abs(rest) / np.maximum(robust, 0.005 * span)
     if away.max() > OUTLIER:
         row, k = divmod(int(np.argmax(away)), 6)
         raise CalibrationError(
