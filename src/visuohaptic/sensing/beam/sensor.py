@@ -241,9 +241,9 @@ class BeamSensor:
         """Whether the templates contradict each other by more than noise and setup allow."""
         if found.freedom <= 0:
             return False
-        from scipy.stats import chi2
+        from scipy.special import chdtri
 
-        return found.chi2 > float(chi2.isf(_DISAGREEMENT, found.freedom))
+        return found.chi2 > float(chdtri(found.freedom, _DISAGREEMENT))
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
         nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)
