@@ -25,6 +25,7 @@ WARMUPS = (
     "visuohaptic.tracking._warmup:warmup",
     "visuohaptic.sensing._warmup:warmup",
     "visuohaptic.sensing.foam._warmup:warmup",
+    "visuohaptic.sensing.beam._warmup:warmup",
     "visuohaptic.simulation._warmup:warmup",
 )
 

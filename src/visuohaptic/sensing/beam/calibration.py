@@ -1,0 +1,264 @@
+"""From known loads to the 6 x 6 compliance of the sensor, or a refusal that says why.
+
+The data fit E of ``g = (I + E) f + b`` row by row (ridge regression): f the
+known loads, g what the beam model makes of the observations, b a zero that
+need not be exact. The prior of E is what the tolerances of the parts allow, so
+that axes which were not loaded keep the analytic beam with honest sigmas. The
+data are judged by the fit *without* the prior: bad data can't hide behind it,
+and a beam that is not the one of the data sheet is told, not blended.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import CalibrationError, InputError
+from .correction import Correction, prior_correction
+from .estimate import estimate_wrench
+from .mechanics import Beam, compliance
+from .observation import SectionMotion
+from .records import LoadRecord
+
+__all__ = ["AXES", "BeamCalibration", "calibrate_beam"]
+
+AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+#: Fewest rows, and fewest of them that carry a load.
+MIN_ROWS, MIN_LOADED = 8, 4
+#: Of the load range: largest scatter of the unloaded rows, and largest residual.
+MAX_WANDER, MAX_RESIDUAL = 0.05, 0.05
+#: Smallest share of the variance that a line through the data of a loaded axis explains.
+MIN_EXPLAINED = 0.95
+#: Residuals beyond this many robust standard deviations are mistakes, not noise.
+OUTLIER = 7.0
+#: Largest deviation from the beam's data sheet, in standard deviations of the prior.
+MAX_SURPRISE = 5.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamCalibration:
+    """The correction, and the figures a person wants to see before trusting it."""
+
+    beam: Beam
+    correction: Correction
+    record: LoadRecord
+    residual: Float[np.ndarray, "n 6"]  #: read by the calibrated sensor less applied [N, Nm]
+    residual_rms: Float[np.ndarray, "6"]
+    uncalibrated_rms: Float[np.ndarray, "6"]  #: the same with the data sheet alone
+    explained: Float[np.ndarray, "6"]  #: share of the variance, NaN for axes that were not loaded
+    zero: Float[np.ndarray, "6"]  #: b, what the unloaded sensor reads [N, Nm]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def compliance(self) -> Float[np.ndarray, "6 6"]:
+        """Calibrated motion of the tip per unit of the wrench, C = C_0 (I + E)."""
+        return compliance(self.beam, 1.0) @ (np.eye(6) + self.correction.matrix)
+
+    @property
+    def sigma_percent(self) -> Float[np.ndarray, "6"]:
+        """What is not known of the scale of each axis [%]."""
+        return 100 * np.sqrt(np.array([self.correction.row_covariance[k, k, k] for k in range(6)]))
+
+
+def calibrate_beam(
+    record: LoadRecord,
+    beam: Beam,
+    *,
+    xi: float = 1.0,
+    load_tolerance: float = 0.002,
+    prior: Correction | None = None,
+) -> BeamCalibration:
+    """Fit the correction, or refuse.
+
+    Parameters
+    ----------
+    record
+        Known loads and readings, or known loads and motions of the cross section at ``xi``.
+    load_tolerance
+        Relative standard deviation of the known loads, all alike (weights, g, lever arm).
+    prior
+        What is known of E before; the tolerances of ``beam`` by default.
+
+    Raises
+    ------
+    CalibrationError
+        Too few or bad data, or another beam; one line says which and where.
+    """
+    prior = prior or prior_correction(beam)
+    scale = np.array([1.0, 1.0, 1.0, *[1 / beam.length_m] * 3])  # moments as forces at the clamp
+    load = record.load * scale
+    reach = float(np.abs(load).max())
+    _refuse_few(record, load)
+    read = model_wrenches(record, beam, xi) * scale
+    loaded = np.ptp(load, axis=0) > 0.05 * reach
+    free, free_rest, free_sigma = _free_fit(load, read, loaded)
+    # What the largest load reads: another beam shows its scatter by its own scale.
+    span = reach * np.where(loaded, np.linalg.norm((np.eye(6) + free)[:, loaded], axis=1), 1.0)
+    _refuse_wander(record, load, read, span)
+    explained = _refuse_noise(record, read, free_rest, loaded, span)
+    prior_rows = prior.row_covariance * (scale[:, None, None] ** 2 / np.multiply.outer(scale, scale)[None])
+    matrix, rows, zero = np.zeros((6, 6)), np.zeros((6, 6, 6)), np.zeros(6)
+    for k in range(6):
+        spread = np.sqrt(np.diag(prior_rows[k]))
+        _refuse_surprise(record, k, free[k], free_sigma[k], spread, loaded)
+        matrix[k], rows[k], zero[k] = _ridge(
+            load, read[:, k] - load[:, k], prior.matrix[k] * scale[k] / scale, prior_rows[k], free_rest[:, k]
+        )
+        rows[k, k, k] += load_tolerance**2
+    residual = (read - zero) @ np.linalg.inv(np.eye(6) + matrix).T - load
+    before = read - zero - load
+    notes = [
+        f"{AXES[k]} was not loaded: it keeps the beam's data sheet, {100 * np.sqrt(rows[k, k, k]):.1f} %"
+        for k in range(6)
+        if not loaded[k]
+    ]
+    back = matrix * scale[None, :] / scale[:, None]
+    rows_back = rows * np.multiply.outer(scale, scale)[None] / scale[:, None, None] ** 2
+    return BeamCalibration(
+        beam,
+        Correction(back, rows_back, calibrated=True),
+        record,
+        residual / scale,
+        np.sqrt((residual**2).mean(axis=0)) / scale,
+        np.sqrt((before**2).mean(axis=0)) / scale,
+        explained,
+        zero / scale,
+        tuple(notes),
+    )
+
+
+def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
+    """What the beam model makes of each observation."""
+    if record.kind == "wrench":
+        return record.observed
+    from scipy.spatial.transform import Rotation
+
+    # One section with six observations for six unknowns: the weights do not matter.
+    weight = np.diag([1e-10] * 3 + [1e-8] * 3)
+    wrenches = []
+    for row, line in zip(record.observed, record.line, strict=True):
+        rotation = Rotation.from_rotvec(row[3:]).as_matrix()
+        motion = SectionMotion(np.array([xi]), row[None, :3], rotation[None], weight, 0 * weight)
+        try:
+            wrenches.append(estimate_wrench(beam, motion, model="exact").wrench)
+        except InputError as error:
+            raise CalibrationError(record.where, error.problem, field=f"line {line}") from error
+    return np.array(wrenches)
+
+
+def _refuse_few(record: LoadRecord, load: np.ndarray) -> None:
+    loaded = int((np.abs(load).max(axis=1) > 0).sum())
+    if len(load) < MIN_ROWS or loaded < MIN_LOADED:
+        raise CalibrationError(
+            record.where,
+            f"found {len(load)} rows, {loaded} of them with a load, expected {MIN_ROWS} and {MIN_LOADED} or more",
+            remedy="load each axis both ways, and leave it unloaded in between",
+        )
+
+
+def _refuse_wander(record: LoadRecord, load: np.ndarray, read: np.ndarray, span: np.ndarray) -> None:
+    unloaded = np.abs(load).max(axis=1) < 1e-9
+    if unloaded.sum() < 2:
+        return
+    wander = read[unloaded].std(axis=0, ddof=1) / span
+    k = int(np.argmax(wander))
+    if wander[k] > MAX_WANDER:
+        raise CalibrationError(
+            record.where,
+            f"the unloaded sensor reads {AXES[k]} with a scatter of {100 * wander[k]:.0f} % of the "
+            f"largest load, expected below {100 * MAX_WANDER:.0f} %",
+            field=f"lines {', '.join(str(n) for n in record.line[unloaded][:6])}",
+            remedy="let the zero settle, or load more",
+        )
+
+
+def _free_fit(
+    load: np.ndarray, read: np.ndarray, loaded: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Least squares without prior on the loaded axes: E, residuals, and the sigma of E."""
+    design = np.column_stack([load[:, loaded], np.ones(len(load))])
+    solution, _, rank, _ = np.linalg.lstsq(design, read, rcond=1e-9)
+    rest = read - design @ solution
+    freedom = max(len(load) - int(rank), 1)
+    sigma2 = (rest**2).sum(axis=0) / freedom
+    spread = np.sqrt(np.maximum(np.diag(np.linalg.pinv(design.T @ design)), 0))[:-1]
+    free, sigma = np.zeros((6, 6)), np.full((6, 6), np.inf)
+    free[:, loaded] = solution[:-1].T
+    free[np.arange(6)[loaded], np.arange(6)[loaded]] -= 1
+    sigma[:, loaded] = np.sqrt(sigma2)[:, None] * spread[None]
+    return free, rest * np.sqrt(len(load) / freedom), sigma
+
+
+def _refuse_noise(
+    record: LoadRecord, read: np.ndarray, rest: np.ndarray, loaded: np.ndarray, span: np.ndarray
+) -> Float[np.ndarray, "6"]:
+    """Refuse data that no linear sensor explains; returns the explained share of the variance."""
+    total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
+    explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
+    share = np.sqrt((rest**2).mean(axis=0)) / span
+    worst = int(np.nanargmin(explained))
+    if explained[worst] < MIN_EXPLAINED:
+        raise CalibrationError(
+            record.where,
+            f"the loads explain only {100 * max(explained[worst], 0):.0f} % of what {AXES[worst]} reads, expected "
+            f"{100 * MIN_EXPLAINED:.0f} % or more",
+            remedy="repeat the session: settle, zero, heavier weights",
+        )
+    robust = 1.4826 * np.median(np.abs(rest), axis=0)
+    away = np.abs(rest) / np.maximum(robust, 0.005 * span)
+    if away.max() > OUTLIER:
+        row, k = divmod(int(np.argmax(away)), 6)
+        raise CalibrationError(
+            record.where,
+            f"{AXES[k]} is off by {away[row, k]:.0f} standard deviations of the other rows",
+            field=f"line {record.line[row]}",
+            remedy="check the load of this row, or leave it out",
+        )
+    loose = int(np.argmax(share))
+    if share[loose] > MAX_RESIDUAL:
+        raise CalibrationError(
+            record.where,
+            f"{AXES[loose]} scatters by {100 * share[loose]:.0f} % of the largest load, expected at most "
+            f"{100 * MAX_RESIDUAL:.0f} %",
+            remedy="repeat the session: settle, zero, heavier weights",
+        )
+    return explained
+
+
+def _refuse_surprise(
+    record: LoadRecord, k: int, free: np.ndarray, sigma: np.ndarray, prior: np.ndarray, loaded: np.ndarray
+) -> None:
+    """Refuse a beam that is not the one of the data sheet."""
+    surprise = np.where(loaded, np.abs(free) / np.hypot(prior, sigma), 0.0)
+    j = int(np.argmax(surprise))
+    if surprise[j] <= MAX_SURPRISE:
+        return
+    if j == k:
+        what = f"the beam moves {1 + free[j]:.3g} times as far along {AXES[k]} as its data sheet says"
+        remedy = "check units, signs, length, diameter and spring in the beam's file"
+    else:
+        what = f"a load of {AXES[j]} shows as {100 * free[j]:.0f} % of {AXES[k]}"
+        remedy = "check the axes of the loads and of the sensor"
+    raise CalibrationError(
+        record.where,
+        f"{what}, {surprise[j]:.0f} standard deviations of the tolerances, expected up to {MAX_SURPRISE:.0f}",
+        remedy=remedy,
+    )
+
+
+def _ridge(
+    load: np.ndarray, excess: np.ndarray, mean: np.ndarray, prior: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """One row of E and its covariance, and its zero; the noise is that of the free fit."""
+    design = np.column_stack([load, np.ones(len(load))])
+    floor = 1e-6 * float(np.abs(load).max())
+    noise = max(float((rest**2).mean()), floor**2)
+    precision = np.zeros((7, 7))
+    precision[:6, :6] = np.linalg.inv(prior)
+    normal = design.T @ design / noise + precision
+    covariance = np.linalg.inv(normal)
+    start = np.append(mean, 0.0)
+    found = covariance @ (design.T @ excess / noise + precision @ start)
+    return found[:6], covariance[:6, :6], float(found[6])

@@ -1,0 +1,157 @@
+"""The files ``beam.yaml`` (a beam and its calibration) and ``sensor.yaml`` (a whole beam sensor)."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from ...camera import Pose
+from ...errors import InputError
+from ...files import load_yaml_model, save_yaml
+from .correction import Correction
+from .mechanics import Beam
+from .sensor import BeamSetup
+from .zero import BeamDriftSettings
+
+__all__ = ["BeamSensorConfig", "load_beam", "save_beam"]
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+Row6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
+Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class _CorrectionSection(_Section):
+    matrix: Matrix6
+    row_covariance: Annotated[list[Matrix6], Field(min_length=6, max_length=6)]
+
+
+class _BeamFile(_Section):
+    """Fields of :class:`Beam`; those left out keep their defaults."""
+
+    kind: Literal["beam_material"] = "beam_material"
+    beam: dict[str, FiniteFloat] = {}
+    calibration: _CorrectionSection | None = None
+
+
+class _PoseSection(_Section):
+    translation_m: Vector3
+    quaternion_xyzw: Vector4
+
+
+class _TemplateSection(_Section):
+    name: str
+    xi: Annotated[float, Field(ge=0.05, le=1)]
+
+
+class _DriftSection(_Section):
+    time_constant_s: Positive = 30.0
+    rest_s: Positive = 1.0
+    rest: Positive = 0.005
+    limit: Positive = 0.02
+
+
+class BeamSensorConfig(_Section):
+    """Fields of ``sensor.yaml``; file names are relative to its folder."""
+
+    kind: Literal["beam"]
+    beam: str = "beam.yaml"
+    camera: str | None = None  #: needed to track templates in images, not to read poses
+    templates_folder: str | None = None  #: images of the templates, for the same
+    reference: str = "reference"  #: name of the template on the base
+    templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]
+    pose_reference_sensor: (
+        _PoseSection  #: maps frame S (origin in the clamp, X along the rod) to the reference
+    )
+    view: Literal["moving", "steady"] = "moving"
+    model: Literal["auto", "linear", "exact"] = "auto"
+    zero: str = "zero.yaml"
+    drift: _DriftSection = _DriftSection()
+    stress_limit: Annotated[float, Field(gt=0, le=1)] = 0.9
+    max_age_s: Positive = 0.2
+
+    @classmethod
+    def load(cls, path: Path | str) -> BeamSetup:
+        """Read the file and the beam that it names.
+
+        Raises
+        ------
+        InputError
+            Names the file and field, what was found and what was expected.
+        """
+        path = Path(path)
+        config = load_yaml_model(path, cls)
+        beam, correction = load_beam(path.parent / config.beam)
+        names = [template.name for template in config.templates]
+        if len(set(names)) != len(names):
+            raise InputError(path, f"found a name twice in {', '.join(names)}", field="templates")
+        try:
+            pose = Pose.from_quaternion(
+                config.pose_reference_sensor.quaternion_xyzw, config.pose_reference_sensor.translation_m
+            )
+            return BeamSetup(
+                {template.name: template.xi for template in config.templates},
+                pose,
+                beam,
+                correction,
+                config.reference,
+                config.view,
+                config.model,
+                drift=BeamDriftSettings(**config.drift.model_dump()),
+                stress_limit=config.stress_limit,
+                max_age_s=config.max_age_s,
+                zero_path=path.parent / config.zero,
+            )
+        except InputError as error:
+            raise InputError(path, error.problem, field=error.field or error.where) from error
+
+
+def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
+    """Read ``beam.yaml``: the parts, and the calibration if there was one."""
+    data = load_yaml_model(path, _BeamFile)
+    known = {entry.name for entry in fields(Beam)}
+    unknown = sorted(set(data.beam) - known)
+    if unknown:
+        raise InputError(
+            path, f"unknown field, expected one of {', '.join(sorted(known))}", field=f"beam.{unknown[0]}"
+        )
+    try:
+        beam = Beam(**data.beam)
+    except InputError as error:
+        raise InputError(path, error.problem, field=f"beam.{error.field}", remedy=error.remedy) from error
+    if data.calibration is None:
+        return beam, None
+    matrix, rows = np.array(data.calibration.matrix), np.array(data.calibration.row_covariance)
+    rows = 0.5 * (rows + rows.transpose(0, 2, 1))
+    if (
+        np.linalg.cond(np.eye(6) + matrix) > 1e8
+        or min(np.linalg.eigvalsh(row).min() for row in rows) < -1e-12
+    ):
+        raise InputError(path, "is no correction: singular, or a covariance is negative", field="calibration")
+    return beam, Correction(matrix, rows, calibrated=True)
+
+
+def save_beam(path: Path | str, beam: Beam, correction: Correction | None = None) -> None:
+    """Write ``beam.yaml``, whole or not at all."""
+    data: dict[str, Any] = {"kind": "beam_material", "beam": {k: float(v) for k, v in asdict(beam).items()}}
+    if correction is not None:
+        data["calibration"] = {
+            "matrix": _plain(correction.matrix),
+            "row_covariance": _plain(correction.row_covariance),
+        }
+    save_yaml(path, data)
+
+
+def _plain(values: np.ndarray) -> Any:
+    return (
+        [_plain(part) for part in values] if values.ndim > 1 else [float(f"{value:.9g}") for value in values]
+    )

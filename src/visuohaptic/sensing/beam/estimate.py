@@ -1,0 +1,187 @@
+"""The wrench at the tip from the motion of the rod's cross sections: least squares, weighed by covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import InputError
+from .mechanics import Beam, compliance, shortening, stress_ratio
+from .observation import SectionMotion, rotation_vectors
+from .rod import base_wrench, rod_from_base
+
+__all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench", "setup_variance"]
+
+BeamModel = Literal["auto", "linear", "exact"]
+
+#: The linear beam is left when its error exceeds this many standard deviations of any component.
+#: A quarter, so that it does not show in the mean of ten frames either.
+LINEAR_LIMIT = 0.25
+_MAX_STEPS = 30
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamEstimate:
+    """Wrench that explains the observed motion best."""
+
+    wrench: Float[np.ndarray, "6"]  #: at the tip, frame S [N, Nm]
+    noise: Float[np.ndarray, "6 6"]  #: covariance by the poses of the frame
+    zero: Float[np.ndarray, "6 6"]  #: covariance by the zero reference
+    setup: Float[np.ndarray, "6 6"]  #: covariance by templates that are not exactly where they are said to be
+    exact: bool  #: by the exact rod; otherwise by the linear beam
+    chi2: float  #: sum of squared residuals, weighted by noise, zero and setup
+    freedom: int  #: observations less unknowns
+    residual: Float[np.ndarray, "6n"]  #: observed less explained (d, phi) of each section [m, rad]
+    stress: float  #: largest equivalent stress in the rod by the yield stress
+
+
+def estimate_wrench(
+    beam: Beam, motion: SectionMotion, *, model: BeamModel = "auto", linear_limit: float = LINEAR_LIMIT
+) -> BeamEstimate:
+    """Wrench from the motion of one or more cross sections.
+
+    Parameters
+    ----------
+    model
+        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and
+        the shortening taken out of d_X. ``exact``: the large-deflection rod.
+        ``auto``: linear, unless the exact rod says that this is off by more
+        than ``linear_limit`` standard deviations in any component.
+
+    Raises
+    ------
+    InputError
+        There is nothing to estimate from, or the exact rod cannot take the observed shape.
+    """
+    if not len(motion.xi):
+        raise InputError("motion", "has no cross section, expected at least one")
+    try:
+        setup = setup_variance(beam, motion)
+        whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance + np.diag(setup)))
+    except np.linalg.LinAlgError as error:
+        raise InputError("motion", "its covariance is not positive definite") from error
+    start, gain, residual, freedom = _linear(beam, motion, whiten)
+    if model == "linear":
+        moment = base_wrench(beam, start)[3:]
+        stress = max(stress_ratio(beam, moment, start[0]), stress_ratio(beam, start[3:], start[0]))
+        return _estimate(start, gain, motion, setup, False, whiten, residual, freedom, stress)
+    exact = _exact(beam, motion, setup, whiten, start)
+    if model == "auto":
+        linear = _estimate(start, gain, motion, setup, False, whiten, residual, freedom, exact.stress)
+        sigma = np.sqrt(np.diag(exact.noise + exact.zero))
+        if (np.abs(exact.wrench - start) <= linear_limit * sigma).all():
+            return linear
+    return exact
+
+
+def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
+    """What templates may contradict each other by, because they are not exactly where they are said to be.
+
+    Grows with the load: a template that sits ``place_tolerance_m`` further along
+    the rod moves by the slope times that and turns by the curvature times that;
+    a share ``shape_tolerance`` of each motion is left for all other causes.
+    Without it the weights of a tracker of micrometres would turn half a
+    millimetre of misplacement into newtons.
+    """
+    vector = motion.vector.reshape(-1, 2, 3)
+    size = np.linalg.norm(vector, axis=2)
+    place = beam.place_tolerance_m * size[:, 1]
+    reach = np.maximum(motion.xi, 0.2) * beam.length_m
+    shape = beam.shape_tolerance * size
+    both = np.stack([np.hypot(shape[:, 0], place), np.hypot(shape[:, 1], place / reach)], axis=1)
+    return np.repeat(both**2, 3, axis=1).ravel()
+
+
+def _linear(
+    beam: Beam, motion: SectionMotion, whiten: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Generalised least squares with Eq. (3.4); returns wrench, gain, residual and degrees of freedom."""
+    matrix = np.vstack([compliance(beam, float(xi)) for xi in motion.xi])
+    rotation = motion.rotation
+    # Slopes as in Sec. 3.4; the sign of phi_Y is that of mechanics.py.
+    slope_y, slope_z = rotation[:, 1, 0] / rotation[:, 0, 0], rotation[:, 2, 0] / rotation[:, 0, 0]
+    turns = rotation_vectors(rotation)
+    observed = np.column_stack([motion.translation_m, turns[:, 0], -slope_z, slope_y]).ravel()
+    white = whiten @ matrix
+    # Columns of forces and moments differ by a length; scaled, the normal equations are well conditioned.
+    scale = np.array([1.0, 1.0, 1.0, beam.length_m, beam.length_m, beam.length_m])
+    gain = scale[:, None] * (np.linalg.pinv(white * scale) @ whiten)
+    wrench = gain @ observed
+    for _ in range(2):  # the shortening needs the wrench, and changes F_X alone
+        lifted = observed.copy()
+        lifted[::6] += [shortening(beam, float(xi), wrench) for xi in motion.xi]
+        wrench = gain @ lifted
+    return wrench, gain, lifted - matrix @ wrench, len(observed) - 6
+
+
+def _exact(
+    beam: Beam, motion: SectionMotion, setup: np.ndarray, whiten: np.ndarray, start: np.ndarray
+) -> BeamEstimate:
+    """Gauss-Newton on the base wrench, with step halving."""
+    order = np.argsort(motion.xi, kind="stable")
+    back = np.argsort(order, kind="stable")
+    rest = np.zeros((len(order), 3))
+    rest[:, 0] = motion.xi * beam.length_m
+    scale = np.array([1.0, 1.0, 1.0, beam.length_m, beam.length_m, beam.length_m])
+
+    def look(base: np.ndarray) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, np.ndarray]:
+        shape = rod_from_base(beam, base, motion.xi[order])
+        moved = shape.position_m[back] - rest
+        turned = np.einsum("nij,nkj->nik", motion.rotation, shape.rotation[back])
+        residual = np.hstack([motion.translation_m - moved, rotation_vectors(turned)]).ravel()
+        jacobian = shape.jacobian[back].reshape(-1, 6)
+        chi2 = float(((whiten @ residual) ** 2).sum())
+        return residual, jacobian, chi2, shape.wrench, shape.wrench_jacobian
+
+    base = base_wrench(beam, np.clip(start, -2 * beam.full_scale, 2 * beam.full_scale))
+    residual, jacobian, chi2, wrench, to_tip = look(base)
+    for _ in range(_MAX_STEPS):
+        white = whiten @ (jacobian * scale)
+        step = scale * np.linalg.lstsq(white, whiten @ residual, rcond=None)[0]
+        length = float(np.abs(step / scale).max()) / (beam.moment_limit_Nm / beam.length_m)
+        if not np.isfinite(length):
+            raise InputError("motion", "the observed poses are no shape of the rod")
+        share = 1.0
+        while share > 1e-3:
+            trial = look(base + share * step)
+            if trial[2] <= chi2 * (1 + 1e-9) + 1e-9:
+                break
+            share *= 0.5
+        else:
+            break
+        base = base + share * step
+        residual, jacobian, chi2, wrench, to_tip = trial
+        if length < 1e-8:
+            break
+    white = whiten @ (jacobian * scale)
+    gain = to_tip @ (scale[:, None] * (np.linalg.pinv(white) @ whiten))
+    stress = max(stress_ratio(beam, base[3:], base[0]), stress_ratio(beam, wrench[3:], base[0]))
+    return _estimate(wrench, gain, motion, setup, True, whiten, residual, len(residual) - 6, stress)
+
+
+def _estimate(
+    wrench: np.ndarray,
+    gain: np.ndarray,
+    motion: SectionMotion,
+    setup: np.ndarray,
+    exact: bool,
+    whiten: np.ndarray,
+    residual: np.ndarray,
+    freedom: int,
+    stress: float,
+) -> BeamEstimate:
+    chi2 = float(((whiten @ residual) ** 2).sum())
+    return BeamEstimate(
+        wrench,
+        gain @ motion.noise @ gain.T,
+        gain @ motion.zero @ gain.T,
+        (gain * setup) @ gain.T,
+        exact,
+        chi2,
+        freedom,
+        residual,
+        stress,
+    )

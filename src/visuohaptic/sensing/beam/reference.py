@@ -1,0 +1,70 @@
+"""A reference template that does not move in the camera: its noise can be averaged away."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from ...camera import Pose
+from ...objects import Reason
+from .observation import rotation_vectors
+
+__all__ = ["SteadyReference"]
+
+
+class SteadyReference:
+    """Mean pose of the reference while camera and sensor base are bolted together.
+
+    The lever from the reference to the tip turns the reference's own small
+    rotation noise into half of the noise of F_Y; a mean over ``frames`` frames
+    removes it. A bump of the camera is noticed by the distance of the new poses
+    from the mean: the first such frames are ``moved``, then the mean starts anew.
+
+    Parameters
+    ----------
+    frames
+        Frames in the mean, at most; older ones fade.
+    patience
+        Deviating frames in a row after which the new place is believed.
+    """
+
+    #: Mahalanobis distance squared, 6 degrees of freedom, that one good frame in ten million exceeds.
+    LIMIT = 45.0
+
+    def __init__(self, frames: int = 100, patience: int = 5) -> None:
+        self.frames, self.patience = frames, patience
+        self.pose: Pose | None = None
+        self.covariance: Float[np.ndarray, "6 6"] = np.full((6, 6), np.nan)
+        self._count = 0
+        self._deviating = 0
+        self._held = False
+
+    def hold(self) -> None:
+        """Take the mean as it is from now on."""
+        self._held = True
+
+    def update(self, pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Reason:
+        """Take in one pose; ``moved`` when it does not fit to those before."""
+        if self._held:
+            return Reason.OK
+        if self.pose is None:
+            self.pose, self.covariance, self._count = pose, covariance, 1
+            return Reason.OK
+        turn = rotation_vectors((pose.rotation @ self.pose.rotation.T)[None])[0]
+        offset = np.concatenate([pose.translation_m - self.pose.translation_m, turn])
+        distance = float(offset @ np.linalg.solve(covariance + self.covariance, offset))
+        if distance > self.LIMIT:
+            self._deviating += 1
+            if self._deviating >= self.patience:
+                self.pose, self.covariance, self._count, self._deviating = pose, covariance, 1, 0
+            return Reason.MOVED
+        self._deviating = 0
+        self._count = min(self._count + 1, self.frames)
+        gain = 1 / self._count
+        step = gain * offset
+        self.pose = Pose(
+            Pose.from_rotation_vector(step[3:], np.zeros(3)).rotation @ self.pose.rotation,
+            self.pose.translation_m + step[:3],
+        )
+        self.covariance = (1 - gain) ** 2 * self.covariance + gain**2 * covariance
+        return Reason.OK

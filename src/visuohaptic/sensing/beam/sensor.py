@@ -1,0 +1,251 @@
+"""The beam sensor: template poses in, wrenches out, and a reason wherever they can't be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ...camera import Pose
+from ...errors import CalibrationError, InputError
+from ...objects import Reason, Wrench
+from .correction import Correction, prior_correction
+from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench
+from .mechanics import Beam
+from .observation import RelativePoses, TemplateObservation, relative_poses, section_motion
+from .reference import SteadyReference
+from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
+
+__all__ = ["BeamReading", "BeamSensor", "BeamSetup"]
+
+#: Chance that a good frame is refused because its templates disagree.
+_DISAGREEMENT = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamSetup:
+    """Everything that is known of a sensor before the first frame."""
+
+    xi: Mapping[str, float]  #: where each template is fixed to the rod, x / L
+    pose_reference_sensor: Pose  #: frame S in the reference template
+    beam: Beam = field(default_factory=Beam)
+    correction: Correction | None = None  #: by ``calibrate_beam``; None: the beam's tolerances
+    reference: str = "reference"  #: name of the template on the base
+    #: ``moving``: the reference is taken from each frame; ``steady``: camera and base are bolted
+    #: together, so that its noise is averaged away
+    view: Literal["moving", "steady"] = "moving"
+    model: BeamModel = "auto"
+    linear_limit: float = LINEAR_LIMIT
+    drift: BeamDriftSettings = field(default_factory=BeamDriftSettings)
+    stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
+    max_age_s: float = 0.2  #: an older frame is stale
+    zero_path: Path | None = None
+
+    def __post_init__(self) -> None:
+        if not self.xi:
+            raise InputError("templates", "found none on the rod, expected at least one")
+        for name, xi in self.xi.items():
+            if not 0.05 <= xi <= 1:
+                raise InputError("templates", f"found xi {xi:g}, expected 0.05 to 1", field=name)
+        if self.reference in self.xi:
+            raise InputError("templates", f"{self.reference} is the reference and on the rod as well")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamReading:
+    """One frame: the wrench, and what its covariance is made of."""
+
+    wrench: Wrench  #: about the tip, frame S; its covariance is the sum of those below
+    noise: Float[np.ndarray, "6 6"]  #: by the poses of this frame
+    zero: Float[np.ndarray, "6 6"]  #: by the zero reference and its drift
+    setup: Float[np.ndarray, "6 6"]  #: by templates that are not exactly where they are said to be
+    calibration: Float[np.ndarray, "6 6"]  #: by what is not known of the compliance
+    exact: bool  #: read by the exact rod; otherwise by the linear beam
+    stress: float  #: in the rod, by its yield stress
+    templates: tuple[str, ...]  #: those that were used
+
+
+class BeamSensor:
+    """Reads six axes from the poses of templates on a bending rod.
+
+    Parameters
+    ----------
+    setup
+        Beam, templates, correction.
+    zero
+        Resting poses; without them every reading is ``not_zeroed``.
+
+    Examples
+    --------
+    >>> sensor = BeamSensor(BeamSetup({"tip": 1.0}, Pose.identity()))
+    >>> sensor.read(0.0, []).wrench.reason
+    <Reason.NOT_ZEROED: 'not_zeroed'>
+    """
+
+    def __init__(self, setup: BeamSetup, zero: BeamZero | None = None) -> None:
+        self.setup = setup
+        self.correction = setup.correction or prior_correction(setup.beam)
+        self._steady = SteadyReference() if setup.view == "steady" else None
+        self._set_zero(zero)
+        self._last_t: float | None = None
+
+    @property
+    def zero_reference(self) -> BeamZero | None:
+        """The resting poses."""
+        return self._zero
+
+    def _set_zero(self, zero: BeamZero | None) -> None:
+        self._zero = zero
+        self.watch = BeamZeroWatch(self.setup.beam.full_scale, self.setup.drift)
+        self._yielded = False
+
+    def zero(self, frames: Iterable[tuple[float, Sequence[TemplateObservation]]]) -> BeamZero:
+        """Take the zero from frames (t_s, templates) of a sensor that nothing touches.
+
+        Raises
+        ------
+        CalibrationError
+            Too little was seen, or the sensor moved meanwhile.
+        """
+        seen = list(frames)
+        steady = None
+        if self._steady is not None:
+            steady = SteadyReference(max(len(seen), 2))
+            for _, templates in seen:
+                if self._relative(templates, steady)[1] is Reason.MOVED:
+                    raise CalibrationError(
+                        "zero", "the reference moved in the view", remedy="hold camera and sensor still"
+                    )
+            steady.hold()
+        found = [relative for _, templates in seen if (relative := self._relative(templates, steady)[0])]
+        if not found:
+            raise CalibrationError(
+                "zero", "no frame shows the reference template and one on the rod", remedy="free their view"
+            )
+        zero = BeamZero.from_frames(seen[-1][0], found, shared=None if steady is None else steady.covariance)
+        self._steady = None if steady is None else SteadyReference()
+        self._set_zero(zero)
+        return zero
+
+    def reset(self) -> None:
+        """Forget the time, the drift and the reference; the zero stays."""
+        self._last_t = None
+        self._steady = SteadyReference() if self._steady is not None else None
+        self._set_zero(self._zero)
+
+    def read(
+        self, t_s: float, templates: Sequence[TemplateObservation], *, now_s: float | None = None
+    ) -> BeamReading:
+        """Wrench of one frame.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        templates
+            Poses of the reference and of those on the rod; others are ignored.
+        now_s
+            Time at which it is read; frames older than ``max_age_s`` are stale.
+        """
+        if self._zero is None:
+            return self._nothing(t_s, Reason.NOT_ZEROED)
+        late = now_s is not None and now_s - t_s > self.setup.max_age_s
+        if not np.isfinite(t_s) or late or (self._last_t is not None and t_s <= self._last_t):
+            return self._nothing(t_s, Reason.STALE)
+        self._last_t = t_s
+        relative, reason = self._relative(templates, self._steady, set(self._zero.rest.names))
+        if relative is None:
+            return self._nothing(t_s, reason)
+        return self._measure(t_s, relative, reason)
+
+    def _relative(
+        self,
+        templates: Sequence[TemplateObservation],
+        steady: SteadyReference | None,
+        wanted: set[str] | None = None,
+    ) -> tuple[RelativePoses | None, Reason]:
+        """Poses in the reference template; without them the reason why, with them why not to trust them."""
+        by_name = {template.name: template for template in templates}
+        if len(by_name) != len(templates):
+            raise InputError("templates", "a name is there twice in one frame")
+        reference = by_name.get(self.setup.reference)
+        seen = bool(reference and reference.valid and reference.pose_camera_template)
+        reason = Reason.OK
+        if steady is not None:
+            if seen and reference is not None and reference.pose_camera_template is not None:
+                reason = steady.update(reference.pose_camera_template, reference.covariance)
+            if steady.pose is None:
+                return None, reference.reason if reference else Reason.LOST
+            pose, covariance = steady.pose, steady.covariance
+        elif not seen or reference is None or reference.pose_camera_template is None:
+            return None, reference.reason if reference and not reference.valid else Reason.LOST
+        else:
+            pose, covariance = reference.pose_camera_template, reference.covariance
+        names = [name for name in self.setup.xi if wanted is None or name in wanted]
+        there = [by_name[name] for name in names if name in by_name and by_name[name].valid]
+        if not there:
+            reasons = [by_name[name].reason for name in names if name in by_name]
+            return None, reasons[0] if reasons else Reason.LOST
+        return relative_poses(pose, covariance, there), reason
+
+    def _measure(self, t_s: float, relative: RelativePoses, reason: Reason) -> BeamReading:
+        assert self._zero is not None
+        setup = self.setup
+        motion = section_motion(
+            relative, self._zero.rest, setup.xi, setup.pose_reference_sensor, setup.beam.length_m
+        )
+        try:
+            found = estimate_wrench(setup.beam, motion, model=setup.model, linear_limit=setup.linear_limit)
+        except InputError:  # poses that no rod can take: a template is not where it claims to be
+            return self._nothing(t_s, Reason.LOST)
+        wrench = self.correction.apply(found.wrench)
+        noise, zero = self.correction.transform(found.noise), self.correction.transform(found.zero)
+        sigma = np.sqrt(np.diag(noise + zero))
+        bent = found.stress - 3 * self._stress_sigma(sigma)
+        self._yielded = self._yielded or bent > 1.0
+        saturated = found.stress > setup.stress_limit or self._spring_at_stop(wrench)
+        if reason is Reason.OK and self._disagree(found):
+            reason = Reason.DRIFTED
+        if saturated:
+            reason = Reason.SATURATED
+        elif reason is Reason.OK:
+            self.watch.update(t_s, wrench, sigma)
+            if self.watch.drifted or self._yielded:
+                reason = Reason.DRIFTED
+        wrench = wrench - self.watch.offset
+        zero = zero + self.watch.covariance
+        misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
+        result = Wrench(
+            t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + misplaced + calibration
+        )
+        return BeamReading(
+            result, noise, zero, misplaced, calibration, found.exact, found.stress, relative.names
+        )
+
+    def _stress_sigma(self, sigma: Float[np.ndarray, "6"]) -> float:
+        beam = self.setup.beam
+        return float(np.hypot(*sigma[4:]) + beam.length_m * np.hypot(*sigma[1:3])) / beam.moment_limit_Nm
+
+    def _spring_at_stop(self, wrench: Float[np.ndarray, "6"]) -> bool:
+        beam = self.setup.beam
+        return bool(
+            abs(wrench[0]) > beam.spring_N_per_m * beam.spring_travel_m
+            or abs(wrench[3]) > beam.spring_Nm_per_rad * beam.spring_turn_rad
+        )
+
+    def _disagree(self, found: BeamEstimate) -> bool:
+        """Whether the templates contradict each other by more than noise and setup allow."""
+        if found.freedom <= 0:
+            return False
+        from scipy.special import chdtri
+
+        return found.chi2 > float(chdtri(found.freedom, _DISAGREEMENT))
+
+    def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
+        nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)
+        wrench = Wrench(t_s, False, reason, nothing, nothing.copy(), unknown)
+        return BeamReading(wrench, unknown, unknown, unknown, unknown, False, float("nan"), ())

@@ -1,0 +1,222 @@
+"""The resting poses of the templates, and the watch over their drift (Alt 2016, Sec. 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from ...camera import Pose
+from ...errors import CalibrationError, InputError
+from ...files import load_yaml_model, save_yaml
+from .observation import RelativePoses, rotation_vectors
+
+__all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
+
+#: Scatter while zeroing by the declared sigma; more than this is motion, not noise.
+MAX_SCATTER = 4.0
+#: A scatter below these is good enough, whatever the tracker declares [m, rad].
+FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
+
+Numbers6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
+
+
+class _ZeroTemplate(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    translation_m: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+    quaternion_xyzw: Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+
+
+class _ZeroFile(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    t_s: FiniteFloat
+    frames: Annotated[int, Field(ge=1)]
+    templates: Annotated[list[_ZeroTemplate], Field(min_length=1, max_length=32)]
+    covariance: Annotated[list[list[FiniteFloat]], Field(max_length=192)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeamZero:
+    """Where the templates are while nothing touches the sensor."""
+
+    t_s: float  #: time of the last frame that went in
+    frames: int
+    rest: RelativePoses  #: mean poses in the reference template, and the covariance of the means
+
+    @classmethod
+    def from_frames(
+        cls,
+        t_s: float,
+        frames: Sequence[RelativePoses],
+        *,
+        shared: Float[np.ndarray, "6 6"] | None = None,
+        where: str = "zero",
+    ) -> BeamZero:
+        """Average frames of an unloaded sensor; templates that most frames miss are left out.
+
+        Parameters
+        ----------
+        shared
+            Covariance of a reference that was the same in all frames, and does not average out.
+
+        Raises
+        ------
+        CalibrationError
+            No template was seen in half of the frames, or the rod moved.
+        """
+        if not frames:
+            raise CalibrationError(
+                where, "no frame shows the reference and a template", remedy="free the view"
+            )
+        counts: dict[str, int] = {}
+        for frame in frames:
+            for name in frame.names:
+                counts[name] = counts.get(name, 0) + 1
+        names = [name for name, count in counts.items() if 2 * count >= len(frames)]
+        whole = [frame.select(names) for frame in frames if set(names) <= set(frame.names)]
+        if not names or 2 * len(whole) < len(frames):
+            seen = ", ".join(f"{name} in {count}" for name, count in counts.items()) or "none"
+            raise CalibrationError(
+                where, f"templates seen in too few of {len(frames)} frames: {seen}", remedy="free their view"
+            )
+        means, offsets = [], []
+        for k in range(len(names)):
+            mean, offset = _mean_pose([frame.poses[k] for frame in whole])
+            means.append(mean)
+            offsets.append(offset)
+        covariance = np.mean([frame.covariance for frame in whole], axis=0)
+        lever = whole[-1].shared
+        common = 0.0 if shared is None else lever @ shared @ lever.T
+        covariance = covariance - common  # of what is new in each frame
+        scatter = np.hstack(offsets)
+        if len(whole) >= 4:
+            _refuse_motion(where, names, scatter, covariance)
+            # Noise that the tracker does not declare must not make the zero look better than it is.
+            seen_sigma = scatter.std(axis=0, ddof=1)
+            covariance = covariance * max(1.0, float(np.mean(seen_sigma**2 / np.diag(covariance))))
+        mean_covariance = covariance / len(whole) + common
+        return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever))
+
+    def save(self, path: Path | str) -> None:
+        """Write as YAML, whole or not at all."""
+        templates = [
+            {
+                "name": name,
+                "translation_m": [float(f"{value:.10g}") for value in pose.translation_m],
+                "quaternion_xyzw": [float(f"{value:.12g}") for value in pose.quaternion_xyzw],
+            }
+            for name, pose in zip(self.rest.names, self.rest.poses, strict=True)
+        ]
+        covariance = [[float(f"{value:.6g}") for value in row] for row in self.rest.covariance]
+        save_yaml(
+            path, {"t_s": self.t_s, "frames": self.frames, "templates": templates, "covariance": covariance}
+        )
+
+    @classmethod
+    def load(cls, path: Path | str, names: Sequence[str]) -> BeamZero:
+        """Read a file of :meth:`save`; ``names`` are the templates that the sensor knows."""
+        data = load_yaml_model(path, _ZeroFile)
+        found = [template.name for template in data.templates]
+        unknown = sorted(set(found) - set(names))
+        if unknown or len(set(found)) != len(found):
+            raise InputError(
+                path,
+                f"found templates {', '.join(found)}, the sensor has {', '.join(names)}",
+                field="templates",
+                remedy="zero again: visuohaptic sense beam --zero",
+            )
+        size = 6 * len(found)
+        if len(data.covariance) != size or any(len(row) != size for row in data.covariance):
+            raise InputError(path, f"expected {size} x {size} numbers", field="covariance")
+        covariance = np.array(data.covariance)
+        covariance = 0.5 * (covariance + covariance.T)
+        if np.linalg.eigvalsh(covariance).min() < -1e-6 * np.abs(covariance).max():
+            raise InputError(path, "is not positive definite", field="covariance")
+        poses = tuple(Pose.from_quaternion(t.quaternion_xyzw, t.translation_m) for t in data.templates)
+        return cls(data.t_s, data.frames, RelativePoses(tuple(found), poses, covariance, np.zeros((size, 6))))
+
+
+def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
+    """Mean of poses that are close together, and the deviation (n, 6) of each."""
+    rotations = np.array([pose.rotation for pose in poses])
+    translations = np.array([pose.translation_m for pose in poses])
+    u, _, vt = np.linalg.svd(rotations.mean(axis=0))
+    mean = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    centre = translations.mean(axis=0)
+    offset = np.hstack([translations - centre, rotation_vectors(rotations @ mean.T)])
+    return Pose(mean, centre), offset
+
+
+def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covariance: np.ndarray) -> None:
+    sigma = np.sqrt(np.diag(covariance))
+    limit = np.maximum(MAX_SCATTER * sigma, np.tile(FINE_SCATTER, len(names)))
+    spread = scatter.std(axis=0, ddof=1)
+    # A slow creep hides in the scatter of single frames, but not in the means of the two halves.
+    half = len(scatter) // 2
+    creep = np.abs(scatter[half:].mean(axis=0) - scatter[:half].mean(axis=0))
+    allowed = np.maximum(5 * sigma * np.sqrt(4 / len(scatter)), np.tile(FINE_SCATTER, len(names)))
+    worst = int(np.argmax(np.maximum(spread / limit, creep / allowed)))
+    if spread[worst] > limit[worst] or creep[worst] > allowed[worst]:
+        unit, factor = ("um", 1e6) if worst % 6 < 3 else ("mdeg", 1e3 * 180 / np.pi)
+        raise CalibrationError(
+            where,
+            f"template {names[worst // 6]} moved while zeroing: {factor * max(spread[worst], creep[worst]):.0f} "
+            f"{unit}, expected below {factor * limit[worst]:.0f} {unit}",
+            remedy="zero while nothing touches or shakes the sensor",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class BeamDriftSettings:
+    """How the zero follows slow changes while the sensor is at rest."""
+
+    time_constant_s: float = 30.0  #: of the adaptation
+    rest_s: float = 1.0  #: how long the load must have been negligible before it adapts
+    rest: float = 0.005  #: a load below this fraction of full scale counts as none
+    limit: float = 0.02  #: accumulated drift, as a fraction of full scale, beyond which it is not trusted
+
+
+class BeamZeroWatch:
+    """Follows what the sensor reads at rest, and tells when the zero has drifted away.
+
+    A steady load below the resting band can't be told from drift and is taken
+    for it within some time constants; that is the price of a zero that follows
+    the temperature.
+    """
+
+    def __init__(self, full_scale: Float[np.ndarray, "6"], settings: BeamDriftSettings | None = None) -> None:
+        self.settings = settings or BeamDriftSettings()
+        self.full_scale = np.asarray(full_scale, dtype=np.float64)
+        self.offset = np.zeros(6)  #: what the unloaded sensor reads now [N, Nm]
+        self._rest_since: float | None = None
+        self._last_t: float | None = None
+
+    @property
+    def drifted(self) -> bool:
+        """Whether the zero has to be taken again."""
+        return bool((np.abs(self.offset) > self.settings.limit * self.full_scale).any())
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "6 6"]:
+        """What the adaptation may lag behind: a tenth of the drift."""
+        return np.diag((0.1 * self.offset) ** 2)
+
+    def update(self, t_s: float, wrench: Float[np.ndarray, "6"], sigma: Float[np.ndarray, "6"]) -> None:
+        """Look at one reading, before the offset is taken off."""
+        elapsed = 0.0 if self._last_t is None else max(0.0, t_s - self._last_t)
+        self._last_t = t_s
+        left = np.abs(wrench - self.offset)
+        if (left > np.maximum(self.settings.rest * self.full_scale, 4 * sigma)).any():
+            self._rest_since = None
+            return
+        if self._rest_since is None:
+            self._rest_since = t_s
+        if t_s - self._rest_since >= self.settings.rest_s:
+            rate = min(1.0, elapsed / self.settings.time_constant_s)
+            self.offset = self.offset + rate * (wrench - self.offset)

@@ -1,0 +1,227 @@
+"""The compliance from known loads: recovered, with honest sigmas, or refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import CalibrationError
+from visuohaptic.sensing.beam import (
+    Beam,
+    Correction,
+    LoadRecord,
+    calibrate_beam,
+    compliance,
+    prior_correction,
+    read_loads,
+)
+from visuohaptic.simulation.rod import ElasticRod
+from visuohaptic.simulation.rod_rig import RodRig
+
+BEAM = Beam()
+#: Half a millimetre longer, 0.7 % thinner, softer: compliant by 1.3 % + 2.7 % + 1.5 % more.
+OTHER_ROD = ElasticRod(
+    length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
+)
+REACH = np.array([3.0, 1.5, 1.5, 0.06, 0.12, 0.12])
+
+
+def session(axes=range(6), steps=(-1, -0.5, 0, 0.5, 1)):
+    """Loads of each axis, both ways."""
+    loads = []
+    for axis in axes:
+        for share in steps:
+            load = np.zeros(6)
+            load[axis] = share * REACH[axis]
+            loads.append(load)
+    return np.array(loads)
+
+
+def record_of(bench, sensor, loads, vector, rng, noise=1.0):
+    """Dead weights on the simulated rod, read by the sensor without calibration."""
+    sigma = noise * np.array([0.7, 1.3, 3.7, 0.02, 0.23, 0.09]) * 1e-3
+    read = [vector(sensor.read(1 + k, bench.templates(load)).wrench) for k, load in enumerate(loads)]
+    read = np.array(read) + rng.normal(0, 1, (len(loads), 6)) * sigma
+    return LoadRecord(loads, read, "wrench", np.arange(2, 2 + len(loads)))
+
+
+@pytest.fixture(scope="module")
+def calibrated(make_bench, vector):
+    bench = make_bench(RodRig(rod=OTHER_ROD))
+    record = record_of(bench, bench.sensor(), session(), vector, np.random.default_rng(1))
+    return bench, calibrate_beam(record, BEAM)
+
+
+def test_a_calibrated_sensor_reads_another_rod(calibrated, make_bench, vector):
+    """Figure 3.8 with parts that are not those of the data sheet."""
+    bench, found = calibrated
+    sensor = make_bench(RodRig(rod=OTHER_ROD), correction=found.correction).sensor()
+    plain = bench.sensor()
+    top = 2.5
+    full = np.minimum(BEAM.full_scale, top * np.array([1, 1, 1, 0.12, 0.12, 0.12]))
+    worst, before = np.zeros(6), 0.0
+    for k, force in enumerate([*np.linspace(0, top, 6), *np.linspace(top, 0, 6)]):
+        wrench = np.array([0, force, 0, 0, 0, 0])
+        templates = bench.templates(wrench)
+        error = np.abs(vector(sensor.read(1 + k, templates).wrench) - wrench) / full
+        worst = np.maximum(worst, error)
+        before = max(before, abs(plain.read(1 + k, templates).wrench.force_N[1] - force) / top)
+    assert worst[1] < 0.02  # owed; the aim of 0.005 is tested by the benchmark
+    assert np.delete(worst, 1).max() < 0.01
+    assert worst[1] < 0.2 * before
+
+
+def test_the_session_leaves_small_residuals(calibrated):
+    _, found = calibrated
+    assert (found.residual_rms < 0.01 * REACH).all()
+    assert (found.uncalibrated_rms[[1, 2]] > 3 * found.residual_rms[[1, 2]]).all()
+    assert (found.explained > 0.999).all()
+    assert found.correction.calibrated
+
+
+def test_the_prior_knows_what_a_millimetre_is_worth():
+    exact = dict.fromkeys(("diameter_tolerance", "youngs_tolerance", "alignment_tolerance_rad"), 0.0)
+    one = prior_correction(replace(BEAM, length_tolerance_m=1e-3, **exact))
+    # F = (12 w - 6 w' L) EI / L^3 with w growing by 3 dL/L of a third, w' by 2 dL/L of a half: 6 dL/L.
+    assert np.sqrt(one.row_covariance[1, 1, 1]) == pytest.approx(6e-3 / 0.12, rel=0.03)
+    # With the moment known it is 3 dL/L, the compliance itself.
+    longer = compliance(replace(BEAM, length_m=0.121), 1.0)
+    assert longer[1, 1] / compliance(BEAM, 1.0)[1, 1] - 1 == pytest.approx(0.025, rel=0.02)
+
+
+def test_declared_sigmas_cover_many_calibrations():
+    rng = np.random.default_rng(3)
+    loads = session(axes=(1, 2, 5))
+    pulls = []
+    for _ in range(200):
+        true = np.diag(rng.normal(0, 0.01, 6))
+        scatter = np.array([0.01, 0.02, 0.02, 2e-4, 1e-3, 1e-3])
+        read = loads @ (np.eye(6) + true).T + rng.normal(0, 1, loads.shape) * scatter
+        found = calibrate_beam(LoadRecord(loads, read, "wrench", np.arange(15)), BEAM, load_tolerance=0.0)
+        for k in (1, 2, 5):
+            error = found.correction.matrix[k, k] - true[k, k]
+            pulls.append(error / np.sqrt(found.correction.row_covariance[k, k, k]))
+    # 600 pulls; the noise is estimated from 15 rows, and the prior is wider than the truth here.
+    assert 0.8 < np.std(pulls) < 1.2
+    assert abs(np.mean(pulls)) < 0.2
+
+
+def test_axes_that_were_not_loaded_keep_the_data_sheet():
+    loads = session(axes=(1, 2))
+    found = calibrate_beam(LoadRecord(loads, loads * 1.02, "wrench", np.arange(10)), BEAM)
+    prior = prior_correction(BEAM)
+    for k in (0, 3):
+        assert found.correction.row_covariance[k, k, k] == pytest.approx(
+            prior.row_covariance[k, k, k] + 0.002**2, rel=1e-6
+        )
+    assert any(note.startswith("fx was not loaded") for note in found.notes)
+    assert found.correction.matrix[1, 1] == pytest.approx(0.02, abs=2e-3)
+
+
+def test_motions_of_the_tip_do_as_well_as_readings():
+    loads = session()
+    moved = []
+    for load in loads:
+        pose = OTHER_ROD.bend(load[:3], load[3:]).pose(1.0)
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_matrix(pose.rotation).as_rotvec()
+        moved.append(np.concatenate([pose.translation_m - [OTHER_ROD.length_m, 0, 0], turn]))
+    found = calibrate_beam(LoadRecord(loads, np.array(moved), "motion", np.arange(30)), BEAM)
+    assert (found.residual_rms < 0.01 * REACH).all()
+    # The tip itself was observed: the compliance is that of the other rod, large loads bend it by 1 %.
+    other = replace(
+        BEAM, length_m=0.1205, diameter_m=0.00149, youngs_Pa=203e9, spring_N_per_m=530, spring_Nm_per_rad=0.19
+    )
+    assert np.diag(found.compliance) == pytest.approx(np.diag(compliance(other, 1.0)), rel=0.01)
+
+
+def test_correction_and_covariance_go_together():
+    rng = np.random.default_rng(4)
+    prior = prior_correction(BEAM)
+    wrench = np.array([1.0, 0.8, -0.5, 0.02, 0.05, 0.04])
+    roots = np.sqrt(np.array([np.diag(row) for row in prior.row_covariance]))
+    draws = np.array(
+        [np.linalg.solve(np.eye(6) + rng.normal(0, 1, (6, 6)) * roots, wrench) for _ in range(3000)]
+    )
+    assert draws.std(axis=0) == pytest.approx(np.sqrt(np.diag(prior.covariance(wrench))), rel=0.1)
+    matrix = np.diag([0.1, 0.05, 0, 0, 0, 0])
+    correction = Correction(matrix, prior.row_covariance)
+    assert correction.apply((np.eye(6) + matrix) @ wrench) == pytest.approx(wrench)
+
+
+class TestRefusals:
+    def record(self, change=lambda loads, read: read, steps=(-1, -0.5, 0, 0.5, 1)):
+        loads = session(axes=(1, 2), steps=steps)
+        rng = np.random.default_rng(5)
+        read = loads + rng.normal(0, 1, loads.shape) * [0.002, 0.002, 0.004, 1e-4, 3e-4, 3e-4]
+        return LoadRecord(loads, change(loads, read), "wrench", np.arange(2, 2 + len(loads)), "loads.csv")
+
+    def refused(self, record, text):
+        with pytest.raises(CalibrationError, match=text):
+            calibrate_beam(record, BEAM)
+
+    def test_good_data_pass(self):
+        calibrate_beam(self.record(), BEAM)
+
+    def test_too_few_rows(self):
+        self.refused(self.record(steps=(0, 1)), "loads.csv: found 4 rows, 2 of them with a load")
+
+    def test_a_zero_that_wanders(self):
+        def wander(loads, read):
+            read = read.copy()
+            read[2, 1] += 0.3
+            return read
+
+        self.refused(self.record(wander), "the unloaded sensor reads fy with a scatter of 14 %")
+
+    def test_noise(self):
+        rng = np.random.default_rng(6)
+        self.refused(
+            self.record(
+                lambda loads, read: np.where(loads.any(axis=1)[:, None], rng.normal(0, 1, read.shape), read)
+            ),
+            "the loads explain only .* of what f. reads",
+        )
+
+    def test_a_row_that_was_mistyped(self):
+        def mistype(loads, read):
+            read = read.copy()
+            read[4, 1] *= 0.8
+            return read
+
+        self.refused(self.record(mistype, steps=np.linspace(-1, 1, 21)), "line .*: f. is off by")
+
+    @pytest.mark.parametrize(
+        ("factor", "text"),
+        [
+            (1e-3, "moves 0.001 times as far along fy"),
+            (-1.0, "moves -1 times as far along fy"),
+            (1.5, "1.5 times"),
+        ],
+    )
+    def test_units_signs_and_another_beam(self, factor, text):
+        self.refused(self.record(lambda loads, read: read * factor), text)
+
+    def test_axes_that_are_swapped(self):
+        self.refused(
+            self.record(lambda loads, read: read[:, [0, 2, 1, 3, 4, 5]]), "moves .* along fy|shows as"
+        )
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    "name", ["stiffness_data.csv", "stiffness_data_.csv", "stiffness_data_2024-05-03_21-31-44.csv"]
+)
+def test_real_dead_weights_that_must_be_refused(data, name):
+    """A webcam, a tag on a flexure, weights of 1-20 mN: the zero wanders by a quarter of the range."""
+    record = read_loads(data / "sensing" / "fiducialforcesensor" / name, angles="deg")
+    assert record.load.shape == (len(record.line), 6)
+    with pytest.raises(CalibrationError, match=f"{name}.*(scatter|explain)"):
+        calibrate_beam(record, BEAM)
+    # Not because it is another beam: a prior that allows any compliance refuses it as well.
+    loose = Correction(np.zeros((6, 6)), np.stack([np.eye(6) * 1e8] * 6))
+    with pytest.raises(CalibrationError, match=f"{name}.*(scatter|explain)"):
+        calibrate_beam(record, BEAM, prior=loose)

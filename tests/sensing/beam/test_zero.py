@@ -1,0 +1,92 @@
+"""The zero: averaging, refusal, file, drift."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import CalibrationError, InputError
+from visuohaptic.sensing.beam import BeamDriftSettings, BeamZero, BeamZeroWatch, TemplatePose
+from visuohaptic.simulation.rod_rig import noisy_pose
+
+
+def shaken(templates, rng):
+    return [
+        TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+        for t in templates
+    ]
+
+
+def test_the_mean_is_as_good_as_it_says(bench):
+    rng = np.random.default_rng(1)
+    zero = bench.sensor(rng).zero_reference
+    assert zero.frames == 100
+    rest = bench.sensor().zero_reference.rest
+    errors = [
+        np.abs(a.translation_m - b.translation_m) for a, b in zip(zero.rest.poses, rest.poses, strict=True)
+    ]
+    sigma = np.sqrt(np.diag(zero.rest.covariance)).reshape(-1, 6)[:, :3]
+    assert (np.array(errors) < 4 * sigma).all()
+    assert sigma.max() < 1e-5
+
+
+def test_a_steady_reference_does_not_average_out_twice(make_bench):
+    # 100 frames of everything: the relative poses are as good as with a moving reference.
+    moving = make_bench().sensor(np.random.default_rng(1)).zero_reference
+    steady = make_bench(view="steady").sensor(np.random.default_rng(1)).zero_reference
+    ratio = np.diag(steady.rest.covariance) / np.diag(moving.rest.covariance)
+    assert ratio == pytest.approx(np.ones(12), rel=0.35)
+
+
+def test_a_rod_that_moves_while_zeroing_is_refused(bench):
+    rng = np.random.default_rng(2)
+    frames = [(k / 30, shaken(bench.templates([0, 2e-3 * k, 0, 0, 0, 0]), rng)) for k in range(40)]
+    with pytest.raises(
+        CalibrationError, match=r"moved while zeroing: .* um, expected below .* um; zero while"
+    ):
+        bench.sensor().zero(frames)
+
+
+def test_a_hidden_template_is_left_out_and_no_template_is_refused(bench):
+    still = bench.templates(np.zeros(6))
+    partly = [(k / 30, [*still[:2], TemplatePose.missing("tip")]) for k in range(10)]
+    assert bench.sensor().zero(partly).rest.names == ("middle",)
+    with pytest.raises(CalibrationError, match="no frame shows the reference template"):
+        bench.sensor().zero([(0.0, [TemplatePose.missing("reference"), *still[1:]])])
+
+
+def test_the_file_holds_it_all(bench, tmp_path):
+    zero = bench.sensor(np.random.default_rng(3)).zero_reference
+    zero.save(tmp_path / "zero.yaml")
+    again = BeamZero.load(tmp_path / "zero.yaml", ["middle", "tip"])
+    assert again.frames == zero.frames
+    for a, b in zip(again.rest.poses, zero.rest.poses, strict=True):
+        assert a.matrix == pytest.approx(b.matrix, abs=1e-10)
+    sigma = np.sqrt(np.diag(zero.rest.covariance))
+    assert np.abs((again.rest.covariance - zero.rest.covariance) / np.outer(sigma, sigma)).max() < 1e-5
+    with pytest.raises(InputError, match="the sensor has top; zero again"):
+        BeamZero.load(tmp_path / "zero.yaml", ["top"])
+    text = (tmp_path / "zero.yaml").read_text().replace("frames: 100", "frames: 0")
+    (tmp_path / "zero.yaml").write_text(text)
+    with pytest.raises(InputError, match="frames"):
+        BeamZero.load(tmp_path / "zero.yaml", ["middle", "tip"])
+
+
+def test_slow_drift_is_followed_and_a_large_one_is_told():
+    scale = np.full(6, 3.0)
+    watch = BeamZeroWatch(scale, BeamDriftSettings(time_constant_s=2.0))
+    sigma = np.full(6, 1e-3)
+    for k in range(1200):  # 40 s, 1 mN per second
+        watch.update(k / 30, np.full(6, k / 30 * 1e-3), sigma)
+    assert watch.offset == pytest.approx(np.full(6, 0.040 - 2e-3), abs=1e-3)  # lags by rate x time constant
+    assert not watch.drifted
+    for k in range(1200, 2400):
+        watch.update(k / 30, np.full(6, k / 30 * 1e-3), sigma)
+    assert watch.drifted  # 2 % of 3 N are 60 mN
+
+
+def test_a_load_is_no_drift():
+    watch = BeamZeroWatch(np.full(6, 3.0), BeamDriftSettings(time_constant_s=1.0))
+    for k in range(600):
+        watch.update(k / 30, np.array([0, 0.1, 0, 0, 0, 0]), np.full(6, 1e-3))
+    assert not watch.offset.any()
