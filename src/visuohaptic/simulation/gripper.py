@@ -98,7 +98,7 @@ class GripperTruth:
     @property
     def front_rest_m(self) -> Float[np.ndarray, "k 2"]:
         """Front contour in the fixed frame R."""
-        return self.front_m + [self.position_m, 0.0]
+        return self.front_m + np.array([self.position_m, 0.0])
 
 
 class VirtualGripper:
@@ -265,7 +265,7 @@ class VirtualGripper:
         bodies = []
         for item, shift in zip(self.objects, truth.shift_m, strict=True):
             look = item.surface
-            outline = item.outline.polygon_m() + [float(shift) - truth.position_m, 0.0]
+            outline = item.outline.moved(float(shift) - truth.position_m, 0.0).polygon_m()
             bodies.append(
                 SceneObject(outline, item.top_m, look.grey, look.texture, look.seed, look.material, look.bgr)
             )

@@ -4,7 +4,8 @@ from .boundary import BOUNDARIES, Boundary, Tension, calibrate_tension
 from .calibration import FoamCalibration, calibrate_foam
 from .config import FoamSensorConfig, FoamSetup
 from .curve import StressCurve
-from .finger import FingerReading, FingerSensor
+from .finger import FingerReading, FingerSensor, load_sensor
+from .finger_optics import FingerPosition
 from .geometry import StripGeometry
 from .hysteresis import HysteresisState
 from .material import FoamMaterial
@@ -12,6 +13,7 @@ from .profile import ContactRegion, FoamReading, read_profile
 from .records import PlateRecord, StrainStress, read_plate, read_strain_stress
 from .section import section_material, sensitivity
 from .sensor import FoamSensor
+from .stripe_view import stripe_masks, train_stripe
 from .zero import DriftSettings, ZeroReference, ZeroWatch
 
 __all__ = [
@@ -19,6 +21,7 @@ __all__ = [
     "Boundary",
     "ContactRegion",
     "DriftSettings",
+    "FingerPosition",
     "FingerReading",
     "FingerSensor",
     "FoamCalibration",
@@ -37,9 +40,12 @@ __all__ = [
     "ZeroWatch",
     "calibrate_foam",
     "calibrate_tension",
+    "load_sensor",
     "read_plate",
     "read_profile",
     "read_strain_stress",
     "section_material",
     "sensitivity",
+    "stripe_masks",
+    "train_stripe",
 ]
