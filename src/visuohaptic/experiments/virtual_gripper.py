@@ -10,7 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..camera import PlaneView
-from ..sensing.foam import FingerSensor, FoamSensorConfig, calibrate_foam, read_strain_stress, train_stripe
+from ..sensing.foam import (
+    FingerSensor,
+    FoamSensorConfig,
+    calibrate_foam,
+    read_strain_stress,
+    train_stripe,
+)
 from ..simulation._finger_tag import FingerTag
 from ..simulation.effects import CameraEffects
 from ..simulation.gripper import GRIPPER_RIG, ROD, RUBBER_FOAM, STRIPE_M, VirtualGripper, gripper_look

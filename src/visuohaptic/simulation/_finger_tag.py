@@ -71,7 +71,9 @@ def paint_tag(
     corners = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     seen = []
     for shift in (position_m.min(), position_m.max()):
-        seen.append(camera.project(pose_camera_foam.apply(pose_foam_tag.apply(corners) + np.array([shift, 0.0, 0.0]))))
+        seen.append(
+            camera.project(pose_camera_foam.apply(pose_foam_tag.apply(corners) + np.array([shift, 0.0, 0.0])))
+        )
     pixels = np.concatenate(seen)
     rows, columns, _ = image.shape
     left, top = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 6, 0)

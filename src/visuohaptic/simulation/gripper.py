@@ -50,6 +50,9 @@ STEP_M, STEP_S = 1e-4, 0.005
 #: Width of the stripe on the rod [m].
 STRIPE_M = 0.003
 
+_TAG = FingerTag()
+_BLUE = Surface(150.0, 8.0, "cardboard", (170.0, 140.0, 110.0))
+
 
 def gripper_look(*, stripe: bool = True) -> Look:
     """Black rubber on a finger of bare metal, with a green stripe along the front."""
@@ -73,7 +76,7 @@ class GraspObject:
     outline: Outline  #: cross section, frame R
     stiffness_N_per_m: float = math.inf  #: force by the way that its surface retreats before one finger
     top_m: float = 0.05  #: height of its top above the foam's top
-    surface: Surface = Surface(150.0, 8.0, "cardboard", (170.0, 140.0, 110.0))
+    surface: Surface = _BLUE
 
     def __post_init__(self) -> None:
         if not self.stiffness_N_per_m > 0:
@@ -135,7 +138,7 @@ class VirtualGripper:
         rig: SensorRig = GRIPPER_RIG,
         look: Look | None = None,
         effects: CameraEffects | None = None,
-        tag: FingerTag | None = FingerTag(),
+        tag: FingerTag | None = _TAG,
         occluders: Sequence[Occluder] = (),
         frame_rate_Hz: float = 30.0,
         acceleration_m_s2: float = 0.5,
@@ -159,13 +162,15 @@ class VirtualGripper:
         )
         self._strip = FoamStrip(geometry, law)
         self._back = geometry.back_m(self._strip.s_m)
-        self._shift = np.zeros(len(self.objects))
+        self._springs = np.array([item.stiffness_N_per_m for item in self.objects])
+        self._shift, self._load = np.zeros((2, len(self.objects)))
+        self._stiffness = 0.0
         self._position = self._speed = 0.0
         self._target, self._limit = 0.0, 0.0
         self._next_frame = 0
         self._times: list[float] = []
         self._truths: list[GripperTruth] = []
-        self._record(0.0, np.zeros(len(self.objects)))
+        self._record(0.0, self._squeeze(0.0, 0.0))
 
     # Gripper
 
@@ -315,25 +320,30 @@ class VirtualGripper:
         if abs(move) >= abs(way) and move * way >= 0:
             move, self._speed = way, 0.0
         self._position += move
-        self._record(now.t_s + dt_s, self._squeeze(dt_s))
+        self._record(now.t_s + dt_s, self._squeeze(dt_s, move))
 
-    def _squeeze(self, dt_s: float) -> Float[np.ndarray, "objects"]:
-        """Equilibrium of foam and springs: Newton steps with the foam's tangent stiffness."""
-        springs = np.array([item.stiffness_N_per_m for item in self.objects])
-        force = np.zeros(len(self.objects))
-        for turn in range(3):
-            bodies = [
+    def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
+        """Move foam and springs on by one step of the finger.
+
+        The springs give way before the foam is pressed, by what its tangent stiffness
+        foretells: foam that is pressed too far and let go again would remember it as unloading.
+        What is left of the balance goes into the next step.
+        """
+        if not self.objects:
+            return np.zeros(0)
+        soft, spring, foam = np.isfinite(self._springs), self._springs, self._stiffness
+        rest = self._load[soft] - spring[soft] * self._shift[soft]
+        touched = self._load[soft] > 0
+        self._shift[soft] += np.where(touched, rest + foam * way_m, rest) / (spring[soft] + foam)
+        state = self._strip.press(
+            [
                 item.outline.moved(float(shift) - self._position, 0.0)
                 for item, shift in zip(self.objects, self._shift, strict=True)
-            ]
-            state = self._strip.press(bodies, dt_s if turn == 0 else 0.0)
-            force = state.body_force_N[:, 0] if len(bodies) else force
-            if not np.isfinite(springs).any():
-                break
-            soft = np.isfinite(springs)
-            residual = force[soft] - springs[soft] * self._shift[soft]
-            self._shift[soft] += residual / (springs[soft] + state.stiffness_N_per_m)
-        return force
+            ],
+            dt_s,
+        )
+        self._load, self._stiffness = state.body_force_N[:, 0], state.stiffness_N_per_m
+        return self._load
 
     def _record(self, t_s: float, force_N: Float[np.ndarray, "objects"]) -> None:
         strip = self._strip

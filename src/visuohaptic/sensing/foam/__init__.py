@@ -5,7 +5,7 @@ from .calibration import FoamCalibration, calibrate_foam
 from .config import FoamSensorConfig, FoamSetup
 from .curve import StressCurve
 from .finger import FingerReading, FingerSensor, load_sensor
-from .finger_optics import FingerPosition
+from .finger_optics import FingerPosition, finger_pose
 from .geometry import StripGeometry
 from .hysteresis import HysteresisState
 from .material import FoamMaterial
@@ -40,6 +40,7 @@ __all__ = [
     "ZeroWatch",
     "calibrate_foam",
     "calibrate_tension",
+    "finger_pose",
     "load_sensor",
     "read_plate",
     "read_profile",

@@ -59,7 +59,7 @@ class FingerSensor(FoamSensor):
             raise InputError("FingerSensor", "the configuration has no section 'finger'", field="finger")
         super().__init__(setup, zero)
         axis = np.asarray(setup.config.finger.axis_foam, dtype=np.float64)
-        self._axis = axis / np.linalg.norm(axis)
+        self.axis_foam: Float[np.ndarray, "3"] = axis / np.linalg.norm(axis)  #: direction of motion, frame F
 
     def _make_optics(self) -> FingerOptics:
         return FingerOptics(self.setup)
@@ -106,7 +106,7 @@ class FingerSensor(FoamSensor):
         profile = self.read(frame)
         geometry = self.setup.geometry
         front = geometry.front_m - profile.delta_m[:, None] * geometry.outward
-        return FingerReading(profile, self.finger, front + self.finger.position_m * self._axis[:2])
+        return FingerReading(profile, self.finger, front + self.finger.position_m * self.axis_foam[:2])
 
 
 def load_sensor(path: Path | str) -> FoamSensor:

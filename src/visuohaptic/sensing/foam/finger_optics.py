@@ -17,7 +17,7 @@ from .optics import BaseView, ObservedStrip, StripOptics
 from .stripe_view import StripeView
 from .zero import ZeroReference
 
-__all__ = ["FingerOptics", "FingerPosition"]
+__all__ = ["FingerOptics", "FingerPosition", "finger_pose"]
 
 log = logging.getLogger(__name__)
 
@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 _REPLACE_PX = 0.5
 _ZERO_PX = 0.03  # while the zero reference is taken
 _MOST_REPLACEMENTS = 5
+#: What all points of an edge may be off by together, which no averaging reduces.
+_EDGE_BIAS_PX = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +67,7 @@ class FingerOptics(StripOptics):
         axis = np.asarray(finger.axis_foam, dtype=np.float64)
         self._axis = axis / np.linalg.norm(axis)
         self._setup, self._finger = setup, finger
-        self._tag: TagView | None = None
-        if finger.pose_foam_tag is not None:
-            self._tag = TagView(
-                setup.camera, setup.pose_camera_foam, self._axis,
-                finger.pose_foam_tag.pose(), finger.tag_id, finger.tag_size_m,
-            )  # fmt: skip
+        self._tag = _tag_view(setup)
         self.position = FingerPosition(float("nan"), float("nan"), float("nan"))  #: in the last frame
         self._held_m: float | None = None
         self._laid_m = self._last_m = 0.0  # where the lines are laid, where the finger was seen last
@@ -105,8 +102,7 @@ class FingerOptics(StripOptics):
 
     def pose_at(self, position_m: float) -> Pose:
         """``T_camera_foam`` with the finger at a position along its axis."""
-        rest = self._setup.pose_camera_foam
-        return Pose(rest.rotation, rest.translation_m + rest.rotation @ (position_m * self._axis))
+        return _moved(self._setup.pose_camera_foam, position_m * self._axis)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
         """Find the finger, then track the front; ``None`` when the finger cannot be found."""
@@ -187,6 +183,7 @@ class FingerOptics(StripOptics):
             if self._held_m is not None or np.abs(slope * step).max() < tolerance:
                 other = float(np.abs(self._basis @ base.motion.parameters - slope * step).max())
                 row_s = float(base.reference.points_px[:, 1].mean()) * camera.row_delay_s
+                sigma = float(np.hypot(sigma, _EDGE_BIAS_PX / np.abs(slope).max()))
                 place = FingerPosition(t_s + row_s, position + step, sigma)
                 return place, replace(base, moved_px=max(other, self._bump_px))
             position += step
@@ -240,6 +237,30 @@ class FingerOptics(StripOptics):
         self._front = _FrontMemory(t_s, np.where(front.valid, place, np.nan), speed)
         scale = late / np.where(np.abs(m_per_px) > 1e-9, m_per_px, np.inf)
         return speed * scale, doubt * np.abs(scale)
+
+
+def finger_pose(setup: FoamSetup, frame: Frame) -> Pose:
+    """``T_camera_foam`` in an image: by the tag on the finger, or as the configuration has it."""
+    view = _tag_view(setup)
+    fix = view.locate(frame.grey) if view is not None else None
+    if view is None or fix is None:
+        return setup.pose_camera_foam
+    return _moved(setup.pose_camera_foam, fix.position_m * view.axis)
+
+
+def _tag_view(setup: FoamSetup) -> TagView | None:
+    finger = setup.config.finger
+    if finger is None or finger.pose_foam_tag is None:
+        return None
+    axis = np.asarray(finger.axis_foam, dtype=np.float64)
+    return TagView(
+        setup.camera, setup.pose_camera_foam, axis / np.linalg.norm(axis),
+        finger.pose_foam_tag.pose(), finger.tag_id, finger.tag_size_m,
+    )  # fmt: skip
+
+
+def _moved(rest: Pose, shift_m: Float[np.ndarray, "3"]) -> Pose:
+    return Pose(rest.rotation, rest.translation_m + rest.rotation @ shift_m)
 
 
 def _along_axis(

@@ -53,6 +53,7 @@ class TagView:
     ) -> None:
         half = size_m / 2
         corners = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
+        self.axis = axis
         self._camera = camera
         self._corners_camera = pose_camera_foam.apply(pose_foam_tag.apply(corners))
         self._axis_camera = pose_camera_foam.rotation @ axis
@@ -97,7 +98,7 @@ class TagView:
             return None
         at = int(np.flatnonzero(ids.ravel() == self._tag_id)[0])
         found = np.asarray(corners[at], dtype=np.float64).reshape(4, 2)
-        return found + [left, top]
+        return found + np.array([left, top])
 
     def _solve(self, found: Float[np.ndarray, "4 2"], start_m: float) -> TagFix:
         """Gauss-Newton for one unknown."""
