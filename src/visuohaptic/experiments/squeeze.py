@@ -93,7 +93,7 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
     """Contours in the fixed frame at each force, measured against true."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
+    figure = Figure(figsize=(8.0, 4.8), layout="constrained")
     axes = figure.subplots(1, 2, width_ratios=(3, 2))
     for index, one in enumerate(found):
         colour = f"C{index}"
@@ -106,7 +106,7 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
     axes[0].set(
         xlabel="x in the fixed frame [mm]", ylabel="y [mm]", title="contour: measured (dots), true (lines)"
     )
-    axes[0].legend(fontsize="small", loc="center left")
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     axes[1].set(xlabel="pressure [kPa]", ylabel="s [mm]", title="pressure")
     for axis in axes:
         axis.grid(alpha=0.3)

@@ -164,7 +164,7 @@ class VirtualGripper:
         self._back = geometry.back_m(self._strip.s_m)
         self._springs = np.array([item.stiffness_N_per_m for item in self.objects])
         self._shift, self._load = np.zeros((2, len(self.objects)))
-        self._stiffness = 0.0
+        self._stiffness = np.zeros(len(self.objects))
         self._position = self._speed = 0.0
         self._target, self._limit = 0.0, 0.0
         self._next_frame = 0
@@ -242,6 +242,11 @@ class VirtualGripper:
         while self._times[-1] < t_s - 1e-12:
             step = STEP_M / self._limit if self._limit > 0 else STEP_S
             self._step(min(STEP_S, step, t_s - self._times[-1]))
+
+    def skip_to(self, t_s: float) -> None:
+        """Let time pass without pictures; the next frame is the first one at or after ``t_s``."""
+        self.advance_to(t_s)
+        self._next_frame = max(self._next_frame, math.ceil(t_s * self.frame_rate_Hz - 1e-9))
 
     def truth(self, t_s: float | None = None) -> GripperTruth:
         """What was the case at a time that has been simulated; the newest by default."""
@@ -325,7 +330,7 @@ class VirtualGripper:
     def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
         """Move foam and springs on by one step of the finger.
 
-        The springs give way before the foam is pressed, by what its tangent stiffness
+        The springs give way before the foam is pressed, by what its stiffness in the last step
         foretells: foam that is pressed too far and let go again would remember it as unloading.
         What is left of the balance goes into the next step.
         """
@@ -334,7 +339,8 @@ class VirtualGripper:
         soft, spring, foam = np.isfinite(self._springs), self._springs, self._stiffness
         rest = self._load[soft] - spring[soft] * self._shift[soft]
         touched = self._load[soft] > 0
-        self._shift[soft] += np.where(touched, rest + foam * way_m, rest) / (spring[soft] + foam)
+        give = np.where(touched, rest + foam[soft] * way_m, rest) / (spring[soft] + foam[soft])
+        self._shift[soft] += give
         state = self._strip.press(
             [
                 item.outline.moved(float(shift) - self._position, 0.0)
@@ -342,7 +348,12 @@ class VirtualGripper:
             ],
             dt_s,
         )
-        self._load, self._stiffness = state.body_force_N[:, 0], state.stiffness_N_per_m
+        pressed = np.full(len(self.objects), way_m)
+        pressed[soft] -= give
+        change, self._load = state.body_force_N[:, 0] - self._load, state.body_force_N[:, 0]
+        bound = state.stiffness_N_per_m
+        slope = np.where(np.abs(pressed) > 1e-9, change / np.where(pressed == 0, 1.0, pressed), bound)
+        self._stiffness = np.clip(slope, 0.1 * bound, bound)
         return self._load
 
     def _record(self, t_s: float, force_N: Float[np.ndarray, "objects"]) -> None:

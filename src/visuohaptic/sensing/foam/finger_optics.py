@@ -25,6 +25,8 @@ log = logging.getLogger(__name__)
 _REPLACE_PX = 0.5
 _ZERO_PX = 0.03  # while the zero reference is taken
 _MOST_REPLACEMENTS = 5
+#: Standard deviation of the speed of a finger that is seen for the first time [m/s].
+_UNKNOWN_SPEED_M_S = 0.05
 #: What all points of an edge may be off by together, which no averaging reduces.
 _EDGE_BIAS_PX = 0.02
 
@@ -49,7 +51,7 @@ class _FrontMemory:
 
     t_s: float
     place_m: Float[np.ndarray, "K"]  #: along the normals, in the fixed frame
-    speed_m_s: Float[np.ndarray, "K"]
+    speed_m_s: Float[np.ndarray, "K"]  #: mean since the frame before
 
 
 class FingerOptics(StripOptics):
@@ -77,10 +79,14 @@ class FingerOptics(StripOptics):
 
     def _lost(self) -> None:
         self._known: tuple[float, float] | None = None  # time and position that the next frame starts from
-        self._speed = 0.0
-        self._front: _FrontMemory | None = None
+        self._forget_speed()
         self._until_check = self._finger.tag_every
         self._bump_px = 0.0
+
+    def _forget_speed(self) -> None:
+        self._speed, self._speed_sigma = 0.0, _UNKNOWN_SPEED_M_S
+        self._mean_speed: float | None = None
+        self._front: _FrontMemory | None = None
 
     def reset(self) -> None:
         """Forget the previous frames and where the finger is."""
@@ -90,7 +96,7 @@ class FingerOptics(StripOptics):
     def forget_motion(self) -> None:
         """Forget how fast finger and front moved, after a pause."""
         super().forget_motion()
-        self._speed, self._front = 0.0, None
+        self._forget_speed()
 
     def hold(self) -> None:
         """From now on the finger stands still: the lines stay where they are."""
@@ -117,7 +123,11 @@ class FingerOptics(StripOptics):
             return None
         self.position, base = found
         if self._known is not None and self.position.t_s > self._known[0]:
-            self._speed = (self.position.position_m - self._known[1]) / (self.position.t_s - self._known[0])
+            mean = (self.position.position_m - self._known[1]) / (self.position.t_s - self._known[0])
+            # The mean over the last frame is the speed in its middle; half a frame later it has changed on.
+            change = 0.5 * (mean - self._mean_speed) if self._mean_speed is not None else 0.0
+            self._speed, self._speed_sigma = mean + change, abs(change)
+            self._mean_speed = mean
         self._known = self.position.t_s, self.position.position_m
         self._last_m = self.position.position_m
         return self.find_front(frame, grey, base)
@@ -211,8 +221,8 @@ class FingerOptics(StripOptics):
     ) -> tuple[np.ndarray | float, np.ndarray | float]:
         """How far each front point moved since its reference point was exposed, and its sigma.
 
-        A free front moves with the finger, one that touches something firm stands still:
-        its velocity is that of the point itself, from its places in the last two frames.
+        A free front moves with the finger, one that touches something firm stands still: its
+        velocity is that of the point itself, from its places in the last three frames.
         """
         row_delay = self._setup.camera.row_delay_s
         if row_delay == 0.0:
@@ -226,15 +236,17 @@ class FingerOptics(StripOptics):
         place = np.einsum("kd,kd->k", points[0], outward) + self._laid_m * along
         late = front.position_px * direction[:, 1] * row_delay  # than the reference point [s]
         free = self._speed * along
-        speed, doubt = free, np.abs(free)
-        last = self._front
+        speed, doubt = free, np.abs(self._speed_sigma * along)
+        mean, last = free, self._front
         if last is not None and t_s > last.t_s:
             measured = (place - last.place_m) / (t_s - last.t_s)
             # A point that was hidden in one of the frames is taken to move with the finger.
             seen = front.valid & np.isfinite(measured) & (np.abs(measured) < 2 * np.abs(free).max() + 0.02)
-            speed = np.where(seen, measured, free)
-            doubt = np.where(seen, 0.5 * np.abs(speed - last.speed_m_s), np.abs(free))
-        self._front = _FrontMemory(t_s, np.where(front.valid, place, np.nan), speed)
+            mean = np.where(seen, measured, free)
+            change = 0.5 * (mean - last.speed_m_s)
+            speed = np.where(seen, mean + change, free)
+            doubt = np.where(seen, np.abs(change), doubt)
+        self._front = _FrontMemory(t_s, np.where(front.valid, place, np.nan), mean)
         scale = late / np.where(np.abs(m_per_px) > 1e-9, m_per_px, np.inf)
         return speed * scale, doubt * np.abs(scale)
 

@@ -47,6 +47,7 @@ class ObservedStrip:
     doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
+    common_sigma_m: float = 0.0  #: what all widths may be wrong by together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +163,11 @@ class StripOptics:
         back_m, front_m, back_slope, front_slope = self._cast(base_px, front_px)
         outward = self.geometry.outward
         width = np.einsum("ki,ki->k", front_m - back_m, outward)
-        sigma = np.hypot(front_slope * np.hypot(front.sigma_px, skew_sigma_px), back_slope * base.sigma_px)
+        skew_m = np.broadcast_to(front_slope * skew_sigma_px, width.shape)
+        # Motion shifts all points alike; what one of them may move more than the others is its own.
+        common = float(np.nanmedian(skew_m))
+        own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
+        sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
         return ObservedStrip(
             frame.t_s,
@@ -179,6 +184,7 @@ class StripOptics:
             ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
             base.motion,
             base.moved_px,
+            common,
         )
 
     def _rolling_shutter_px(

@@ -184,6 +184,7 @@ class FoamSensor:
         common = watch.sigma_m if watch is not None else 0.0
         # A camera that shifted sideways may have shifted as far in depth: width scales with 1/distance.
         common = float(np.hypot(common, geometry.width_m * moved_px / self.setup.camera.focal_px))
+        common = float(np.hypot(common, strip.common_sigma_m))
         reading = read_profile(
             geometry.s_m,
             delta,

@@ -75,7 +75,8 @@ class StripeView:
                 remedy="give colour frames, or take 'stripe' out of sensor.yaml",
             )
         contour = self._tracker.track(self.model.edge_image(frame.image, lines), lines)
-        hidden = contour.valid & ~self.model.clear(frame.image, lines, contour.position_px)
+        hidden = ~self.model.clear(frame.image, lines, contour.position_px)
+        hidden &= contour.reason != PointReason.OUT_OF_RANGE
         if not hidden.any():
             return contour
         reason = np.where(hidden, np.uint8(PointReason.OCCLUDED), contour.reason)
