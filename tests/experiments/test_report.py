@@ -63,7 +63,10 @@ def test_nothing_is_loaded_from_outside():
     report.image(np.zeros((4, 6, 3), np.uint8), "frame").table([{"a": 1}])
     page = parsed(report)
     assert page.addresses
-    assert all(address.startswith(("#", "data:image/png;base64,")) for address in page.addresses)
+    assert all(
+        address.startswith(("#", "data:image/png;base64,", "data:image/jpeg;base64,"))
+        for address in page.addresses
+    )
     assert not re.search(r"url\((?!#)", report.html())
     assert "<script" not in report.html()
 

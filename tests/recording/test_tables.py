@@ -90,7 +90,7 @@ def test_kinds_do_not_mix(tmp_path: Path) -> None:
     ("row", "problem"),
     [
         ("0.1,1,ok,abc,0,0,0,0,0,0", r"line 3, force_N: found 'abc', expected a number"),
-        ("0.1,maybe,ok,1,0,0,0,0,0,0", r"line 3, valid: found 'maybe', expected 0 or 1"),
+        ("0.1,maybe,ok,1,0,0,0,0,0,0", r"line 3, valid: found 'maybe', expected true or false"),
         ("0.1,1,fine,1,0,0,0,0,0,0", r"line 3, reason: found 'fine', expected one of ok, occluded"),
         ("nan,1,ok,1,0,0,0,0,0,0", r"line 3, t_s: found 'nan', expected a finite time"),
         ("0.1,1,ok,1,0,1.5,0,0,0,0", r"line 3, contacts: found '1.5', expected a whole number"),

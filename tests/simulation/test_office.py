@@ -10,11 +10,11 @@ import pytest
 
 from visuohaptic.errors import InputError
 from visuohaptic.files import load_yaml
+from visuohaptic.recording import OccupancyMap
 from visuohaptic.simulation.office import (
     ApproachPath,
     furnished_office,
     obstacles_for_map,
-    save_map,
     wall_obstacles,
 )
 
@@ -62,7 +62,8 @@ def test_own_office(tmp_path: Path) -> None:
     office = furnished_office()
     check(office.paths, office.cells, office.resolution_m, office.origin)
     assert len(office.furniture) == 4
-    path = save_map(tmp_path / "map", office.cells, office.resolution_m, office.origin)
+    path = tmp_path / "map.yaml"
+    OccupancyMap(office.cells, office.resolution_m, office.origin).save(path)
     cells, resolution, origin = read_map(path)
     assert np.array_equal(cells, office.cells)
     assert (resolution, origin) == (office.resolution_m, office.origin)

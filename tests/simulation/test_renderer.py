@@ -228,6 +228,30 @@ def test_object_in_front_of_the_flank_hides_the_foam() -> None:
     np.testing.assert_allclose(levels, 215.0, atol=0.01)
 
 
+def test_round_objects_fill_their_outline() -> None:
+    camera, pose = camera_and_pose(distortion=DISTORTION)
+    renderer = SceneRenderer(camera, pose, FLAT, CameraEffects(blur_px=0.8))
+    angle = np.linspace(0, 2 * np.pi, 90, endpoint=False)
+    outline = 0.03 * np.column_stack([np.cos(angle), np.sin(angle)]) + [0.06, 0.01]
+    many = renderer.render_exact(FoamScene(0.0, *strip(), (SceneObject(outline, 0.05, 215.0),)))
+    # The hull of the projected rims, by another route to the same silhouette.
+    from scipy.spatial import ConvexHull
+
+    rims = np.concatenate([np.column_stack([outline, np.full(90, z)]) for z in (-0.05, 0.05)])
+    still, _ = camera_and_pose()
+    ideal = still.project(pose.apply(rims))
+    hull = rims[ConvexHull(ideal).vertices]
+    steps = np.linspace(0, 1, 50, endpoint=False)[None, :, None]
+    fine = hull[:, None] + steps * (np.roll(hull, -1, axis=0) - hull)[:, None]
+    part = coverage(camera.project(pose.apply(fine.reshape(-1, 3))), 360, 640, 0.8)
+    assert part is not None
+    rows = slice(0, int(np.nanmin(renderer.truth(FoamScene(0.0, *strip())).front_px[:, 1])) - 8)
+    expected = np.full((360, 640), FLOOR)
+    expected[part.window] += (215.0 - FLOOR) * part.share
+    # Pieces of straight lines between points 8 px apart: 0.001 px of a contrast of 115.
+    assert np.abs(many - expected)[rows].max() < 0.2
+
+
 def test_coverage_equals_area_of_clipped_polygons() -> None:
     from skimage.draw import polygon2mask
 
@@ -267,7 +291,7 @@ def test_plane_kernel_equals_numpy() -> None:
     tile = texture_tile("concrete", 1, 64)
     image = np.zeros((30, 40, 1), np.float32)
     weight = np.random.default_rng(0).uniform(0.1, 1, (12, 20)).astype(np.float32)
-    add_plane(image, weight, 7, 5, rays, matrix[None], tile, 300.0, 9.0, np.array([90.0], np.float32), 1.1)
+    add_plane(image, weight, False, 7, 5, rays, matrix[None], tile, 300.0, 9.0, np.array([99.0], np.float32))
     a, b, w = np.moveaxis(np.concatenate([rays, np.ones((30, 40, 1))], axis=-1) @ matrix.T, -1, 0)
     a, b = a / w, b / w
     s, t = a * 300.0, b * 300.0
@@ -279,7 +303,7 @@ def test_plane_kernel_equals_numpy() -> None:
         for dx, wx in ((0, 1 - f), (1, f))
         for dy, wy in ((0, 1 - g), (1, g))
     )
-    value = 90.0 * 1.1 + 9.0 * (texture - 128) / 42
+    value = 99.0 + 9.0 * (texture - 128) / 42
     expected = np.zeros((30, 40))
     expected[5:17, 7:27] = weight * value[5:17, 7:27]
     np.testing.assert_allclose(image[..., 0], expected, atol=0.02)  # float32 texture coordinates
@@ -371,6 +395,11 @@ def test_bad_scenes_are_refused() -> None:
     back, front = strip()
     with pytest.raises(InputError, match="same number of points"):
         renderer.truth(FoamScene(0.0, back, front[:-1]))
+    with pytest.raises(InputError, match="front_m: found points that are not finite"):
+        renderer.truth(FoamScene(0.0, back, front * np.nan))
+    dart = SceneObject(np.array([[0.03, 0], [0.1, 0.05], [0.06, 0.0], [0.1, -0.05]]))
+    with pytest.raises(InputError, match=r"objects\[0\].*not convex; split"):
+        renderer.truth(FoamScene(0.0, back, front, (dart,)))
     with pytest.raises(InputError, match="expected >= 4"):
         SceneRenderer(camera, pose, shutter_keys=2)
     with pytest.raises(InputError, match="expected one of plain"):

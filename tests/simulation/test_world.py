@@ -13,8 +13,8 @@ from visuohaptic.objects import EventKind
 from visuohaptic.robots import FrameSource, MobileBase
 from visuohaptic.simulation.obstacles import GRAVITY_M_S2, Obstacle, box, cylinder, door, table, wall
 from visuohaptic.simulation.platform import PlatformConfig
-from visuohaptic.simulation.push_script import PushPhase, PushScript, SimulatedSensorCamera, true_stop
 from visuohaptic.simulation.scene import FoamScene
+from visuohaptic.simulation.sensor_camera import SimulatedSensorCamera
 from visuohaptic.simulation.world import PushTruth, PushWorld
 
 #: Front of the foam of the default platform at rest (m).
@@ -24,6 +24,19 @@ FRONT_M = 0.17 + 0.02
 def drive(world: PushWorld, speed_m_s: float, seconds: float, dt_s: float = 1 / 30) -> list[PushTruth]:
     world.base.drive(speed_m_s, 0.0)
     return [world.step(dt_s) for _ in range(round(seconds / dt_s))]
+
+
+def drive_until(
+    world: PushWorld, speed_m_s: float, *, load_N: float = 20.0, strain: float = 0.5
+) -> list[PushTruth]:
+    """Drive on until the true load or strain is reached, at most 10 s, and tell the base to stop."""
+    world.base.drive(speed_m_s, 0.0)
+    truth = [world.truth]
+    deepest_m = strain * world.config.strip.width_m
+    while truth[-1].load_N < load_N and truth[-1].strip.delta_m.max() < deepest_m and world.t_s < 10.0:
+        truth.append(world.step(1 / 30))
+    world.base.stop()
+    return truth
 
 
 def events(world: PushWorld) -> dict[EventKind, float]:
@@ -70,13 +83,11 @@ def test_momentum_balance() -> None:
 def test_obstacle_rests_below_its_static_friction() -> None:
     """No creep: a box held by a standing platform does not move."""
     world = PushWorld([box("box", FRONT_M + 0.102, 0.0, (0.2, 0.2, 0.3), mass_kg=3.0, friction=0.6)])
-    script = PushScript(world.base, true_stop(world, largest_force_N=8.0), speed_m_s=0.03, wait_s=9.0)
-    while script.update() is PushPhase.APPROACH:
-        world.step(1 / 30)
+    reached = drive_until(world, 0.03, load_N=8.0)[-1].load_N
     drive(world, 0.0, 0.5)
     before = world.truth.body("box").x_m
     drive(world, 0.0, 2.0)
-    assert script.reason == "force"
+    assert reached >= 8.0
     assert world.truth.load_N > 7.0
     # 10 um/s would be 20 um.
     assert abs(world.truth.body("box").x_m - before) < 5e-6
@@ -87,13 +98,12 @@ def test_wall_and_drive(kinematic: bool) -> None:
     world = PushWorld(
         [wall("wall", FRONT_M + 0.06, 0.0, yaw_rad=math.pi / 2)], PlatformConfig(kinematic=kinematic)
     )
-    script = PushScript(world.base, true_stop(world), speed_m_s=0.04, wait_s=0.5)
-    phases = []
-    for _ in range(240):
-        phases.append(script.update())
-        world.step(1 / 30)
-    assert script.reason in ("force", "densification")
-    assert phases[-1] is PushPhase.DONE
+    pushed = drive_until(world, 0.04)
+    assert world.t_s < 10.0, "a wall stops the push"
+    drive(world, 0.0, 0.5)
+    deepest = world.truth.strip.delta_m.max()
+    assert deepest >= pushed[-1].strip.delta_m.max()
+    drive(world, -0.04, 2.0)
     assert world.truth.load_N == 0.0
     kinds = events(world)
     assert EventKind.MOTION not in kinds
@@ -142,9 +152,7 @@ def test_off_centre_push_turns_the_box() -> None:
 def test_table_leg_and_bent_strip() -> None:
     desk = table("desk", FRONT_M + 0.05 + 0.6 - 0.02, 0.35 - 0.02, round_legs=True)
     world = PushWorld([desk], PlatformConfig.round_with_bent_strip())
-    script = PushScript(world.base, true_stop(world, largest_strain=0.4), speed_m_s=0.03)
-    while script.update() is PushPhase.APPROACH:
-        world.step(1 / 30)
+    drive_until(world, 0.03, strain=0.4)
     state = world.truth.strip
     # The leg stands on the platform's axis; a 4 cm cylinder touches about +-1.5 cm of the arc.
     assert state.centre_m(int(state.body.max())) == pytest.approx(0.0, abs=1e-3)

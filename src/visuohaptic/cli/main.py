@@ -32,9 +32,16 @@ __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 VERBS: Mapping[str, tuple[str, str]] = {
     "demo": ("visuohaptic.cli.demo", "drive a simulated robot at three obstacles and read the force"),
     "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
+    "track": ("visuohaptic.cli.track", "find and track printed templates and tags, and read their 6D poses"),
+    "template check": (
+        "visuohaptic.cli.template_check",
+        "predict how well a picture can be found and tracked as a template",
+    ),
+    "template sheet": ("visuohaptic.cli.template_sheet", "write a print-ready sheet of AprilTags 36h11"),
     "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
     "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
+    "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

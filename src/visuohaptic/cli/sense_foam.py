@@ -54,6 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
     parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
+    parser.add_argument(
+        "--speed",
+        type=float,
+        metavar="M/S",
+        help="how fast the platform drives; the event 'motion' (the object gives way) needs it",
+    )
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 
@@ -88,6 +94,7 @@ def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
 
 
 def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
+    from ..objects import EventKind
     from ..recording import MeasurementWriter, TableWriter
     from ..sensing.events import ContactEvents
     from ..sensing.foam import FingerSensor
@@ -133,7 +140,10 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
                 positions.append(finger.finger.position_m)
             for writer in writers:
                 writer.write(profile)
-            for event in events.update(profile):
+            for event in events.update(profile, speed_m_s=args.speed):
+                # A front that stands still says nothing of the object unless the platform goes on.
+                if event.kind is EventKind.MOTION and args.speed is None:
+                    continue
                 args.report(f"{event.t_s:10.3f} s  {event.kind.value:8}  {_force(profile)}")
                 found.append({"t_s": event.t_s, "event": event.kind.value})
                 if recording is not None:

@@ -61,6 +61,9 @@ footer { margin-top: 4rem; color: var(--soft); font-size: .85rem; }
 #: The browser itself refuses to load anything for this page.
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
+#: Pictures with more pixels than this are stored as JPEG.
+_LARGE_PX = 200_000
+
 
 class Report:
     """A page that is written from top to bottom, then saved.
@@ -160,6 +163,8 @@ class Report:
     def image(self, image: UInt8[np.ndarray, "rows columns *colour"], caption: str = "") -> Self:
         """Add a picture, grey or in OpenCV's order blue, green, red.
 
+        Large ones are compressed as JPEG: a camera's noise makes a PNG of it ten times as big.
+
         Raises
         ------
         InputError
@@ -171,12 +176,14 @@ class Report:
             raise InputError(
                 "Report", f"found {image.dtype} of shape {image.shape}, expected 8-bit pixels", field="image"
             )
-        done, encoded = cv2.imencode(".png", image)
+        kind = "jpeg" if image.shape[0] * image.shape[1] > _LARGE_PX else "png"
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 88] if kind == "jpeg" else []
+        done, encoded = cv2.imencode(f".{kind}", image, quality)
         if not done:
-            raise InputError("Report", f"shape {image.shape} cannot be encoded as PNG", field="image")
+            raise InputError("Report", f"shape {image.shape} cannot be encoded as {kind}", field="image")
         data = base64.b64encode(encoded.tobytes()).decode("ascii")
         alternative = html.escape(caption, quote=True)
-        return self._picture(f'<img alt="{alternative}" src="data:image/png;base64,{data}">', caption)
+        return self._picture(f'<img alt="{alternative}" src="data:image/{kind};base64,{data}">', caption)
 
     def _picture(self, picture: str, caption: str) -> Self:
         below = f"<figcaption>{html.escape(caption)}</figcaption>" if caption else ""

@@ -148,7 +148,8 @@ class TableWriter:
         elif self._stream is not None:
             # ``repr`` of a float is the shortest text that reads back as the same number.
             texts = [
-                str(int(v)) if isinstance(v, bool) else (repr(v) if isinstance(v, float) else v) for v in row
+                str(v).lower() if isinstance(v, bool) else (repr(v) if isinstance(v, float) else v)
+                for v in row
             ]
             csv.writer(self._stream, lineterminator="\n").writerow(texts)
             self._stream.flush()
@@ -327,7 +328,11 @@ def _value(path: Path, where: str, name: str, text: str) -> Any:
             return int(text)
         value = float(text)
     except (ValueError, KeyError) as error:
-        kinds = {"reason": f"one of {', '.join(Reason)}", "valid": "0 or 1", "contacts": "a whole number"}
+        kinds = {
+            "reason": f"one of {', '.join(Reason)}",
+            "valid": "true or false",
+            "contacts": "a whole number",
+        }
         raise InputError(
             path, f"found {text!r}, expected {kinds.get(name, 'a number')}", field=where
         ) from error

@@ -57,7 +57,8 @@ class PushRecord:
     force_valid: Bool[np.ndarray, "N"]  #: force may be used (not unloading, occluded, saturated, ...)
     force_N: Float[np.ndarray, "N"]
     force_sigma_N: Float[np.ndarray, "N"]  #: random part, from frame to frame
-    force_scale_sigma: float  #: common relative error of all forces: calibration and model
+    #: common relative error of the forces, calibration and model: one for all or one per frame
+    force_scale_sigma: Float[np.ndarray, "N"] | float
     deflection_m: Float[np.ndarray, "N"]  #: of the deepest part of the contact
     deflection_sigma_m: Float[np.ndarray, "N"]
     travel_m: Float[np.ndarray, "N"]  #: distance that the platform has driven along the push
@@ -78,6 +79,12 @@ class PushRecord:
                 found = len(getattr(self, name))
                 raise InputError("PushRecord", f"found {found} values, expected {count}", field=name)
 
+    def common_sigma(self, frames: np.ndarray) -> float:
+        """Common relative error of the forces of some frames, their median."""
+        scale = np.broadcast_to(self.force_scale_sigma, self.t_s.shape)[frames]
+        known = scale[np.isfinite(scale)]
+        return float(np.median(known)) if len(known) else 0.0
+
 
 def record_push(
     profiles: Sequence[ForceProfile],
@@ -96,7 +103,7 @@ def record_push(
     if len(travel_m) != count:
         raise InputError("travel_m", f"found {len(travel_m)} values, expected one per profile ({count})")
     columns = np.full((7, count), np.nan)
-    scale, deepest, largest = 0.0, None, -np.inf
+    scale, deepest, largest = np.full(count, np.nan), None, -np.inf
     for i, profile in enumerate(profiles):
         seen = profile.reason in (Reason.OK, Reason.UNLOADING, Reason.SATURATED)
         delta = np.where(profile.point_valid, profile.delta_m, -np.inf)
@@ -114,11 +121,12 @@ def record_push(
         main = max(profile.contacts, key=lambda contact: contact.force_N, default=None)
         if seen and main is not None:
             columns[5, i] = main.centre_m
+        if profile.valid and profile.force_N > 0:
+            scale[i] = float(np.hypot(budget.calibration_N, budget.model_N) / profile.force_N)
         if profile.valid and profile.force_N > largest:
             largest = profile.force_N
             if main is not None:
                 deepest = main.points_foam_m
-            scale = float(np.hypot(budget.calibration_N, budget.model_N) / max(profile.force_N, 1e-9))
     nothing = np.full(count, np.nan)
     return PushRecord(
         t_s=columns[0],

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..objects import Estimate, Event, EventKind, HapticTag, Primitive
+from .break_away import break_away
 from .events import EventSettings
 from .push import Phases, PushRecord, StopReason, find_phases
 
@@ -119,7 +120,8 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     of m equal values with noise sigma lies sigma Phi^-1((m - 3/8) / (m + 1/4))
     too high (Blom), m being the number of frames that the noise lets compete;
     and after the break-away the force goes on rising until the object is as
-    fast as the platform (its inertia), so the break-away itself is looked for.
+    fast as the platform (its inertia), so the break-away itself is looked for
+    in the object's motion, see :func:`break_away`.
     """
     valid = np.flatnonzero(record.force_valid)
     # The event is dated to the first frame on the plateau within its noise: the peak may be one later.
@@ -131,62 +133,22 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
         return None
     force = record.force_N[inside]
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
+    found = break_away(record, begin, until, dynamic.value if dynamic is not None else 0.0)
+    common = record.common_sigma(inside[-min(3, len(inside)) :])
+    if found is not None:
+        value, random = found
+        return Estimate(value, float(np.sqrt(sigma**2 + random**2 + (common * value) ** 2)))
     bias = 0.0
     for _ in range(5):
         rivals = int(np.sum(force > force.max() - bias - 2.0 * sigma))
         bias = sigma * _normal_quantile((rivals - 0.375) / (rivals + 0.25))
-    value = float(force.max()) - bias
-    onset = _break_away(record, begin, until)
-    uncertain = 0.0
-    if onset is not None:
-        t, uncertain = onset
-        value = min(value, float(np.interp(t, record.t_s[valid], record.force_N[valid])))
-    elif dynamic is not None:
-        # Break-away not seen (a soft object): inertia may have added a part of the peak.
-        uncertain = 0.25 * max(value - dynamic.value, 0.0)
-    if dynamic is not None and value < dynamic.value:
-        value = dynamic.value  # Coulomb: it takes at least as much to start as to go on
-    scale = record.force_scale_sigma * abs(value)
-    return Estimate(value, float(np.sqrt(sigma**2 + uncertain**2 + scale**2)))
-
-
-def _break_away(record: PushRecord, begin: int, until: int) -> tuple[float, float] | None:
-    """Time at which the object began to move, and what one does not know of the force then [N].
-
-    A rigid object at rest lets the foam deflect by exactly the travel. What is
-    missing is the object's way y; it starts like t^2, so the first two frames
-    with y > 0 tell when: (t_2 - t_0) / (t_1 - t_0) = sqrt(y_2 / y_1). None for
-    soft objects and too few frames.
-    """
-    frames = until - 1 - begin  # of phase (a)
-    begin = max(begin - 1, 0)
-    until = min(until + 3, len(record.t_s))
-    x, d, t = record.travel_m[begin:until], record.deflection_m[begin:until], record.t_s[begin:until]
-    if len(t) < 4 or not np.all(np.isfinite(d)):
-        return None
-    noise = float(np.median(record.deflection_sigma_m[begin:until]))
-    pressed = np.flatnonzero(d > 5 * noise)
-    if len(pressed) < 3:
-        return None
-    origin = int(pressed[0])
-    follows = (d[origin + 1] - d[origin]) / max(x[origin + 1] - x[origin], 1e-12)
-    way = (x - x[origin]) - (d - d[origin])
-    moved = np.flatnonzero(way[origin:] > 4 * noise) + origin
-    if len(moved) == 0 or moved[0] + 1 >= len(t) or moved[0] < 1:
-        return None
-    first = int(moved[0])
-    if frames >= 3 and follows < 0.9:
-        return None  # the object yields from the start: it is soft
-    ratio = float(np.sqrt(max(way[first + 1], 0.0) / way[first]))
-    frame = float(t[first] - t[first - 1])
-    late = frame / (ratio - 1.0) if ratio > 1.05 else frame
-    late = float(np.clip(late, 0.0, frame))
-    force = record.force_N[begin:until]
-    # The object was at rest one frame before, so the truth lies within this step, uniformly at worst;
-    # and it may have gone a way below the noise before that.
-    step = abs(float(force[first] - force[first - 1]))
-    stiffness = float(np.max(np.abs(np.diff(force[: first + 1]))) / max(np.ptp(d[: first + 1]), noise))
-    return float(t[first] - late), float(np.hypot(step / np.sqrt(12.0), 2.0 * noise * stiffness))
+    value, uncertain = float(force.max()) - bias, 0.0
+    if dynamic is not None:
+        # Break-away not seen: it lies between the dynamic friction (Coulomb: it takes at least as
+        # much to start as to go on) and the peak, to which inertia may have added.
+        above = max(value - dynamic.value, 0.0)
+        value, uncertain = dynamic.value + 0.5 * above, above / np.sqrt(12.0)
+    return Estimate(value, float(np.sqrt(sigma**2 + uncertain**2 + (common * value) ** 2)))
 
 
 def _autocorrelation_frames(values: np.ndarray) -> float:
@@ -214,7 +176,7 @@ def _dynamic_friction(record: PushRecord, phases: Phases, settings: TagSettings)
     free = max(len(force) / tau, 1.0)
     value = float(force.mean())
     random = float(np.hypot(force.std(ddof=1), 0.0)) / np.sqrt(free)
-    return Estimate(value, float(np.hypot(random, record.force_scale_sigma * abs(value))))
+    return Estimate(value, float(np.hypot(random, record.common_sigma(chosen) * abs(value))))
 
 
 def _line_fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
@@ -274,7 +236,7 @@ def _deformation(
     relative = np.sqrt(
         (yielded_sigma / yielded) ** 2
         + (record.force_sigma_N[where[far]] / force) ** 2
-        + record.force_scale_sigma**2
+        + record.common_sigma(where[far : far + 1]) ** 2
     )
     return deformability, Estimate(stiffness, float(stiffness * relative))
 

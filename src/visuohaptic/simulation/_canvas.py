@@ -13,9 +13,12 @@ from ._kernels import add_filtered_coverage, add_plane, add_signed_coverage
 from .look import Surface
 from .textures import MATERIALS, texture_tile
 
-__all__ = ["Canvas", "Coverage", "Hole", "Plane", "coverage"]
+__all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
 
 _TILE_TEXELS = 1024
+
+#: Coverages that a canvas remembers.
+_KEPT_COVERS = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +79,6 @@ def coverage(
         add_filtered_coverage(polygon, low[0], y0, blur_px, table, integral, radius, share)
     x0, x1 = max(low[0], 0), min(high[0], columns)
     share = share[:, x0 - low[0] : x1 - low[0]]
-    np.clip(share, 0, 1, out=share)
     return Coverage(int(x0), int(y0), share)
 
 
@@ -103,8 +105,11 @@ def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
     return radius, table, primitive(x + 0.5) - primitive(x - 0.5)
 
 
-#: Signed polygon of a hole [px], and the faces of the solid that is seen there, as planes and polygons.
-Hole = tuple[np.ndarray, float, list[Plane], list[np.ndarray]]
+#: The painted parts of a solid.
+Parts = list[tuple[Coverage, Plane]]
+
+#: Signed polygon of a hole [px], and the parts of the solid that is seen there.
+Hole = tuple[np.ndarray, float, Parts]
 
 
 class Canvas:
@@ -116,6 +121,7 @@ class Canvas:
         self._pixel_m = distance_m / camera.focal_px
         self.image = np.zeros((camera.height, camera.width, channels), np.float32)
         self._rays = _ray_table(camera)
+        self._covers: dict[bytes, Coverage | None] = {}
 
     @staticmethod
     def tile_m(surface: Surface) -> float:
@@ -123,45 +129,69 @@ class Canvas:
         return MATERIALS[surface.material]
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
-        """Coverage of a polygon in this picture."""
-        return coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+        """Coverage of a polygon in this picture; kept, as much of a scene stands still to the camera."""
+        key = polygon_px.tobytes()
+        if key in self._covers:
+            found = self._covers.pop(key)  # and to the end of the queue again
+        else:
+            found = coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+        self._covers[key] = found
+        while len(self._covers) > _KEPT_COVERS:
+            del self._covers[next(iter(self._covers))]
+        return found
 
-    def fill(self, plane: Plane) -> None:
-        """The farthest layer, everywhere."""
-        self._add(plane, np.zeros((0, 0), np.float32), 0, 0)
+    def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
+        """The farthest layer, everywhere but where a later one will cover it fully."""
+        share = np.ones(self.image.shape[:2], np.float32)
+        if hidden is not None:
+            share[hidden.window] = hidden.share != 1
+        self._add(plane, share, 0, 0, replace=True)
 
     def paint_parts(
-        self,
-        polygons: list[np.ndarray],
-        planes: list[Plane],
-        active_rows: np.ndarray | None = None,
-    ) -> None:
+        self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
+    ) -> Parts:
         """Paint faces that do not overlap each other but share edges, such as those of a solid."""
         parts = [(self.cover(p), plane) for p, plane in zip(polygons, planes, strict=True)]
         found = [(c, plane) for c, plane in parts if c is not None]
         if active_rows is not None:
-            for c, _ in found:
-                c.share[~active_rows[c.window[0]]] = 0
-        total = _union([c for c, _ in found])
-        if total is None:
-            return
-        # Faces of a solid add up to at most 1; rounding may leave a little more.
-        self.image[total.window] *= (1 - np.minimum(total.share, 1))[..., None]
-        for c, plane in found:
-            self._add(plane, c.share, c.x0, c.y0)
+            found = [
+                (Coverage(c.x0, c.y0, c.share * active_rows[c.window[0], None].astype(np.float32)), plane)
+                for c, plane in found
+            ]
+        self._paint(found)
+        return found
 
-    def paint_nested(
-        self,
-        polygons: list[np.ndarray],
-        planes: list[Plane],
-        holes: list[Hole],
-    ) -> None:
-        """Paint polygons of which each contains the next, with holes that show other solids.
+    def paint_facets(
+        self, outline: np.ndarray, rest: Plane, polygons: list[np.ndarray], planes: list[Plane]
+    ) -> Parts:
+        """Paint the many facets of a round solid inside of its outline.
 
-        A hole is the signed sum of its polygons; (polygon, sign, planes and polygons
-        of the solid that is seen there).
+        The outline is exact; edges between facets, which hardly differ, are not blurred. What of
+        the blurred outline lies outside of all facets is painted as ``rest``.
         """
-        covers = [self.cover(p) for p in polygons]
+        whole = self.cover(outline)
+        if whole is None:
+            return []
+        rows, columns = self.image.shape[:2]
+        covers = [coverage(p, rows, columns) for p in polygons]
+        found = [(c, plane) for c, plane in zip(covers, planes, strict=True) if c is not None]
+        total = np.zeros_like(whole.share)
+        placed = [(_overlap(c, whole), c, plane) for c, plane in found]
+        for (there, here), c, _ in placed:
+            total[there] += c.share[here]
+        scale = np.minimum(whole.share / np.maximum(total, 1e-6), 1)
+        parts: Parts = [(Coverage(whole.x0, whole.y0, whole.share - total * scale), rest)]
+        for (there, here), c, plane in placed:
+            part = np.ascontiguousarray(c.share[here] * scale[there])
+            parts.append((Coverage(whole.x0 + there[1].start, whole.y0 + there[0].start, part), plane))
+        self._paint(parts, whole)
+        return parts
+
+    def paint_nested(self, covers: list[Coverage | None], planes: list[Plane], holes: list[Hole]) -> None:
+        """Paint regions of which each contains the next, with holes that show other solids.
+
+        A hole is the signed sum of its polygons.
+        """
         outer = covers[0]
         if outer is None:
             return
@@ -171,32 +201,55 @@ class Canvas:
             weights[i] = np.minimum(weights[i], weights[i - 1])
         weights = [w - weights[i + 1] if i + 1 < len(weights) else w for i, w in enumerate(weights)]
         self.image[outer.window] *= (1 - outer.share)[..., None]
-        solids: dict[int, tuple[np.ndarray, list[Plane], list[np.ndarray]]] = {}
-        for polygon, sign, solid_planes, solid_polygons in holes:
-            hole, _, _ = solids.setdefault(
-                id(solid_planes), (np.zeros(shape, np.float32), solid_planes, solid_polygons)
-            )
-            hole += sign * _in_window(self.cover(polygon), outer)
+        solids: dict[int, tuple[np.ndarray, Parts]] = {}
+        for polygon, sign, parts in holes:
+            cover = self.cover(polygon)
+            if cover is None:
+                continue
+            hole, _ = solids.setdefault(id(parts), (np.zeros(shape, np.float32), parts))
+            there, here = _overlap(cover, outer)
+            hole[there] += np.float32(sign) * cover.share[here]
         # The nearest solid is the last: it takes its part first.
-        for hole, solid_planes, solid_polygons in reversed(list(solids.values())):
-            left = np.clip(hole, 0, None)
-            taken = np.zeros(shape, np.float32)
-            for w in weights:
-                part = np.minimum(w, left - taken)
-                w -= part
-                taken += part
-            parts = [_in_window(self.cover(p), outer) for p in solid_polygons]
-            total = np.maximum(np.sum(parts, axis=0), 1e-6)
-            for part, plane in zip(parts, solid_planes, strict=True):
-                self._add(plane, part / total * taken, outer.x0, outer.y0)
+        for hole, parts in reversed(list(solids.values())):
+            self._fill_hole(hole, parts, weights, outer)
         for w, plane in zip(weights, planes, strict=True):
             self._add(plane, w, outer.x0, outer.y0)
 
-    def _add(self, plane: Plane, share: np.ndarray, x0: int, y0: int) -> None:
+    def _fill_hole(self, hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer: Coverage) -> None:
+        rows, columns = np.flatnonzero(hole.max(axis=1) > 0), np.flatnonzero(hole.max(axis=0) > 0)
+        if not len(rows):
+            return
+        area = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        left = np.clip(hole[area], 0, None)
+        window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
+        faces = [_in_window(c, window) for c, _ in parts]
+        total = np.sum(faces, axis=0)
+        # Only what the solid can fill; its own share goes to nothing beyond its blurred outline.
+        left[total < 1e-3] = 0
+        taken = np.zeros_like(left)
+        for w in weights:
+            part = np.minimum(w[area], left - taken)
+            w[area] -= part
+            taken += part
+        taken /= np.maximum(total, 1e-3)
+        for face, (_, plane) in zip(faces, parts, strict=True):
+            self._add(plane, face * taken, window.x0, window.y0)
+
+    def _paint(self, parts: Parts, whole: Coverage | None = None) -> None:
+        whole = whole or _union([c for c, _ in parts])
+        if whole is None:
+            return
+        # Faces of a solid add up to at most 1; rounding may leave a little more.
+        self.image[whole.window] *= (1 - np.minimum(whole.share, 1))[..., None]
+        for c, plane in parts:
+            self._add(plane, c.share, c.x0, c.y0)
+
+    def _add(self, plane: Plane, share: np.ndarray, x0: int, y0: int, *, replace: bool = False) -> None:
         surface = plane.surface
         add_plane(
             self.image,
             np.ascontiguousarray(share),
+            replace,
             x0,
             y0,
             self._rays,
@@ -204,8 +257,7 @@ class Canvas:
             self._tile(surface) if surface.texture else _NO_TILE,
             _TILE_TEXELS / MATERIALS[surface.material],
             float(surface.texture),
-            surface.levels(self.image.shape[2]).astype(np.float32),
-            plane.light,
+            (plane.light * surface.levels(self.image.shape[2])).astype(np.float32),
         )
 
     def _tile(self, surface: Surface) -> np.ndarray:
@@ -240,19 +292,23 @@ def _ray_table(camera: Camera) -> np.ndarray:
     return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
 
 
+def _overlap(part: Coverage, frame: Coverage) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Where a coverage lies in the window of another one: slices of the frame and of the part."""
+    there, here = [], []
+    for axis, shift in enumerate((part.y0 - frame.y0, part.x0 - frame.x0)):
+        start = max(shift, 0)
+        stop = max(min(shift + part.share.shape[axis], frame.share.shape[axis]), start)
+        there.append(slice(start, stop))
+        here.append(slice(start - shift, stop - shift))
+    return (there[0], there[1]), (here[0], here[1])
+
+
 def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
     """Coverage in the window of another one."""
     result = np.zeros(frame.share.shape, np.float32)
-    if part is None:
-        return result
-    h, w = frame.share.shape
-    top, left = part.y0 - frame.y0, part.x0 - frame.x0
-    rows = slice(max(top, 0), min(top + part.share.shape[0], h))
-    columns = slice(max(left, 0), min(left + part.share.shape[1], w))
-    if rows.stop > rows.start and columns.stop > columns.start:
-        result[rows, columns] = part.share[
-            rows.start - top : rows.stop - top, columns.start - left : columns.stop - left
-        ]
+    if part is not None:
+        there, here = _overlap(part, frame)
+        result[there] = part.share[here]
     return result
 
 

@@ -7,12 +7,15 @@ from math import floor
 import numpy as np
 from numba import njit
 
+#: Shares this close to 0 or 1 are rounding errors of the running sums (float32).
+EDGE = 2e-5
+
 __all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
 
 
 @njit(cache=True)
 def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:
-    """Add the exact area of a polygon inside each pixel, signed by its direction of turn.
+    """Exact area of a polygon inside each pixel; the polygon turns to the left on the screen.
 
     ``polygon`` (n, 2) in px, pixel centres at integers, entirely inside the window of
     ``cover`` (h, w) float32 (zero at the start) whose first pixel is (x0, y0). Each edge adds
@@ -65,7 +68,7 @@ def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray
         total = 0.0
         for column in range(width):
             total += cover[row, column]
-            cover[row, column] = total
+            cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
 @njit(cache=True)
@@ -123,21 +126,21 @@ def add_filtered_coverage(
                     cell = int(at)
                     part = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
                     part *= 0.5 * dy / pieces
+                    line = cover[row, left : left + taps]
                     for k in range(taps):
-                        column = left + k
-                        if 0 <= column < width:
-                            cover[row, column] += part * weights[k]
+                        line[k] += np.float32(part * weights[k])
     for row in range(height):
         total = 0.0
         for column in range(width):
             total += cover[row, column]
-            cover[row, column] = total
+            cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
 @njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 def add_plane(
     image: np.ndarray,
     weight: np.ndarray,
+    replace: bool,
     x0: int,
     y0: int,
     rays: np.ndarray,
@@ -146,63 +149,69 @@ def add_plane(
     texels_per_m: float,
     amplitude: float,
     colour: np.ndarray,
-    light: float,
 ) -> None:
     """Add ``weight`` times the look of a textured plane to a window of the image.
 
-    ``image`` (H, W, C) float32; ``weight`` (h, w) float32, or (0, 0) for weight 1
-    everywhere, which replaces the image; ``rays`` (H, W, 2) or (1, W, 2) normalised viewing rays, the
-    latter with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3)
-    from a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8
-    with T a power of two, mean 128, standard deviation 42; value
-    ``colour * light + amplitude * (tile - 128) / 42``.
+    ``image`` (H, W, C) float32; ``weight`` (h, w) float32 of the window that begins at
+    (x0, y0); with ``replace`` the image becomes the look where the weight is not 0; ``rays``
+    (H, W, 2) or (1, W, 2) normalised viewing rays, the latter with
+    ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3) from a ray
+    (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8 with T a power of
+    two, mean 128, standard deviation 42; look ``colour + amplitude * (tile - 128) / 42``.
     """
-    everywhere = weight.shape[0] == 0
-    height, width = (image.shape[0], image.shape[1]) if everywhere else weight.shape
+    height, width = weight.shape
     channels = image.shape[2]
-    mask = tile.shape[0] - 1
+    # Unsigned and flat: numba then leaves out its checks for negative indices.
+    flat = tile.ravel()
+    mask = np.uint32(tile.shape[0] - 1)
+    bits = np.uint32(0)
+    while (1 << bits) < tile.shape[0]:
+        bits += np.uint32(1)
+    one = np.uint32(1)
     table_rays = rays.shape[0] > 1
     factor = np.float32(amplitude / 42.0)
-    lit = (colour * light).astype(np.float32)
     mean = np.float32(128.0)
     # Texture coordinates stay positive when cast to integers: the tile repeats.
     shift = 4096.0 * tile.shape[0]
+    values = np.zeros(width, np.float32)
     for r in range(height):
         row = r + y0
-        m = matrices[row if matrices.shape[0] > 1 else 0]
-        ax, ay, ac = m[0, 0] * texels_per_m, m[0, 1] * texels_per_m, m[0, 2] * texels_per_m
-        bx, by, bc = m[1, 0] * texels_per_m, m[1, 1] * texels_per_m, m[1, 2] * texels_per_m
-        wx, wy, wc = m[2, 0], m[2, 1], m[2, 2]
-        row_y = rays[0, 0, 1] + row * rays[0, 1, 1]
-        for c in range(width):
-            w = np.float32(1.0) if everywhere else weight[r, c]
-            if w <= np.float32(1e-6):
-                continue
-            column = c + x0
-            value = np.float32(0.0)
-            if factor != 0.0:
-                if table_rays:
-                    x, y = rays[row, column, 0], rays[row, column, 1]
-                else:
-                    x, y = rays[0, column, 0], row_y
+        share = weight[r]
+        first, last = 0, width
+        while first < width and share[first] == 0:
+            first += 1
+        while last > first and share[last - 1] == 0:
+            last -= 1
+        if factor != 0.0:
+            m = matrices[row if matrices.shape[0] > 1 else 0]
+            ax, ay, ac = m[0, 0] * texels_per_m, m[0, 1] * texels_per_m, m[0, 2] * texels_per_m
+            bx, by, bc = m[1, 0] * texels_per_m, m[1, 1] * texels_per_m, m[1, 2] * texels_per_m
+            wx, wy, wc = m[2, 0], m[2, 1], m[2, 2]
+            ray = rays[row if table_rays else 0]
+            row_y = rays[0, 0, 1] + row * rays[0, 1, 1]
+            for c in range(first, last):
+                if share[c] == 0:
+                    continue
+                x = ray[c + x0, 0]
+                y = ray[c + x0, 1] if table_rays else row_y
                 scale = 1.0 / (wx * x + wy * y + wc)
-                s = (ax * x + ay * y + ac) * scale + shift
-                t = (bx * x + by * y + bc) * scale + shift
-                if 0.0 < s < 2.0 * shift and 0.0 < t < 2.0 * shift:
-                    i, j = int(s), int(t)
-                    fs, ft = np.float32(s - i), np.float32(t - j)
-                    i0, j0 = i & mask, j & mask
-                    i1, j1 = (i + 1) & mask, (j + 1) & mask
-                    first, second = np.float32(tile[j0, i0]), np.float32(tile[j1, i0])
-                    upper = first + fs * (np.float32(tile[j0, i1]) - first)
-                    lower = second + fs * (np.float32(tile[j1, i1]) - second)
-                    value = factor * (upper + ft * (lower - upper) - mean)
+                s = min(max((ax * x + ay * y + ac) * scale + shift, 0.0), 2.0 * shift)
+                t = min(max((bx * x + by * y + bc) * scale + shift, 0.0), 2.0 * shift)
+                i, j = np.uint32(np.int64(s)), np.uint32(np.int64(t))
+                fs, ft = np.float32(s - i), np.float32(t - j)
+                i0, j0 = i & mask, (j & mask) << bits
+                i1, j1 = (i + one) & mask, ((j + one) & mask) << bits
+                upper, lower = np.float32(flat[np.uintp(j0 | i0)]), np.float32(flat[np.uintp(j1 | i0)])
+                upper += fs * (np.float32(flat[np.uintp(j0 | i1)]) - upper)
+                lower += fs * (np.float32(flat[np.uintp(j1 | i1)]) - lower)
+                values[c] = factor * (upper + ft * (lower - upper) - mean)
+        line = image[row, x0 : x0 + width]
+        for c in range(first, last):
+            if share[c] == 0:
+                continue
             for k in range(channels):
-                level = max(np.float32(0.0), lit[k] + value)
-                if everywhere:
-                    image[row, column, k] = level
-                else:
-                    image[row, column, k] += w * level
+                look = max(np.float32(0.0), colour[k] + values[c])
+                line[c, k] = look if replace else line[c, k] + share[c] * look
 
 
 @njit(cache=True)

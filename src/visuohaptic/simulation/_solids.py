@@ -12,7 +12,20 @@ from jaxtyping import Bool, Float
 
 from .rolling_view import NEAR_M, cut_polygon
 
-__all__ = ["Face", "at_height", "closed", "hidden_from", "hidden_parts", "prism_faces", "turned_left"]
+__all__ = [
+    "Face",
+    "at_height",
+    "closed",
+    "hidden_from",
+    "hidden_parts",
+    "prism_faces",
+    "silhouette",
+    "turned_left",
+]
+
+
+#: Neighbouring edges whose directions differ by less share one face and its texture.
+SMOOTH_RAD = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,37 +56,42 @@ def turned_left(outline_m: Float[np.ndarray, "n K 2"]) -> Float[np.ndarray, "n K
 
 
 def prism_faces(
-    outline_m: Float[np.ndarray, "n K 2"], low_m: float, top_m: float, centre_m: Float[np.ndarray, "3"]
+    outline_m: Float[np.ndarray, "n K 2"],
+    low_m: float,
+    top_m: float,
+    centre_m: Float[np.ndarray, "3"],
+    least_normal_x: float = -2.0,
 ) -> list[Face]:
-    """Faces of an upright prism that look at the camera's centre; the outline is counter-clockwise."""
+    """Faces of an upright prism that look at the camera's centre; the outline is counter-clockwise.
+
+    Side faces whose normal's x is below ``least_normal_x`` are left out.
+    """
     keys = outline_m.shape[1]
     mid = keys // 2
-    ends = np.roll(outline_m, -1, axis=0)
-    edges = ends - outline_m
-    lengths = np.hypot(edges[:, mid, 0], edges[:, mid, 1])
-    normals = np.stack([edges[:, mid, 1], -edges[:, mid, 0]], axis=-1) / np.maximum(lengths, 1e-12)[:, None]
-    seen = ((centre_m[:2] - outline_m[:, mid]) * normals).sum(axis=1) > 0
+    normals, lengths = _normals(outline_m[:, mid])
+    seen = _seen(outline_m[:, mid], centre_m) & (normals[:, 0] >= least_normal_x)
     runs = np.cumsum(lengths) - lengths
     up = np.broadcast_to([0.0, 0.0, 1.0], (keys, 3))
+    angles = np.arctan2(normals[:, 1], normals[:, 0])
     faces = []
-    for i in np.flatnonzero(seen & (lengths > 1e-9)):
-        start, end = outline_m[i], ends[i]
-        bottom = at_height(np.stack([start, end]), low_m)
-        upper = at_height(np.stack([end, start]), top_m)
-        direction = edges[i] / lengths[i]
+    for group in _runs_of_edges(seen, angles):
+        line = outline_m[np.append(group, (group[-1] + 1) % len(outline_m))]
+        chord = line[-1] - line[0]
+        direction = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-12)
         # Texture runs on around the corners: a is the length along the outline.
-        origin = at_height(start - runs[i] * direction, 0.0)
+        origin = at_height(line[0] - runs[group[0]] * direction, 0.0)
         faces.append(
             Face(
-                np.concatenate([bottom, upper]),
+                np.concatenate([at_height(line, low_m), at_height(line[::-1], top_m)]),
                 origin,
                 at_height(direction, 0.0),
                 up,
-                np.append(normals[i], 0.0),
+                np.append(normals[group].mean(axis=0), 0.0),
             )
         )
     if centre_m[2] > top_m + NEAR_M:
-        along = edges[0] / max(lengths[0], 1e-12)
+        along = outline_m[1] - outline_m[0]
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
         across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
         faces.append(
             Face(
@@ -85,6 +103,22 @@ def prism_faces(
             )
         )
     return faces
+
+
+def silhouette(
+    outline_m: Float[np.ndarray, "n K 2"], low_m: float, top_m: float, centre_m: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "m K 3"]:
+    """Border of an upright convex prism as seen from the camera's centre."""
+    seen = _seen(outline_m[:, outline_m.shape[1] // 2], centre_m)
+    if seen.all() or not seen.any():
+        return at_height(outline_m, top_m)
+    # A convex outline has one run of visible edges.
+    first = int(np.flatnonzero(seen & ~np.roll(seen, 1))[0])
+    turned, count = np.roll(outline_m, -first, axis=0), int(seen.sum())
+    near = turned[: count + 1] if count < len(turned) else turned
+    far = np.concatenate([turned[count:], turned[:1]])
+    upper = far if centre_m[2] > top_m + NEAR_M else near[::-1]
+    return np.concatenate([at_height(near, low_m), at_height(upper, top_m)])
 
 
 def hidden_parts(
@@ -139,12 +173,36 @@ def _shadow(outline_m: np.ndarray, top_m: float, centre_m: np.ndarray) -> np.nda
     return points[ConvexHull(points).vertices]
 
 
+def _normals(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outward unit normals and lengths of the edges of a counter-clockwise polygon."""
+    edge = np.roll(outline, -1, axis=0) - outline
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    return np.column_stack([edge[:, 1], -edge[:, 0]]) / np.maximum(length, 1e-12)[:, None], length
+
+
+def _seen(outline: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+    """Which side faces look at the camera's centre."""
+    normals, lengths = _normals(outline)
+    return (((centre_m[:2] - outline) * normals).sum(axis=1) > 0) & (lengths > 1e-9)
+
+
 def _within(polygon: np.ndarray, points: np.ndarray, margin_m: float) -> np.ndarray:
     """Whether points lie deeper than a margin inside a convex counter-clockwise polygon."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    normal = np.column_stack([-edge[:, 1], edge[:, 0]])
-    normal /= np.maximum(np.linalg.norm(edge, axis=1), 1e-12)[:, None]
-    return (points @ normal.T - (polygon * normal).sum(axis=1) > margin_m).all(axis=1)
+    outward, _ = _normals(polygon)
+    return ((polygon * outward).sum(axis=1) - points @ outward.T > margin_m).all(axis=1)
+
+
+def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
+    """Wanted edges in groups of neighbours whose normals differ little, such as those of a round solid."""
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(wanted):
+        if groups and groups[-1][-1] == i - 1:
+            turn = angles[i] - angles[groups[-1][0]]
+            if abs((turn + np.pi) % (2 * np.pi) - np.pi) < SMOOTH_RAD:
+                groups[-1].append(int(i))
+                continue
+        groups.append([int(i)])
+    return [np.array(group) for group in groups]
 
 
 def _area(polygon: np.ndarray) -> float:

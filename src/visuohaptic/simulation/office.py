@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int8
 
 from ..errors import InputError
-from ..files import atomic_path, save_yaml
 from .obstacles import Obstacle, ObstacleKind, box, cylinder, table
 
 __all__ = [
@@ -23,7 +21,6 @@ __all__ = [
     "Office",
     "furnished_office",
     "obstacles_for_map",
-    "save_map",
     "wall_obstacles",
 ]
 
@@ -174,11 +171,12 @@ def obstacles_for_map(
 
 def _three(robot_radius_m: float) -> tuple[Obstacle, Obstacle, Obstacle]:
     """Light, heavy and fixed obstacle of the demonstration, at no place yet."""
-    width = min(0.2, robot_radius_m)
-    light = box(
-        "light box", 0, 0, (0.16, width, 0.22), mass_kg=0.5, friction=0.35, grey=120, texture=25, seed=1
+    width = min(0.18, robot_radius_m)
+    light = cylinder("light bin", 0, 0, 0.09, 0.28, mass_kg=0.5, friction=0.35, grey=120, texture=20, seed=1)
+    # As heavy as a strip of foam can push over this width before it is densified.
+    heavy = box(
+        "heavy box", 0, 0, (0.16, width, 0.3), mass_kg=1.6, friction=0.38, grey=85, texture=22, seed=2
     )
-    heavy = cylinder("heavy bin", 0, 0, 0.09, 0.3, mass_kg=1.8, friction=0.4, grey=80, texture=15, seed=2)
     leg = Obstacle(
         "fixed leg",
         ObstacleKind.BOX,
@@ -284,40 +282,3 @@ def wall_obstacles(
                 )
             )  # fmt: skip
     return tuple(walls)
-
-
-def save_map(
-    folder: Path | str,
-    cells: Int8[np.ndarray, "rows columns"],
-    resolution_m: float,
-    origin: tuple[float, float, float],
-    name: str = "office",
-) -> Path:
-    """Write a map as map_server PGM (white free, black occupied, grey unknown) and YAML; returns that."""
-    import cv2
-
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    image = np.full(cells.shape, 205, dtype=np.uint8)
-    image[cells == FREE] = 254
-    image[cells == OCCUPIED] = 0
-    picture = folder / f"{name}.pgm"
-    ok, data = cv2.imencode(".pgm", np.ascontiguousarray(image[::-1]))
-    if not ok:
-        raise InputError(picture, "the picture could not be encoded")
-    with atomic_path(picture) as temporary:
-        temporary.write_bytes(data.tobytes())
-    description = folder / f"{name}.yaml"
-    save_yaml(
-        description,
-        {
-            "image": picture.name,
-            "mode": "trinary",
-            "resolution": float(resolution_m),
-            "origin": [float(v) for v in origin],
-            "negate": 0,
-            "occupied_thresh": 0.65,
-            "free_thresh": 0.196,
-        },
-    )
-    return description

@@ -10,15 +10,15 @@ goes on below it, so that no third surface shines through. Textures are blurred 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ._canvas import Canvas, Hole, Plane
-from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, turned_left
+from ._canvas import Canvas, Coverage, Hole, Parts, Plane
+from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, silhouette, turned_left
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .look import Look, Occluder, Surface
@@ -47,6 +47,9 @@ CameraShake = Callable[[float], Pose]
 _LIGHT = np.array([-0.5, 0.3, 1.0])
 _MEAN_LIGHT = 0.5
 _SIDE_LIGHT = 0.8
+
+#: Solids with more visible faces than this count as round.
+_MOST_FACES = 6
 
 #: Origin and axes of the sensor plane: texture with the grain along the strip.
 _SENSOR_AXES = (np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
@@ -209,6 +212,8 @@ class SceneRenderer:
                 f"and the same objects during a frame; found shapes {sorted(map(str, shapes))}",
                 field="scene",
             )
+        for state in scenes:
+            _check(state)
         poses = tuple(
             self.pose_camera_foam if shake is None else shake(float(t)) @ self.pose_camera_foam for t in times
         )
@@ -240,18 +245,21 @@ class SceneRenderer:
         centre, mid = view.centre_foam_m, view.keys // 2
         back, front = moment.points("back_m"), moment.points("front_m")
         outlines = [moment.outline(i) for i in range(len(moment.middle.objects))]
-        self._draw_floor(moment, [*outlines, closed(front, back)])
+        regions = self._sensor_regions(moment, back, front)
+        self._draw_floor(moment, [*outlines, closed(front, back)], regions[-1])
         self._draw_foam_side(moment, back, front)
         holes: list[Hole] = []
         # Far objects first: the nearest point of each outline decides.
         distances = [np.linalg.norm(o[:, mid] - centre[:2], axis=1).min() for o in outlines]
         for i in sorted(range(len(outlines)), key=lambda i: -distances[i]):
             item, outline = moment.middle.objects[i], outlines[i]
-            planes, polygons = self._faces(moment, item, outline)
-            self._canvas.paint_parts(polygons, planes)
+            parts = self._draw_object(moment, item, outline)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
-                holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, planes, polygons))
-        self._draw_sensor(moment, back, front, holes)
+                holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, parts))
+        surfaces = [self.look.stripe] if self.look.stripe is not None else []
+        surfaces += [self.look.foam, self.look.body]
+        planes = [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces]
+        self._canvas.paint_nested(regions, planes, holes)
         for occluder in occluders:
             self._draw_occluder(moment, occluder)
 
@@ -267,7 +275,7 @@ class SceneRenderer:
         matrices = moment.view.plane_matrices(*(np.broadcast_to(axis, shape) for axis in axes))
         return Plane(matrices, surface, light)
 
-    def _draw_floor(self, moment: _Moment, outlines: list[np.ndarray]) -> None:
+    def _draw_floor(self, moment: _Moment, outlines: list[np.ndarray], hidden: Coverage | None) -> None:
         origins, a, b = [], [], []
         tile_m = self._canvas.tile_m(self.look.floor)
         for scene in moment.scenes:
@@ -278,41 +286,42 @@ class SceneRenderer:
             origins.append(world.inverse().apply(np.array([*corner, below])))
             a.append(world.rotation[0])
             b.append(world.rotation[1])
-        self._canvas.fill(self._plane(moment, self.look.floor, (np.array(origins), np.array(a), np.array(b))))
+        axes = (np.array(origins), np.array(a), np.array(b))
+        self._canvas.fill(self._plane(moment, self.look.floor, axes), hidden)
         if self.look.shadow > 0:
             shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
 
-    def _faces(
-        self, moment: _Moment, item: SceneObject, outline: np.ndarray
-    ) -> tuple[list[Plane], list[np.ndarray]]:
-        """Visible faces of an object as planes and polygons [px]."""
-        view = moment.view
+    def _draw_object(self, moment: _Moment, item: SceneObject, outline: np.ndarray) -> Parts:
+        view, low, centre = moment.view, -moment.middle.floor_below_m, moment.view.centre_foam_m
         surface = Surface(item.grey, item.texture, item.material, item.bgr, item.seed)
-        planes, polygons = [], []
-        for face in prism_faces(outline, -moment.middle.floor_below_m, item.top_m, view.centre_foam_m):
+        planes, polygons, lights = [], [], []
+        for face in prism_faces(outline, low, item.top_m, centre):
             polygon = view.polygon(view.to_camera(face.corners_m))
             if len(polygon) >= 3:
-                light = 1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT)
-                planes.append(
-                    self._plane(moment, surface, (face.origin_m, face.along_a, face.along_b), light)
-                )
+                lights.append(1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT))
+                axes = (face.origin_m, face.along_a, face.along_b)
+                planes.append(self._plane(moment, surface, axes, lights[-1]))
                 polygons.append(polygon)
-        return planes, polygons
+        if len(polygons) <= _MOST_FACES:
+            return self._canvas.paint_parts(polygons, planes)
+        border = view.polygon(view.to_camera(silhouette(outline, low, item.top_m, centre)))
+        rest = replace(planes[0], surface=replace(surface, texture=0.0), light=float(np.mean(lights)))
+        return self._canvas.paint_facets(border, rest, polygons, planes)
 
     def _draw_foam_side(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> None:
         """Side faces of the strip that look at the camera; it is above them on most robots."""
         height = self.look.foam_height_m
         # Reaches a little above the top, which is drawn over it: no gap at their common edge.
         outline = turned_left(closed(front, back))
-        faces = prism_faces(outline, -height, 0.1 * height, moment.view.centre_foam_m)
-        for face in faces:
-            if face.normal[2] == 0.0 and face.normal[0] > -0.7:  # the back is glued to the body
+        # The back, whose normal points to -x, is glued to the body.
+        for face in prism_faces(outline, -height, 0.1 * height, moment.view.centre_foam_m, -0.7):
+            if face.normal[2] == 0.0:
                 polygon = moment.view.polygon(moment.view.to_camera(face.corners_m))
                 axes = (face.origin_m, face.along_a, face.along_b)
                 self._canvas.paint_parts([polygon], [self._plane(moment, self.look.foam, axes, _SIDE_LIGHT)])
 
-    def _draw_sensor(self, moment: _Moment, back: np.ndarray, front: np.ndarray, holes: list[Hole]) -> None:
-        """Foam and body as regions of which each contains the next: no gap at their borders."""
+    def _sensor_regions(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> list[Coverage | None]:
+        """Foam with body, (foam behind the stripe with body,) body: each contains the next, so no gaps."""
         look, view = self.look, moment.view
         first, last = back[0] - back[1], back[-1] - back[-2]
         first = back[0] + look.body_margin_m * first / np.linalg.norm(first, axis=-1, keepdims=True)
@@ -321,16 +330,11 @@ class SceneRenderer:
         away = np.array([-1.0, 0.0])
         behind = np.stack([last, last + away, first + away, first])
         lines = [np.concatenate([back[:1], front, back[-1:]]), back]
-        surfaces = [look.foam, look.body]
         if look.stripe is not None:
             inner = self._stripe_edge(moment, back, front)
             lines.insert(1, np.concatenate([back[:1], inner, back[-1:]]))
-            surfaces.insert(0, look.stripe)
-        self._canvas.paint_nested(
-            [view.polygon(view.to_camera(at_height(np.concatenate([line, behind]), 0.0))) for line in lines],
-            [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces],
-            holes,
-        )
+        outlines = [at_height(np.concatenate([line, behind]), 0.0) for line in lines]
+        return [self._canvas.cover(view.polygon(view.to_camera(outline))) for outline in outlines]
 
     def _stripe_edge(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> np.ndarray:
         if all(scene.stripe_m is not None for scene in moment.scenes):
@@ -360,6 +364,33 @@ class SceneRenderer:
         for i, item in enumerate(moment.middle.objects):
             visible &= ~hidden_from(front[:, mid], moment.outline(i)[:, mid], item.top_m, centre)
         return visible
+
+
+def _check(scene: FoamScene) -> None:
+    """Refuse what could only be drawn wrong."""
+    for name in ("back_m", "front_m"):
+        if not np.isfinite(getattr(scene, name)).all():
+            raise InputError("FoamScene", "found points that are not finite", field=name)
+    for i, item in enumerate(scene.objects):
+        outline = np.asarray(item.outline_foam_m, dtype=np.float64)
+        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
+            raise InputError(
+                "FoamScene",
+                f"found shape {outline.shape}, expected at least 3 finite points (x, y)",
+                field=f"objects[{i}].outline_foam_m",
+            )
+        edge = np.roll(outline, -1, axis=0) - outline
+        following = np.roll(edge, -1, axis=0)
+        scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(following, axis=1)
+        turn = (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]) / np.maximum(scale, 1e-18)
+        # Sines of the turns; below a thousandth it is rounding, not shape.
+        if turn.min() < -1e-3 and turn.max() > 1e-3:
+            raise InputError(
+                "FoamScene",
+                "found an outline that is not convex",
+                field=f"objects[{i}].outline_foam_m",
+                remedy="split the object into convex parts",
+            )
 
 
 def inner_edge(back: np.ndarray, front: np.ndarray, width_m: float) -> np.ndarray:

@@ -57,6 +57,8 @@ class RollingView:
 
     def to_camera(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n K 3"]:
         """Points in the camera frame at each key."""
+        if self.keys == 1:
+            return self.poses_camera_foam[0].apply(points_foam_m)
         return np.stack(
             [pose.apply(points_foam_m[:, k]) for k, pose in enumerate(self.poses_camera_foam)], axis=1
         )

@@ -246,14 +246,15 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
 @njit(cache=True, nogil=True)
 def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
-          occlusion, foam_step, seen_clear, sigma, reason):  # fmt: skip
-    """Declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
+          occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
+    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
     n = state.shape[0]
     for k in range(n):
         s = state[k]
         height = s[HIGH] - s[LOW]
         chi = s[CHI2] / noise_var
         var = s[VAR] * noise_var
+        noise[k] = math.sqrt(max(var, 0.0))
         if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
             var *= chi
         ratio = s[SPREAD] / noise_var

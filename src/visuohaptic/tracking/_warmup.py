@@ -26,3 +26,15 @@ def warmup() -> None:
     tracker = ContourTracker()
     for _ in range(3):
         tracker.track(image, lines)
+    _planar()
+
+
+def _planar() -> None:
+    """Align a small template, which compiles the kernels of the planar tracker."""
+    from .esm import align
+    from .esm_template import EsmTemplate
+
+    y, x = np.mgrid[:64, :64]
+    image = (128 + 60 * np.sin(x / 5.0) * np.cos(y / 7.0)).astype(np.uint8)
+    template = EsmTemplate.from_image(image[8:56, 8:56].copy())
+    align(template, image, np.array([[1, 0, 8.5], [0, 1, 7.5], [0, 0, 1.0]]))

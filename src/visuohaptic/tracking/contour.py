@@ -99,7 +99,8 @@ class Contour:
 
     lines: ConstraintLines  #: the lines that the points lie on
     position_px: Float[np.ndarray, "k"]  #: t of every point [px]
-    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]
+    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]: noise, and what texture may shift
+    noise_px: Float[np.ndarray, "k"]  #: the part of it that changes from frame to frame [px]
     valid: Bool[np.ndarray, "k"]
     reason: UInt8[np.ndarray, "k"]  #: ``PointReason`` of every point
     contrast: Float[np.ndarray, "k"]  #: grey level behind minus in front of the edge, signed
@@ -224,7 +225,7 @@ class ContourTracker:
         """Search around ``guess`` (or everywhere), fit, judge; remember for the next frame."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
-        noise = chosen.noise_grey or float(np.sqrt(self._noise_var)) or 2.0
+        noise = chosen.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
         cap, energy = self._cap, 0.0
         strength = found = np.zeros(len(lines)) if guess is None else guess
         # Everywhere first if need be, then around the guess at half the density.
@@ -267,12 +268,12 @@ class ContourTracker:
             position - chosen.clear_margin_px - 2.0 * blur,
             step,
         )
-        sigma = np.empty(len(lines))
+        noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         judge(
             state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
-            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, sigma, reason,
+            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
         )  # fmt: skip
         valid = reason == PointReason.OK
         contrast = state[:, columns.HIGH] - state[:, columns.LOW]
@@ -287,6 +288,7 @@ class ContourTracker:
             lines=lines,
             position_px=position,
             sigma_px=sigma,
+            noise_px=noise_px,
             valid=valid,
             reason=reason,
             contrast=contrast,
@@ -301,6 +303,20 @@ class ContourTracker:
 
 #: Standard deviation of the box of one pixel [px]; adds to the blur in quadrature.
 PIXEL_PX = float(np.sqrt(1.0 / 12.0))
+
+
+def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines) -> float:
+    """Noise of one pixel [grey levels] before anything is known: from second differences along rows.
+
+    Noise that passes for edges makes long ways look blocked, so that the search would stay close
+    to the reference. The median leaves out edges.
+    """
+    reach = np.linspace(np.asarray(lines.start_px), np.asarray(lines.stop_px), 9)[..., None]
+    points = (np.asarray(lines.origin_px) + reach * np.asarray(lines.direction_px)).reshape(-1, 2)
+    column = np.clip(np.rint(points[:, 0]), 1, grey.shape[1] - 2).astype(np.int64)
+    row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
+    left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
+    return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
 
 
 def _good_share(contour: Contour) -> float:

@@ -125,17 +125,29 @@ class LivePage:
         self,
         cells: Int8[np.ndarray, "rows columns"],
         resolution_m: float,
-        origin_world_m: tuple[float, float],
+        origin_world_m: tuple[float, float, float] | tuple[float, float],
     ) -> None:
-        """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y."""
+        """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
+
+        ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
+        """
         rows, columns = cells.shape
         grey = np.select([cells < 0, cells >= 50], [205, 70], default=250).astype(np.uint8)
         picture = np.repeat(grey[::-1, :, None], 3, axis=2)
         width_m, height_m = columns * resolution_m, rows * resolution_m
-        centre_m = (origin_world_m[0] + 0.5 * width_m, origin_world_m[1] + 0.5 * height_m, 0.0)
+        x, y, yaw = (*origin_world_m, 0.0)[:3]
+        c, s = np.cos(yaw), np.sin(yaw)
+        half = 0.5 * np.array([width_m, height_m])
+        centre_m = (float(x + c * half[0] - s * half[1]), float(y + s * half[0] + c * half[1]), 0.0)
         # A picture's first row is at its bottom in viser's own axes: turn it about x.
         self._server.scene.add_image(
-            "/map", picture, width_m, height_m, format="png", position=centre_m, wxyz=(0.0, 1.0, 0.0, 0.0)
+            "/map",
+            picture,
+            width_m,
+            height_m,
+            format="png",
+            position=centre_m,
+            wxyz=(0.0, float(np.cos(0.5 * yaw)), float(np.sin(0.5 * yaw)), 0.0),
         )
         self._server.initial_camera.look_at = centre_m
         reach_m = max(width_m, height_m)

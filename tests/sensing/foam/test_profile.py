@@ -11,6 +11,7 @@ from visuohaptic.errors import InputError
 from visuohaptic.objects.measurement import Reason
 from visuohaptic.sensing.foam.boundary import Tension, contour_force
 from visuohaptic.sensing.foam.calibration import fit_curve
+from visuohaptic.sensing.foam.geometry import StripGeometry
 from visuohaptic.sensing.foam.profile import read_profile
 
 K = 85
@@ -42,6 +43,42 @@ def test_constant_pressure_is_stress_times_area(material):
     found = read_profile(S, delta, SIGMA, SEEN, material)
     assert found.force_N == pytest.approx(float(material.stress(np.array(0.25))) * 0.01 * S[-1], rel=1e-9)
     np.testing.assert_allclose(found.pressure_Pa, material.stress(np.array(0.25)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("boundary", ["tension", "enlarged", "local"])
+def test_a_plate_over_the_whole_strip_bears_on_its_whole_length(material, boundary):
+    """Points lie half a spacing inside the ends: 85 points 3 mm apart stand for 255 mm."""
+    strip = StripGeometry.straight(0.255, 0.02)
+    delta, ends = np.full(K, 0.005), strip.end_cells_m
+    assert ends == pytest.approx((0.0015, 0.0015))
+    found = read_profile(strip.s_m, delta, SIGMA, SEEN, material, boundary=boundary, end_cells_m=ends)
+    whole = float(material.stress(np.array(0.25))) * 0.01 * 0.255
+    assert found.force_N == pytest.approx(whole, rel=1e-9)
+    # Noise of an end point counts with its full cell, too: 85 equal cells.
+    one = float(material.slope(np.array(0.25))) / 0.02 * 0.01 * 0.003 * 1e-5
+    assert found.budget.image_N == pytest.approx(np.sqrt(85) * one, rel=1e-6)
+    # A contact inside the strip knows nothing of the ends, nor does one whose end was not seen.
+    bare, seen = bump(s=S), SEEN.copy()
+    seen[0] = False
+    for contour, which in ((bare, SEEN), (delta, seen)):
+        with_ends = read_profile(S, contour, SIGMA, which, material, end_cells_m=(0.0015, 0.0)).force_N
+        assert with_ends == read_profile(S, contour, SIGMA, which, material).force_N
+
+
+def test_doubt_is_a_model_error(material):
+    """Systematic errors of points are told apart from noise, and do not make a contact."""
+    delta, doubt = bump(), np.where(np.abs(S - 0.12) < 0.004, 5e-5, 0.0)
+    plain = read_profile(S, delta, SIGMA, SEEN, material)
+    found = read_profile(S, delta, SIGMA, SEEN, material, doubt_m=doubt)
+    assert found.force_N == plain.force_N
+    assert found.budget.image_N == plain.budget.image_N
+    shifted = [read_profile(S, delta + doubt * (np.arange(K) == k), SIGMA, SEEN, material) for k in range(K)]
+    errors = np.array([one.force_N - plain.force_N for one in shifted])
+    added = np.sqrt(found.budget.model_N**2 - plain.budget.model_N**2)
+    assert added == pytest.approx(np.sqrt(np.sum(errors**2)), rel=0.02)
+    kink = np.where(doubt > 0, 1e-4, 0.0)
+    assert read_profile(S, kink, SIGMA, SEEN, material).contacts
+    assert not read_profile(S, kink, SIGMA, SEEN, material, doubt_m=doubt).contacts
 
 
 @pytest.mark.parametrize("boundary", ["tension", "enlarged", "local"])

@@ -37,13 +37,13 @@ def test_variants_are_converted(tmp_path, text):
         ("strain,stress_Pa\n", "has a header but no rows"),
         ("0,0,loading\n0.1,5,loading\n", r"line 1: found numbers"),
         ("0,0\n0.1,5\n", r"line 1: found numbers, expected a header"),
-        ("strain,stress\n0,0\n", "expected one of stress_pa, stress_kpa, stress_mpa for the stress"),
+        ("strain,force_N\n0,0\n", "expected one of stress, stress_pa, stress_kpa, stress_mpa for the stress"),
         ("strain,stress_Pa\n0,0\n0.1\n", "line 3: found 1 cells, expected 2"),
         ("strain,stress_Pa\n0,zero\n", "line 2: stress_pa: found 'zero', expected a number"),
         ("strain,stress_Pa\n0,nan\n", "line 2: stress_pa: found nan"),
         ("strain,stress_Pa\n0,0\n10,5\n", "line 3: strain: found strain 10.*name the column strain_percent"),
         ("strain,stress_Pa,direction\n0,0,left\n", "line 2: direction: found 'left'"),
-        ("strain,stress_Pa,stress_kPa\n0,0,0\n", "expected one of stress_pa"),
+        ("strain,stress_Pa,stress_kPa\n0,0,0\n", "expected one of stress, stress_pa"),
         ("strain,strain\n0,0\n", "column name twice"),
     ],
 )
@@ -52,6 +52,13 @@ def test_wrong_files_are_refused_with_the_line(tmp_path, text, message):
         read_strain_stress(write(tmp_path, text))
     assert "press.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_bare_stress_is_in_pascal_and_the_direction_may_be_spelled_out(tmp_path):
+    text = "strain,stress,direction of loading\n0,0,loading\n0.1,500,loading\n0.05,100,unloading\n"
+    data = read_strain_stress(write(tmp_path, text))
+    assert data.stress_Pa.tolist() == [0.0, 500.0, 100.0]
+    assert data.direction.tolist() == [1, 1, -1]
 
 
 def test_missing_and_binary_files(tmp_path):

@@ -7,8 +7,9 @@ from .curve import StressCurve
 from .finger import FingerReading, FingerSensor, load_sensor
 from .finger_optics import FingerPosition, finger_pose
 from .geometry import StripGeometry
-from .hysteresis import HysteresisState
+from .hysteresis import HysteresisLaw, HysteresisState, identify_hysteresis
 from .material import FoamMaterial
+from .optics import ObservedStrip
 from .profile import ContactRegion, FoamReading, read_profile
 from .records import PlateRecord, StrainStress, read_plate, read_strain_stress
 from .section import section_material, sensitivity
@@ -30,7 +31,9 @@ __all__ = [
     "FoamSensor",
     "FoamSensorConfig",
     "FoamSetup",
+    "HysteresisLaw",
     "HysteresisState",
+    "ObservedStrip",
     "PlateRecord",
     "StrainStress",
     "StressCurve",
@@ -41,6 +44,7 @@ __all__ = [
     "calibrate_foam",
     "calibrate_tension",
     "finger_pose",
+    "identify_hysteresis",
     "load_sensor",
     "read_plate",
     "read_profile",

@@ -10,7 +10,8 @@ from numba import njit
 FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (
     range(11)
 )
-COLUMNS = 11
+DOUBT_VAR = 11
+COLUMNS = 12
 #: Flanks of simulated foams bend as if their tension were this many times that of the force law.
 FLANK = 2.5
 #: A point bears load when the pressure left by the tension exceeds this fraction of m(eps).
@@ -67,7 +68,7 @@ def _share(
 
 @njit(
     "Tuple((i8, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[::1]))"
-    "(f8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8, f8, f8, f8, i8, f8, f8, i8,"
+    "(f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8, f8, f8, f8, f8, f8, i8, f8, f8, i8,"
     " f8[::1], f8[:, ::1], f8[:, :, ::1], f8[::1], f8)",
     cache=True,
 )
@@ -75,8 +76,11 @@ def integrate_regions(
     s,
     delta,
     sigma,
+    doubt,
     index,
     factor,
+    cell_before,
+    cell_after,
     zero_sigma,
     width,
     height,
@@ -94,7 +98,9 @@ def integrate_regions(
     """Find contact regions and integrate stress, noise and derivatives over each.
 
     All points given are valid; ``index`` is their number on the strip, so that a jump
-    in it is a gap. ``factor`` scales the stress (hysteresis). ``mode`` is the index in
+    in it is a gap. ``factor`` scales the stress (hysteresis). ``doubt`` is a systematic
+    error of each point. ``cell_before`` and ``cell_after`` are the lengths of foam beyond
+    the first and the last point. ``mode`` is the index in
     ``BOUNDARIES``. Returns the number of regions, pressure, pressure sigma, the region
     table, the sums of basis functions per region, and the weight of each point [m].
     """
@@ -119,8 +125,10 @@ def integrate_regions(
         a, b, c, d = pieces[k, 0], pieces[k, 1], pieces[k, 2], pieces[k, 3]
         slope[i] = b + x * (2 * c + 3 * x * d)
         stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * max(eps - end, 0.0)
-        pressure_sigma[i] = factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + zero_sigma**2)
-    table = np.zeros((n // 2 + 1, 11))
+        pressure_sigma[i] = (
+            factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+        )
+    table = np.zeros((n // 2 + 1, 12))
     sums = np.zeros((n // 2 + 1, terms))
     count = 0
     step = soft_end / (len(soft) - 1)
@@ -137,7 +145,7 @@ def integrate_regions(
         while i < n and delta[i] > 0.0:
             if i > first and index[i] - index[i - 1] > max_gap + 1:
                 break
-            scale = np.sqrt(sigma[i] ** 2 + zero_sigma**2)
+            scale = np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
             high = delta[i] > seed_pair * scale
             if delta[i] > seed_single * scale or (high and previous):
                 seeded = True
@@ -162,6 +170,10 @@ def integrate_regions(
             if first <= j <= last:
                 weight[j] = 0.0
                 pressure[j] = factor[j] * stress[j]
+        if first == 0:
+            weight[0] += cell_before
+        if last == n - 1:
+            weight[n - 1] += cell_after
         relief = 0.0
         sampling = 0.0
         top = 0.0
@@ -219,11 +231,13 @@ def integrate_regions(
                 force,
             )
         image = 0.0
+        systematic = 0.0
         zero = 0.0
         for j in range(first, last + 1):
             if mode == 0 and (j < touch_first or j > touch_last):
                 continue
             image += (gradient[j] * sigma[j]) ** 2
+            systematic += (gradient[j] * doubt[j]) ** 2
             zero += gradient[j]
             eps = delta[j] / width
             x = min(eps, end) - knots[piece_of[j]]
@@ -238,6 +252,6 @@ def integrate_regions(
         row = table[count]
         row[0], row[1], row[2], row[3], row[4] = first, last, force, image, zero
         row[5], row[6], row[7], row[8] = relief, sampling, top, cut
-        row[9], row[10] = touch_first, touch_last
+        row[9], row[10], row[11] = touch_first, touch_last, systematic
         count += 1
     return count, pressure, pressure_sigma, table, sums, weight

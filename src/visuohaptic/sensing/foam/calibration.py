@@ -16,6 +16,7 @@ from jaxtyping import Float
 from ...errors import CalibrationError
 from .boundary import Tension
 from .curve import CurveKind, StressCurve
+from .hysteresis import identify_hysteresis
 from .material import FoamMaterial
 from .records import StrainStress
 
@@ -147,6 +148,11 @@ def calibrate_foam(
         residual_Pa=chosen.residual_Pa,
         unloading=unloading,
         unloading_peak_strain=peak,
+        hysteresis=(
+            identify_hysteresis(data.strain, data.stress_Pa, data.direction, chosen.curve)
+            if unloading is not None
+            else None
+        ),
         tension=tension or Tension(),
     )
     return FoamCalibration(

@@ -108,6 +108,7 @@ class FoamSensorConfig(_Section):
     zero: str = "zero.yaml"  #: written by ``visuohaptic sense foam --zero``
     stripe: StripeSection | None = None
     finger: FingerSection | None = None
+    max_contact_speed_m_s: Positive = 0.1  #: a front that is pushed in faster is taken for an occluder
     max_gap_s: Positive = 0.5  #: a longer pause between two frames forgets the motion
 
     @classmethod

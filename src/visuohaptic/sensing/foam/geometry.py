@@ -97,6 +97,12 @@ class StripGeometry:
         """Front contour at rest, frame F."""
         return self.back_m + self.width_m * self.outward
 
+    @property
+    def end_cells_m(self) -> tuple[float, float]:
+        """Foam beyond the first and the last point [m]: both lie half a spacing inside the ends."""
+        step = np.diff(self.s_m)
+        return 0.5 * float(step[0]), 0.5 * float(step[-1])
+
 
 def _centred(length_m: float, width_m: float, spacing_m: float) -> Float[np.ndarray, "K"]:
     """Points about ``spacing_m`` apart that stay half a spacing away from both ends."""

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from ...errors import InputError
 from .boundary import Tension, softening
 from .curve import CurveKind, StressCurve
+from .hysteresis import HysteresisLaw
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -32,7 +33,8 @@ class FoamMaterial:
     """Calibrated foam strip.
 
     ``loading`` is the curve of rising stress that measures; ``unloading``, if known,
-    is the curve back from ``unloading_peak_strain``.
+    is the curve back from ``unloading_peak_strain``, and ``hysteresis`` the law of all
+    other ways back. Without it unloading points are flagged and not valid.
     """
 
     loading: StressCurve
@@ -43,6 +45,7 @@ class FoamMaterial:
     residual_Pa: float  #: standard deviation of the calibration points about ``loading``
     unloading: StressCurve | None = None
     unloading_peak_strain: float = 0.0  #: strain at which the calibration turned round
+    hysteresis: HysteresisLaw | None = None  #: identified from the unloading points
     tension: Tension = field(default_factory=Tension)
     section: str = "rectangle"
 
@@ -116,6 +119,13 @@ class FoamMaterial:
         if self.unloading is not None:
             data["unloading"] = _curve_data(self.unloading)
             data["unloading_peak_strain"] = self.unloading_peak_strain
+        if self.hysteresis is not None:
+            data["hysteresis"] = {
+                "yield_strain": self.hysteresis.yield_strain.tolist(),
+                "share": self.hysteresis.share.tolist(),
+                "stress_Pa": self.hysteresis.stress_Pa.tolist(),
+                "relative_sigma": self.hysteresis.relative_sigma,
+            }
         save_yaml(path, data)
 
     @classmethod
@@ -140,6 +150,7 @@ class FoamMaterial:
                 residual_Pa=file.residual_Pa,
                 unloading=_curve(file.unloading) if file.unloading is not None else None,
                 unloading_peak_strain=file.unloading_peak_strain,
+                hysteresis=_hysteresis(file.hysteresis),
                 tension=Tension(file.tension.ratio, file.tension.sigma, file.tension.calibrated),
                 section=file.section,
             )
@@ -170,6 +181,17 @@ def _curve(file: Any) -> StressCurve:
     return StressCurve(kind, np.array(file.knots), np.array(file.parameters_Pa), covariance)
 
 
+def _hysteresis(file: Any) -> HysteresisLaw | None:
+    if file is None:
+        return None
+    return HysteresisLaw(
+        np.array(file.yield_strain, dtype=np.float64),
+        np.array(file.share, dtype=np.float64),
+        np.array(file.stress_Pa, dtype=np.float64),
+        file.relative_sigma,
+    )
+
+
 def _schema() -> type[BaseModel]:
     """The file's schema; pydantic is imported only when a file is read."""
     from typing import Literal
@@ -191,6 +213,14 @@ def _schema() -> type[BaseModel]:
         sigma=(float, Field(ge=0, le=5)),
         calibrated=(bool, False),
     )
+    elements = (list[float], Field(min_length=1, max_length=MAX_PARAMETERS))
+    hysteresis_fields: dict[str, Any] = {
+        "yield_strain": elements,
+        "share": elements,
+        "stress_Pa": elements,
+        "relative_sigma": (float, Field(ge=0, le=1)),
+    }
+    hysteresis = create_model("HysteresisFile", __config__=strict, **hysteresis_fields)
     fields: dict[str, Any] = {
         "format": (Literal["visuohaptic-foam-1"], ...),
         "width_m": (float, Field(ge=1e-4, le=1)),
@@ -202,6 +232,7 @@ def _schema() -> type[BaseModel]:
         "loading": (curve, ...),
         "unloading": (curve | None, None),
         "unloading_peak_strain": (float, Field(0.0, ge=0, lt=1)),
+        "hysteresis": (hysteresis | None, None),
         "tension": (tension, Field(default_factory=lambda: tension(ratio=0.27, sigma=0.1))),
     }
     model: type[BaseModel] = create_model("FoamFile", __config__=strict, **fields)

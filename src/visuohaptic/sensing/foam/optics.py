@@ -26,6 +26,12 @@ _SEARCH_FROM = 0.12
 #: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
 _SEARCH_TO = 1.12
 
+#: Motion of the base tells a change of distance no better than with a lever of this length.
+_SHORTEST_LEVER_PX = 30.0
+
+#: A shaking camera moves within a frame up to this many times faster than from frame to frame.
+_SHAKE_FACTOR = 3.0
+
 _DOUBTFUL = (PointReason.POOR_FIT, PointReason.JUMP)
 
 
@@ -47,7 +53,8 @@ class ObservedStrip:
     doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
-    common_sigma_m: float = 0.0  #: what all widths may be wrong by together
+    common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
+    blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +86,7 @@ class StripOptics:
         self.rest_width_m = geometry.width_m - (stripe.width_m if stripe is not None else 0.0)
         self._front_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.foam_is]))
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
-        self._last_motion: tuple[float, np.ndarray] | None = None
+        self.forget_motion()
         self.place(plane)
 
     def reset(self) -> None:
@@ -88,11 +95,12 @@ class StripOptics:
         self._reference_tracker.reset()
         if self.stripe is not None:
             self.stripe.reset()
-        self._last_motion = None
+        self.forget_motion()
 
     def forget_motion(self) -> None:
         """Forget how fast the camera moved, after a pause."""
-        self._last_motion = None
+        self._last_motion: tuple[float, np.ndarray] | None = None
+        self._last_velocity: np.ndarray | None = None
 
     def place(self, plane: PlaneView) -> None:
         """Lay the lines of the geometric model into the image."""
@@ -112,6 +120,10 @@ class StripOptics:
         self._origin_px = np.ascontiguousarray(origin)
         self._length_px = np.linalg.norm(front - origin, axis=1)
         self._direction_px = np.ascontiguousarray((front - origin) / self._length_px[:, None])
+        # A camera that comes closer by the fraction q moves each point by q times this along its line.
+        principal = plane.camera.matrix[:2, 2]
+        along = np.abs(np.einsum("ki,ki->k", origin - principal, self._direction_px))
+        self._depth_lever_px = max(float(along.max()), _SHORTEST_LEVER_PX)
         spacing = np.linalg.norm(np.gradient(origin, axis=0), axis=1)
         self._half_width_px = 0.5 * spacing
         self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
@@ -184,7 +196,8 @@ class StripOptics:
             ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
             base.motion,
             base.moved_px,
-            common,
+            float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
+            float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
         )
 
     def _rolling_shutter_px(
@@ -202,7 +215,11 @@ class StripOptics:
         velocity = (motion.parameters - last[1]) / (t_s - last[0])
         delay = front.position_px * self._direction_px[:, 1] * row_delay
         basis = motion_basis(base_px, self._direction_px, *self._basis_scale)
-        return (basis @ velocity) * delay, 0.0
+        change = velocity - (self._last_velocity if self._last_velocity is not None else velocity)
+        self._last_velocity = velocity
+        # A motion that changes from frame to frame may have done anything in between.
+        shake_px = _SHAKE_FACTOR * float(np.nanmax(np.abs((basis @ change) * delay)))
+        return (basis @ velocity) * delay, shake_px
 
     def _cast(self, base_px: np.ndarray, front_px: np.ndarray) -> tuple[np.ndarray, ...]:
         """Both contours in frame F and the scale [m/px] along each line at either of them."""

@@ -2,7 +2,9 @@
 
 Symbols: K points along the strip, s position, delta deflection towards the base,
 eps = delta / w strain. Equations (3.1), (3.9), (3.10) of the dissertation, with
-the trapezoid rule on the real spacing in place of a constant s_d.
+the trapezoid rule on the real spacing in place of a constant s_d. Where foam goes
+on beyond the first or the last point and that point is pressed, the rest of its
+cell counts with its pressure (``end_cells_m``).
 
 False alarms: a region needs one point above 5.5 sigma or two neighbours above
 3.5 sigma. With Gaussian noise this happens by chance in less than 1e-5 of the
@@ -19,7 +21,7 @@ from jaxtyping import Bool, Float
 from ...errors import InputError
 from ...objects.measurement import ErrorBudget, Reason
 from .boundary import BOUNDARIES, Boundary
-from .hysteresis import HysteresisState, unloading_factor
+from .hysteresis import HysteresisState
 from .material import FoamMaterial
 
 __all__ = ["ContactRegion", "FoamReading", "read_profile"]
@@ -29,8 +31,6 @@ SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS = 3.5, 5.5
 MAX_GAP_POINTS = 3
 #: Misfit of each boundary law over simulated foams and bodies: fraction of the force.
 MODEL_FLOOR = {"tension": 0.005, "enlarged": 0.005, "local": 0.10}
-#: A stress from the unloading branch is uncertain by this fraction of its correction.
-UNLOADING_UNCERTAINTY = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +77,8 @@ def read_profile(
     boundary: Boundary = "tension",
     zero_sigma_m: float = 0.0,
     memory: HysteresisState | None = None,
+    doubt_m: Float[np.ndarray, "K"] | None = None,
+    end_cells_m: tuple[float, float] = (0.0, 0.0),
 ) -> FoamReading:
     """Read pressures and forces from the deflection of the front contour.
 
@@ -97,6 +99,13 @@ def read_profile(
         Standard deviation of the zero reference, common to all points [m].
     memory
         Strain history of the points; changed by the call. None: always loading.
+    doubt_m
+        Systematic error of each deflection, e.g. where the contour has a kink [m]; the same
+        in every frame, so that it goes to ``model_N``. Independent between points.
+    end_cells_m
+        Length of foam before the first and after the last point [m]. The points of a
+        :class:`~visuohaptic.sensing.foam.geometry.StripGeometry` lie half a spacing inside the
+        ends, see :attr:`~visuohaptic.sensing.foam.geometry.StripGeometry.end_cells_m`.
 
     Raises
     ------
@@ -114,6 +123,10 @@ def read_profile(
         raise InputError("boundary", f"found {boundary!r}, expected one of {', '.join(BOUNDARIES)}")
     if not (np.isfinite(zero_sigma_m) and zero_sigma_m >= 0):
         raise InputError("zero_sigma_m", f"found {zero_sigma_m}, expected a number >= 0")
+    if doubt_m is not None and doubt_m.shape != s_m.shape:
+        raise InputError("doubt_m", f"found shape {doubt_m.shape}, expected {s_m.shape}")
+    if not (np.all(np.isfinite(end_cells_m)) and min(end_cells_m) >= 0):
+        raise InputError("end_cells_m", f"found {end_cells_m}, expected two lengths >= 0")
     seen = point_valid & np.isfinite(delta_m) & np.isfinite(delta_sigma_m) & (delta_sigma_m >= 0)
     index = np.flatnonzero(seen)
     s = s_m[index].astype(np.float64)
@@ -122,23 +135,28 @@ def read_profile(
             return _nothing_seen(points)
         raise InputError("s_m", "positions must increase")
     delta, sigma = delta_m[index].astype(np.float64), delta_sigma_m[index].astype(np.float64)
+    doubt = np.zeros(len(index)) if doubt_m is None else np.nan_to_num(doubt_m[index].astype(np.float64))
     strain = delta / material.width_m
-    factor = np.ones(len(index))
+    factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
     unloading = np.zeros(points, dtype=bool)
     if memory is not None:
-        full = np.zeros(points)
-        full_sigma = np.zeros(points)
-        full[index], full_sigma[index] = strain, sigma / material.width_m
-        unloading = memory.update(full, full_sigma, seen)
-        if material.unloading is not None and unloading.any():
-            back = unloading[index]
-            factor[back] = unloading_factor(material, strain[back], memory.peak_strain[index][back])
+        full, full_sigma = np.zeros(points), np.zeros(points)
+        full[index], full_sigma[index] = strain, np.hypot(sigma, doubt) / material.width_m
+        unloading = memory.update(full, full_sigma, seen, material.hysteresis)
+        if material.hysteresis is not None and memory.xi is not None:
+            up = material.stress(strain)
+            missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
+            factor = 1.0 - missing / np.maximum(up, 1e-9)
+            factor_sigma = missing_sigma / np.maximum(up, 1e-9)
 
     from ._profile_kernels import integrate_regions
 
     curve = material.loading
+    # Beyond a point that was not seen nothing is known: the cell of a seen end point alone is filled.
+    before = end_cells_m[0] if index[0] == 0 else 0.0
+    after = end_cells_m[1] if index[-1] == points - 1 else 0.0
     count, p, p_sigma, table, sums, weight = integrate_regions(
-        s, delta, sigma, index, factor, zero_sigma_m, material.width_m, material.height_m,
+        s, delta, sigma, doubt, index, factor, before, after, zero_sigma_m, material.width_m, material.height_m,
         material.tension.ratio, BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS,
         MAX_GAP_POINTS, curve.knots, curve.pieces, curve.basis_pieces,
         material.softening_table_Pa, material.softening_end,
@@ -152,15 +170,15 @@ def read_profile(
         enlarged = material.height_m * float(
             weight[inside] @ (factor[inside] * material.stress(strain[inside]))
         )
-        model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[6])
+        model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[6]) + float(row[11])
         if boundary == "tension":
             model2 += (relief * material.tension.sigma) ** 2
         elif boundary == "enlarged":
             relief = _relief(s[inside], delta[inside], material)
             model2 += (relief * material.tension.ratio) ** 2
-        if material.unloading is not None and np.any(factor[inside] < 1):
-            lost = weight[inside] @ ((1 - factor[inside]) * material.stress(strain[inside]))
-            model2 += (UNLOADING_UNCERTAINTY * material.height_m * float(lost)) ** 2
+        # One law for all points: its error is common to them.
+        uncertain = weight[inside] @ (factor_sigma[inside] * material.stress(strain[inside]))
+        model2 += (material.height_m * float(uncertain)) ** 2
         calibration = float(np.sqrt(max(total @ material.covariance @ total, 0.0)))
         budget = ErrorBudget(
             image_N=float(np.sqrt(row[3])),
@@ -173,7 +191,7 @@ def read_profile(
             reason = Reason.OCCLUDED
         elif row[7] > material.densification_strain:
             reason = Reason.SATURATED
-        elif material.unloading is None and unloading[index[inside]].any():
+        elif material.hysteresis is None and unloading[index[inside]].any():
             reason = Reason.UNLOADING
         contacts.append(
             ContactRegion(
@@ -190,7 +208,7 @@ def read_profile(
     saturated_points = np.zeros(points, dtype=bool)
     saturated_points[index] = strain > material.densification_strain
     trusted = seen & ~saturated_points
-    if material.unloading is None:
+    if material.hysteresis is None:
         trusted &= ~unloading
     all_sums = sums[:count].sum(axis=0)
     wrong = [contact.reason for contact in contacts if not contact.valid]

@@ -18,7 +18,8 @@ __all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
 MAX_BYTES = 64 * 1024 * 1024
 
 _STRAIN = {"strain": 1.0, "strain_percent": 0.01, "strain_pct": 0.01, "strain_%": 0.01}
-_STRESS = {"stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6}
+_STRESS = {"stress": 1.0, "stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6}
+_DIRECTION = ("direction", "direction_of_loading", "loading_direction")
 _LOADING = {"loading", "load", "increasing", "up", "1", "+1"}
 _UNLOADING = {"unloading", "unload", "decreasing", "down", "-1"}
 
@@ -75,7 +76,7 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     """Read ``strain, stress_Pa[, direction]`` from a CSV file.
 
     The unit is in the column's name: ``strain`` (1) or ``strain_percent``, and
-    ``stress_Pa``, ``stress_kPa`` or ``stress_MPa``. The direction is ``loading`` or
+    ``stress_Pa`` (or ``stress``), ``stress_kPa`` or ``stress_MPa``. The direction is ``loading`` or
     ``unloading``; without that column it follows from the order of the strain.
 
     Raises
@@ -86,19 +87,19 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     rows, names = _rows(path)
     strain_name = _one_of(path, names, _STRAIN, "strain")
     stress_name = _one_of(path, names, _STRESS, "stress")
-    has_direction = "direction" in names
+    direction_name = next((name for name in _DIRECTION if name in names), "")
     strain, stress, direction, lines = [], [], [], []
     for line, row in rows:
         strain.append(_number(path, line, row, strain_name) * _STRAIN[strain_name])
         stress.append(_number(path, line, row, stress_name) * _STRESS[stress_name])
         lines.append(line)
-        if has_direction:
-            text = row["direction"].strip().lower()
+        if direction_name:
+            text = row[direction_name].strip().lower()
             if text not in _LOADING and text not in _UNLOADING:
                 raise CalibrationError(
                     path,
                     f"found {text[:20]!r}, expected loading or unloading",
-                    field=f"line {line}: direction",
+                    field=f"line {line}: {direction_name}",
                 )
             direction.append(1 if text in _LOADING else -1)
     strain_values, stress_values = np.array(strain), np.array(stress)
@@ -112,7 +113,7 @@ def read_strain_stress(path: Path | str) -> StrainStress:
             field=f"line {lines[i]}: {strain_name}",
             remedy="name the column strain_percent if it is in percent" if percent else "",
         )
-    if not has_direction:
+    if not direction_name:
         directions = direction_from_order(strain_values)
     else:
         directions = np.array(direction, dtype=np.int64)
@@ -167,7 +168,7 @@ def _rows(path: Path | str) -> tuple[list[tuple[int, dict[str, str]]], list[str]
     first = next(lines, None)
     if first is None:
         raise CalibrationError(path, "is empty, expected a header line and rows")
-    names = [name.strip().lower() for name in first[1]]
+    names = [name.strip().lower().replace(" ", "_") for name in first[1]]
     if any(_is_number(name) for name in names):
         raise CalibrationError(
             path,

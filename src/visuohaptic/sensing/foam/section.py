@@ -114,6 +114,7 @@ def section_material(
         loading=curve,
         unloading=None,
         unloading_peak_strain=0.0,
+        hysteresis=None,
         working_strain=working,
         densification_strain=densification,
         residual_Pa=float(np.hypot(material.residual_Pa, fit.residual_Pa)),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import logging
+from collections import deque
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
@@ -15,6 +17,7 @@ from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking import PointReason
 from ._appearance import covered_points
+from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
 from .optics import ObservedStrip, StripOptics
@@ -34,6 +37,16 @@ _BRIDGED_POINTS = 2
 _DOUBTFUL_POINTS = 3
 _DOUBTFUL_MARGIN = 0.15
 
+#: So many images are remembered: mixed-up buffers of a camera show one of the last again.
+_REMEMBERED_IMAGES = 8
+
+#: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
+#: than that may be the wrong one of two.
+_FAINT = 3.5
+
+#: Scatter from point to point, in declared sigmas, that is still forgiven, and that is too much.
+_ROUGH, _TOO_ROUGH = 1.5, 4.0
+
 
 class FoamSensor:
     """A foam strip observed by a camera.
@@ -51,9 +64,8 @@ class FoamSensor:
         self.setup = setup
         self.optics = self._make_optics()
         self._watch = ZeroWatch(zero) if zero is not None else None
-        self._memory = HysteresisState.at_rest(len(setup.geometry.s_m))
-        self._last_t_s: float | None = None
-        self._last_sample: np.ndarray | None = None
+        self._images: deque[int] = deque(maxlen=_REMEMBERED_IMAGES)
+        self._forget()
         self.strip: ObservedStrip | None = None  #: of the last frame, for drawing
         self.reading: FoamReading | None = None  #: of the last frame
 
@@ -114,17 +126,23 @@ class FoamSensor:
             doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
         )
         self._watch = ZeroWatch(zero)
-        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
-        self._last_t_s = None
+        self._forget()
         self.optics.forget_motion()
         return zero
 
     def reset(self) -> None:
         """Forget the last frames and the foam's history; the zero reference stays."""
         self.optics.reset()
-        self._memory = HysteresisState.at_rest(len(self.setup.geometry.s_m))
-        self._last_t_s = None
-        self._last_sample = None
+        self._images.clear()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Start a new history of the foam."""
+        points = len(self.setup.geometry.s_m)
+        self._memory = HysteresisState.at_rest(points)
+        self._onset = OnsetWatch(points, self.setup.config.max_contact_speed_m_s)
+        self._focus = FocusWatch()
+        self._last_t_s: float | None = None
 
     def read(self, frame: Frame) -> ForceProfile:
         """Deflection, pressure and force of one frame, with uncertainty, validity and reason.
@@ -151,12 +169,11 @@ class FoamSensor:
 
     def _stale(self, frame: Frame) -> bool:
         """A frame out of order, or a repetition: real images never repeat to the last bit of noise."""
-        sample = frame.image[:: max(1, frame.image.shape[0] // 64), ::7].copy()
-        repeated = self._last_sample is not None and np.array_equal(sample, self._last_sample)
+        image = hash(frame.image[:: max(1, frame.image.shape[0] // 64), ::7].tobytes())
         late = self._last_t_s is not None and not frame.t_s > self._last_t_s
-        if late or repeated:
+        if late or image in self._images:
             return True
-        self._last_sample = sample
+        self._images.append(image)
         if self._last_t_s is not None and frame.t_s - self._last_t_s > self.setup.config.max_gap_s:
             self.optics.forget_motion()
         self._last_t_s = frame.t_s
@@ -175,16 +192,21 @@ class FoamSensor:
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
-        good = strip.usable & ~covered
-        doubtful = strip.doubtful & ~covered
-        sigma = np.where(doubtful, np.hypot(sigma, scale * _doubt(strip)), sigma)
-        seen = good | _plausible(delta, sigma, good, doubtful)
+            covered |= thicker_than_at_rest(delta, sigma, geometry.width_m)
+        faint = np.abs(strip.front.contrast) < _FAINT * strip.front.noise_grey
+        good = strip.usable & ~covered & ~faint
+        doubtful = strip.doubtful & ~covered & ~faint
+        doubt = np.where(doubtful, scale * _doubt(strip), 0.0)
+        seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
+        jumped = self._onset.check(strip.t_s, delta, np.hypot(sigma, doubt), seen)
+        covered |= jumped
+        seen &= ~jumped
+        rough = roughness(delta, np.hypot(sigma, doubt), seen)
+        if rough > _ROUGH:
+            sigma = rough * sigma
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
-        moved_px = strip.moved_px
-        common = watch.sigma_m if watch is not None else 0.0
-        # A camera that shifted sideways may have shifted as far in depth: width scales with 1/distance.
-        common = float(np.hypot(common, geometry.width_m * moved_px / self.setup.camera.focal_px))
-        common = float(np.hypot(common, strip.common_sigma_m))
+        doubt = np.where(seen, doubt, 0.0)
+        common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
         reading = read_profile(
             geometry.s_m,
             delta,
@@ -192,11 +214,20 @@ class FoamSensor:
             np.isfinite(delta),
             material,
             boundary=self.setup.config.boundary,
-            zero_sigma_m=common,
+            zero_sigma_m=float(common),
             memory=self._memory,
+            doubt_m=doubt,
+            end_cells_m=geometry.end_cells_m,
         )
-        self.reading = reading
+        limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
+        reading = self.reading = replace(
+            reading,
+            budget=self._with_unexplained(reading, delta, sigma, rest_offset(delta, sigma, seen), limit),
+        )
+        sigma = np.hypot(sigma, doubt)
         reason = self._judge(reading, gap, covered, strip)
+        if reason is Reason.OK and (self._focus.changing(strip.blur_px) or rough > _TOO_ROUGH):
+            reason = Reason.LOST
         if watch is not None and reason is Reason.OK:
             watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
         return ForceProfile(
@@ -213,6 +244,37 @@ class FoamSensor:
             seen,
             tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
         )
+
+    def _with_unexplained(
+        self,
+        reading: FoamReading,
+        delta: Float[np.ndarray, "K"],
+        sigma: Float[np.ndarray, "K"],
+        offset_m: float,
+        limit_m: float,
+    ) -> ErrorBudget:
+        """The budget with what contact and a shifted zero could both explain.
+
+        Deflection that is too small against the doubt about the zero to count as a contact
+        may be one; and a whole strip that is deflected by ``offset_m`` or more may be a wide
+        plate, or a zero that has shifted by less than ``limit_m``.
+        """
+        material = self.setup.material
+        inside = np.zeros(len(delta), dtype=bool)
+        for contact in reading.contacts:
+            inside[contact.first : contact.last + 1] = True
+
+        def force(depth: Float[np.ndarray, "K"]) -> float:
+            pressure = material.stress(np.nan_to_num(np.maximum(depth, 0.0)) / material.width_m)
+            return material.height_m * float(np.trapezoid(pressure, self.setup.geometry.s_m))
+
+        with np.errstate(invalid="ignore"):
+            unexplained = force(np.where(~inside & (delta > 2.0 * sigma), delta, 0.0))
+        if 0.0 < abs(offset_m) < limit_m and inside.any():
+            pressed = np.where(inside, delta, 0.0)
+            unexplained = np.hypot(unexplained, abs(force(pressed) - force(pressed - inside * offset_m)))
+        budget = reading.budget
+        return replace(budget, zero_N=float(np.hypot(budget.zero_N, unexplained)))
 
     def _contact(
         self,

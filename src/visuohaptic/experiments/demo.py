@@ -1,0 +1,302 @@
+"""The first story: a platform drives at three obstacles, touches them, and reads force from a camera."""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..errors import InputError
+from ..objects import Event, HapticTag
+from ..recording import MeasurementWriter, OccupancyMap, TableWriter
+from ..simulation.look import Look
+from ..simulation.office import ApproachPath, furnished_office, obstacles_for_map
+from ..simulation.platform import PlatformConfig
+from ..simulation.sensor_camera import SimulatedSensorCamera
+from ..simulation.renderer import SceneRenderer
+from ..simulation.scene import FoamScene
+from ..simulation.world import PushWorld
+from ..tasks import Exploration, ExploreSettings, ExploreStep, explore_obstacle
+from .virtual_sensor import VirtualSensor
+
+if TYPE_CHECKING:
+    from ..sensing.foam import FoamSensor, ObservedStrip
+    from ..viewer import LivePage
+
+__all__ = ["DemoObject", "DemoResult", "DemoSample", "run_demo"]
+
+log = logging.getLogger(__name__)
+
+#: The table shows every so many frames while something is touched.
+_TABLE_FRAMES = 6
+#: Gap between foam and obstacle where the slow approach begins.
+_SLOW_GAP_M = 0.02
+_DRIVE_M_S = 0.3
+
+#: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion.
+_EXPLORE = ExploreSettings(approach_m_s=0.03, push_m_s=0.02)
+
+_TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
+
+
+@dataclass(frozen=True, slots=True)
+class DemoSample:
+    """One frame of a push."""
+
+    t_s: float
+    truth_N: float
+    measured_N: float
+    sigma_N: float
+    valid: bool
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DemoObject:
+    """One obstacle, what was measured, and what is true."""
+
+    name: str
+    path: ApproachPath
+    exploration: Exploration
+    samples: tuple[DemoSample, ...]
+    picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: the camera's view at the largest force
+    strip: ObservedStrip | None  #: what the sensor saw in it
+    true_events: tuple[Event, ...]
+    end_pose: tuple[float, float, float]  #: of the obstacle in the world after the push
+
+    @property
+    def tag(self) -> HapticTag:
+        """What was felt."""
+        return self.exploration.tag
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DemoResult:
+    """The whole run."""
+
+    grid: OccupancyMap
+    objects: tuple[DemoObject, ...]
+    sensor: FoamSensor
+    folder: Path
+    duration_s: float
+    track_m: Float[np.ndarray, "n 2"]  #: where the platform was
+    notes: dict[str, str] = field(default_factory=dict)
+
+
+def run_demo(
+    folder: Path | str,
+    *,
+    map_path: Path | str | None = None,
+    seed: int = 1,
+    say: Callable[[str], None] = log.info,
+    page: LivePage | None = None,
+) -> DemoResult:
+    """Set the scene, calibrate and zero the sensor, explore three obstacles.
+
+    Parameters
+    ----------
+    folder
+        Receives sensor files, ``run.mcap``, ``run.csv`` and the map.
+    map_path
+        A map_server YAML; without it the project's own office.
+    say
+        Receives the lines of the live table.
+    page
+        Shows it live.
+    """
+    begin = time.monotonic()
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    grid, paths = _scene(folder, map_path, say)
+    virtual = VirtualSensor()
+    say("foam sensor: press, calibrate, mount, zero")
+    sensor = virtual.build(folder, rng)
+    material = sensor.setup.material
+    say(
+        f"  working range {material.working_strain[0]:.2f} to {material.working_strain[1]:.2f} strain, "
+        f"saturated beyond {material.densification_strain:.2f}"
+    )
+    world = PushWorld(
+        [path.obstacle for path in paths], PlatformConfig(strip=virtual.geometry), virtual.law, seed
+    )
+    if page is not None:
+        _show_world(page, grid, world)
+    objects: list[DemoObject] = []
+    track: list[tuple[float, float]] = []
+    with MeasurementWriter(folder / "run.mcap") as recording, TableWriter(folder / "run.csv") as table:
+        recording.write_camera(sensor.setup.camera, 0.0)
+        recording.write_map(grid, 0.0)
+        for number, path in enumerate(paths):
+            run = _Push(world, virtual, sensor, path, seed + number, say, page, recording, table, track)
+            objects.append(run.explore())
+            if page is not None:
+                page.set_tags({one.name: one.tag for one in objects})
+    return DemoResult(
+        grid, tuple(objects), sensor, folder, time.monotonic() - begin, np.array(track).reshape(-1, 2)
+    )
+
+
+def _scene(
+    folder: Path, map_path: Path | str | None, say: Callable[[str], None]
+) -> tuple[OccupancyMap, tuple[ApproachPath, ...]]:
+    """The map and three obstacles in it."""
+    if map_path is not None:
+        grid = OccupancyMap.load(map_path)
+        try:
+            paths = obstacles_for_map(grid.cells, grid.resolution_m, grid.origin)
+        except InputError as error:
+            raise InputError(map_path, error.problem, remedy=error.remedy) from error
+        say(f"map {map_path}: {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m")
+        return grid, paths
+    office = furnished_office()
+    grid = OccupancyMap(office.cells, office.resolution_m, office.origin)
+    grid.save(folder / "office.yaml")
+    say(f"our own office, {grid.size_m[0]:.1f} m x {grid.size_m[1]:.1f} m, drawn to {folder / 'office.yaml'}")
+    return grid, office.paths
+
+
+class _Push:
+    """One obstacle: drive there, explore it, record everything."""
+
+    def __init__(
+        self,
+        world: PushWorld,
+        virtual: VirtualSensor,
+        sensor: FoamSensor,
+        path: ApproachPath,
+        seed: int,
+        say: Callable[[str], None],
+        page: LivePage | None,
+        recording: MeasurementWriter,
+        table: TableWriter,
+        track: list[tuple[float, float]],
+    ) -> None:
+        self.world, self.virtual, self.sensor, self.path = world, virtual, sensor, path
+        self.seed, self.say, self.page, self.recording, self.table = seed, say, page, recording, table
+        self.track = track
+        self.samples: list[DemoSample] = []
+        self.best: tuple[float, FoamScene, ObservedStrip] | None = None
+        self.touching = False
+
+    def explore(self) -> DemoObject:
+        world, path = self.world, self.path
+        world.place_platform(*path.start)
+        world.forget_events()
+        self.say("")
+        self.say(f"{path.obstacle.name}")
+        self._drive_near()
+        self.say(_TABLE_HEAD)
+        self.sensor.reset()
+        camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=40.0, seed=self.seed)
+        found = explore_obstacle(world.base, camera, self.sensor, _EXPLORE, on_step=self._step)
+        events = tuple(event for name, event in world.events if name == path.obstacle.name)
+        place = (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
+        if path.obstacle.movable:
+            body = world.truth.body(path.obstacle.name)
+            place = (body.x_m, body.y_m, body.yaw_rad)
+        picture, strip = None, None
+        if self.best is not None:
+            _, scene, strip = self.best
+            picture = self._photograph(scene)
+        return DemoObject(path.obstacle.name, path, found, tuple(self.samples), picture, strip, events, place)
+
+    def _drive_near(self) -> None:
+        """At driving speed to just before the obstacle; nothing to see for the sensor yet."""
+        world, path = self.world, self.path
+        config = world.config
+        reach = 0.5 * path.obstacle.length_m
+        way = path.distance_m - reach - config.radius_m - config.strip.width_m - _SLOW_GAP_M
+        start = world.platform_pose()
+        world.base.drive(_DRIVE_M_S, 0.0)
+        for _ in range(600):
+            x, y, _ = world.platform_pose()
+            self.track.append((x, y))
+            gone = math.hypot(x - start[0], y - start[1])
+            # Brake in time: v^2 / 2a.
+            if gone >= way - _DRIVE_M_S**2 / (2 * config.largest_acceleration_m_s2):
+                break
+            world.step(0.02)
+        world.base.stop()
+        for _ in range(40):
+            world.step(0.02)
+            if self.page is not None:
+                self.page.update(pose_world_foam=world.scene().pose_world_foam)
+
+    def _step(self, step: ExploreStep) -> None:
+        profile, truth = step.profile, self.world.truth.load_N
+        self.samples.append(
+            DemoSample(
+                profile.t_s,
+                truth,
+                profile.force_N,
+                profile.force_sigma_N,
+                profile.valid,
+                profile.reason.value,
+            )
+        )
+        x, y, _ = self.world.platform_pose()
+        self.track.append((x, y))
+        self.recording.write_force(profile)
+        self.table.write(profile)
+        for event in step.events:
+            self.recording.write_event(event)
+        self.touching = bool(profile.contacts)
+        if step.events or (self.touching and len(self.samples) % _TABLE_FRAMES == 0):
+            names = ", ".join(event.kind.value for event in step.events)
+            measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
+            sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
+            self.say(f"{profile.t_s:7.2f} s  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
+        strip = self.sensor.strip
+        if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
+            self.best = (profile.force_N, self.world.scene(), strip)
+        if self.page is not None:
+            self._show(step, truth)
+
+    def _photograph(self, scene: FoamScene) -> UInt8[np.ndarray, "rows columns 3"]:
+        """The same view in colour; the sensor itself works on the grey one."""
+        rig = self.virtual.rig
+        renderer = SceneRenderer(
+            rig.camera, rig.pose_camera_foam, Look.photo(colour=True), self.virtual.effects
+        )
+        return renderer.render(scene, rng=np.random.default_rng(self.seed))
+
+    def _show(self, step: ExploreStep, truth_N: float) -> None:
+        assert self.page is not None
+        scene = self.world.scene()
+        self.page.update(
+            step.profile.t_s,
+            frame_bgr=step.frame.image,
+            profile=step.profile,
+            truth_N=truth_N,
+            pose_world_foam=scene.pose_world_foam,
+            note=", ".join(event.kind.value for event in step.events),
+        )
+        if self.path.obstacle.movable:
+            _show_obstacle(self.page, self.world, self.path.obstacle.name)
+
+
+def _show_world(page: LivePage, grid: OccupancyMap, world: PushWorld) -> None:
+    page.set_map(grid.cells, grid.resolution_m, grid.origin)
+    for obstacle in world.obstacles:
+        _show_obstacle(page, world, obstacle.name)
+
+
+def _show_obstacle(page: LivePage, world: PushWorld, name: str) -> None:
+    from ..camera import Pose
+
+    obstacle = next(one for one in world.obstacles if one.name == name)
+    x, y, yaw = obstacle.x_m, obstacle.y_m, obstacle.yaw_rad
+    if obstacle.movable:
+        body = world.truth.body(name)
+        x, y, yaw = body.x_m, body.y_m, body.yaw_rad
+    outline = obstacle.outlines[0].polygon_m()
+    pose = Pose.from_rotation_vector([0.0, 0.0, yaw], [x, y, 0.0])
+    page.set_obstacle(name, outline, pose, height_m=obstacle.height_m, fixed=not obstacle.movable)

@@ -1,0 +1,196 @@
+"""Pose of a planar template from its aligned corners, by homography decomposition and refinement.
+
+Alt 2016, Sec. 2.3.3. The decomposed homography is the one between a virtual camera that
+faces the template at distance d and the real camera, so that d is known and the pose
+comes in metres. A nearly flat view has a second pose, tilted the other way about the
+line of sight, that explains it almost as well: both are refined and returned.
+
+The refinement weighs the four corners with the full 8 x 8 covariance of the alignment,
+which is the inverse of the photometric Hessian. To first order that is the minimum of the
+image difference over the six parameters of the pose itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..camera import Camera, Pose
+from ..errors import InputError
+from .homography import decompose_homography, estimate_homography, facing_motions
+
+__all__ = ["PlanePose", "estimate_plane_poses", "pose_difference", "tilted_back"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanePose:
+    """One pose that explains a view of a plane."""
+
+    pose_camera_template: Pose
+    #: of (x, y, z, rx, ry, rz) [m, rad]: translation and a small rotation about the camera's axes,
+    #: R' = exp([r]) R, as in ROS ``PoseWithCovariance``
+    covariance: Float[np.ndarray, "6 6"]
+    chi2: float  #: squared residual of the eight corner coordinates in units of their covariance
+
+
+def estimate_plane_poses(
+    camera: Camera,
+    points_template_m: Float[np.ndarray, "4 3"],
+    corners_px: Float[np.ndarray, "4 2"],
+    corner_covariance: Float[np.ndarray, "8 8"],
+    *,
+    starts: tuple[Pose, ...] = (),
+) -> tuple[PlanePose, ...]:
+    """Poses that explain where four points of a plane are seen, the best first; one or two.
+
+    Parameters
+    ----------
+    camera
+        With its lens distortion.
+    points_template_m
+        Four points with z = 0, no three on a line.
+    corners_px
+        Their pixels.
+    corner_covariance
+        Of (x0, y0, x1, ...) [px^2].
+    starts
+        Poses to refine instead of those from the decomposition, e.g. of the last frame.
+
+    Returns
+    -------
+    tuple of PlanePose
+        Empty when no pose has the plane in front of the camera.
+    """
+    points = np.asarray(points_template_m, dtype=np.float64)
+    if points.shape != (4, 3) or not np.allclose(points[:, 2], 0):
+        raise InputError("estimate_plane_poses", "expected four points (4, 3) with z = 0", field="points")
+    # A floor of a thousandth of a pixel keeps a noise-free covariance invertible.
+    # Inverted once: calls of triangular solvers on 8 x 8 may wait for the threads of the linear algebra.
+    whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(corner_covariance) + 1e-6 * np.eye(8)))
+    if not starts:
+        start = _from_decomposition(camera, points, corners_px)
+        starts = (start, tilted_back(start)) if start is not None else ()
+    found: list[PlanePose] = []
+    for start in starts:
+        refined = _refine(camera, points, corners_px, whiten, start)
+        if refined is not None and all(
+            _angle(refined.pose_camera_template, other.pose_camera_template) > 1e-4 for other in found
+        ):
+            found.append(refined)
+    return tuple(sorted(found, key=lambda pose: pose.chi2))
+
+
+def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
+    """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_matrix(b.rotation @ a.rotation.T).as_rotvec()
+    return np.concatenate([b.translation_m - a.translation_m, turn])
+
+
+def _angle(a: Pose, b: Pose) -> float:
+    """Angle between two orientations [rad]."""
+    cosine = (np.trace(a.rotation.T @ b.rotation) - 1) / 2
+    return float(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarray) -> Pose | None:
+    """Pose by decomposing the homography from a camera that faces the template at distance d."""
+    rays = camera.rays(np.asarray(corners_px))
+    distance = 10.0 * float(np.abs(points).max())
+    try:
+        homography = estimate_homography(points[:, :2] / distance, rays[:, :2])
+        motions = decompose_homography(homography)
+    except InputError:
+        return None
+    virtual = np.column_stack([points[:, :2] / distance, np.ones(4)])
+    motions = facing_motions(motions, virtual)
+    if not motions:
+        return None
+    # The virtual camera looks along the normal, which decides between the two that remain.
+    motion = min(motions, key=lambda found: found.normal[2])
+    shift = distance * motion.translation_over_distance + motion.rotation @ np.array([0, 0, distance])
+    return Pose(motion.rotation, shift) if shift[2] > 0 else None
+
+
+def tilted_back(pose: Pose) -> Pose:
+    """The pose with its tilt mirrored about the line of sight: same picture without perspective."""
+    sight = pose.translation_m / np.linalg.norm(pose.translation_m)
+    side = np.cross(sight, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    frame = np.array([side, np.cross(sight, side), sight])
+    flip = np.diag([1.0, 1.0, -1.0])
+    return Pose(frame.T @ flip @ frame @ pose.rotation @ flip, pose.translation_m)
+
+
+def _refine(
+    camera: Camera, points: np.ndarray, corners_px: np.ndarray, whiten: np.ndarray, start: Pose
+) -> PlanePose | None:
+    """Levenberg-Marquardt on the six parameters, residuals whitened by the corners' covariance."""
+
+    def residual(pose: Pose) -> np.ndarray | None:
+        predicted = camera.project(pose.apply(points))
+        if not np.isfinite(predicted).all():
+            return None
+        return np.asarray(whiten @ (predicted - corners_px).ravel())
+
+    pose, error, damping = start, residual(start), 1e-6
+    if error is None:
+        return None
+    normal = np.eye(6)
+    for _ in range(20):
+        jacobian = whiten @ _pose_jacobian(camera, pose, points)
+        normal = jacobian.T @ jacobian
+        gradient = jacobian.T @ error
+        step = np.zeros(6)
+        for _ in range(8):
+            step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+            moved = _moved(pose, step)
+            next_error = residual(moved)
+            if next_error is not None and next_error @ next_error <= error @ error * (1 + 1e-12):
+                pose, error, damping = moved, next_error, max(damping / 10, 1e-9)
+                break
+            damping *= 10
+        else:
+            break
+        # In units of the standard deviations of the parameters: a thousandth of a sigma is enough.
+        if step @ normal @ step < 1e-6:
+            break
+    try:
+        covariance = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return None
+    return PlanePose(pose, 0.5 * (covariance + covariance.T), float(error @ error))
+
+
+def _moved(pose: Pose, step: np.ndarray) -> Pose:
+    """Translation added, rotation turned about the axes of the camera."""
+    angle = float(np.linalg.norm(step[3:]))
+    if angle < 1e-15:
+        return Pose(pose.rotation, pose.translation_m + step[:3])
+    x, y, z = step[3:] / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    rotation = turn @ pose.rotation
+    # Many small steps must not leave the group.
+    u, _, vt = np.linalg.svd(rotation)
+    return Pose(u @ vt, pose.translation_m + step[:3])
+
+
+def _pose_jacobian(camera: Camera, pose: Pose, points: np.ndarray) -> np.ndarray:
+    """d(pixels) / d(x, y, z, rx, ry, rz), (8, 6); the projection by central differences."""
+    turned = points @ pose.rotation.T
+    spatial = turned + pose.translation_m
+    step = 1e-5 * float(spatial[:, 2].mean())
+    moves = step * np.vstack([np.eye(3), -np.eye(3)])
+    pixels = camera.project(spatial[:, None, :] + moves[None])
+    projection = (pixels[:, :3] - pixels[:, 3:]).transpose(0, 2, 1) / (2 * step)
+    result = np.zeros((4, 2, 6))
+    result[:, :, :3] = projection
+    for axis in range(3):
+        unit = np.zeros(3)
+        unit[axis] = 1.0
+        result[:, :, 3 + axis] = (projection @ np.cross(unit, turned)[:, :, None])[:, :, 0]
+    return result.reshape(8, 6)
