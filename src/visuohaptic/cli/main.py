@@ -42,6 +42,7 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
     "calibrate beam": ("visuohaptic.cli.calibrate_beam", "fit a beam sensor's compliance from known loads"),
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
+    "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),

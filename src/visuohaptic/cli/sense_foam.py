@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 
 if TYPE_CHECKING:
-    from ..recording import TableWriter
+    from ..recording import MeasurementWriter, TableWriter
     from ..robots import FrameSource
-    from ..sensing.foam import FoamSensor
+    from ..sensing.foam import FingerSensor, FoamSensor
     from ..viewer import LivePage
 
 __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
@@ -25,7 +25,8 @@ reads
   --config   sensor.yaml: camera, foam, pose and shape of the strip (docs: Build a foam sensor)
   --source   a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
 writes
-  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics
+  --out      run.mcap with geometry_msgs/WrenchStamped, the contact contour and diagnostics; with a
+             section finger in sensor.yaml also the finger's pose, geometry_msgs/PoseWithCovarianceStamped
   --csv      t_s, valid, reason, force_N, force_sigma_N, contacts and the error budget, a row a frame
   --parquet  the same, with the profiles along the strip
   --zero     the zero reference that sensor.yaml names, from frames of a strip that nothing touches
@@ -65,11 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ..recording import open_source
-    from ..sensing.foam import FoamSensor
+    from ..sensing.foam import load_sensor
 
     if args.zero_frames < 0:
         raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
-    sensor = FoamSensor.load(args.config)
+    sensor = load_sensor(args.config)
     with open_source(args.source, camera=sensor.setup.camera, start_s=args.start, stop_s=args.stop) as source:
         if args.zero:
             return _zero(args, sensor, source)
@@ -96,6 +97,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
     from ..objects import EventKind
     from ..recording import MeasurementWriter, TableWriter
     from ..sensing.events import ContactEvents
+    from ..sensing.foam import FingerSensor
 
     frames = iter(args.progress(source, "measuring"))
     if args.zero_frames:
@@ -110,6 +112,8 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
     reasons: Counter[str] = Counter()
     found: list[dict[str, Any]] = []
     best: tuple[float, float, float] | None = None
+    finger = sensor if isinstance(sensor, FingerSensor) else None
+    positions: list[float] = []
     with ExitStack() as stack:
         recording = stack.enter_context(MeasurementWriter(args.out)) if args.out else None
         writers: list[TableWriter] = [
@@ -130,6 +134,10 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
                     recording.write_camera(sensor.setup.camera, frame.t_s)
                     described = True
                 recording.write_force(profile)
+                if finger is not None and finger.finger.valid:
+                    _write_finger(recording, finger)
+            if finger is not None and finger.finger.valid:
+                positions.append(finger.finger.position_m)
             for writer in writers:
                 writer.write(profile)
             for event in events.update(profile, speed_m_s=args.speed):
@@ -153,13 +161,44 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
     )
     if best is not None:
         args.report(f"largest force {best[1]:.3f} N +- {best[2]:.3f} N at {best[0]:.3f} s")
-    return {
+    result = {
         "frames": count,
         "reasons": dict(reasons),
         "events": found,
         "largest_force_N": best[1] if best else None,
         "largest_force_sigma_N": best[2] if best else None,
         "out": [str(path) for path in (args.out, args.csv, args.parquet) if path],
+    }
+    if finger is not None:
+        result["finger"] = _travel(args, positions)
+    return result
+
+
+def _write_finger(recording: MeasurementWriter, sensor: FingerSensor) -> None:
+    """Pose of frame F on the finger in the fixed frame; what is not observed has no variance."""
+    import numpy as np
+
+    from ..camera import Pose
+
+    finger = sensor.finger
+    covariance = np.zeros((6, 6))
+    covariance[:3, :3] = finger.sigma_m**2 * np.outer(sensor.axis_foam, sensor.axis_foam)
+    pose = Pose(np.eye(3), finger.position_m * sensor.axis_foam)
+    recording.write_pose(pose, finger.t_s, "/finger/pose", frame="finger_rest", covariance=covariance)
+
+
+def _travel(args: Any, positions: list[float]) -> dict[str, Any]:
+    if not positions:
+        args.report("the finger was not seen")
+        return {"frames": 0}
+    first, last = positions[0], positions[-1]
+    args.report(f"finger from {1e3 * first:.2f} mm to {1e3 * last:.2f} mm, seen in {len(positions)} frames")
+    return {
+        "frames": len(positions),
+        "first_m": first,
+        "last_m": last,
+        "least_m": min(positions),
+        "most_m": max(positions),
     }
 
 

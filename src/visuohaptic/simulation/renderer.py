@@ -183,7 +183,7 @@ class SceneRenderer:
         back, front = moment.points("back_m"), moment.points("front_m")
         curves = [
             moment.view.polyline(at_height(points, 0.0))
-            for points in (back, front, inner_edge(back, front, self.look.stripe_width_m))
+            for points in (back, front, self._stripe_edge(moment, back, front))
         ]
         return ContourTruth(
             curves[0],
@@ -331,10 +331,15 @@ class SceneRenderer:
         behind = np.stack([last, last + away, first + away, first])
         lines = [np.concatenate([back[:1], front, back[-1:]]), back]
         if look.stripe is not None:
-            inner = inner_edge(back, front, look.stripe_width_m)
+            inner = self._stripe_edge(moment, back, front)
             lines.insert(1, np.concatenate([back[:1], inner, back[-1:]]))
         outlines = [at_height(np.concatenate([line, behind]), 0.0) for line in lines]
         return [self._canvas.cover(view.polygon(view.to_camera(outline))) for outline in outlines]
+
+    def _stripe_edge(self, moment: _Moment, back: np.ndarray, front: np.ndarray) -> np.ndarray:
+        if all(scene.stripe_m is not None for scene in moment.scenes):
+            return moment.points("stripe_m")
+        return inner_edge(back, front, self.look.stripe_width_m)
 
     def _draw_occluder(self, moment: _Moment, occluder: Occluder) -> None:
         view, times = moment.view, moment.row_times_s

@@ -41,3 +41,6 @@ class FoamScene:
     objects: tuple[SceneObject, ...] = ()
     floor_below_m: float = 0.05  #: the floor is at z = -floor_below_m
     pose_world_foam: Pose = field(default_factory=Pose.identity)  #: places the floor's texture
+    #: Inner edge of a stripe that is painted on the foam and deforms with it; ``None``: the stripe keeps
+    #: its width behind the front.
+    stripe_m: Float[np.ndarray, "n 2"] | None = None

@@ -199,6 +199,16 @@ class FoamStrip:
         self._memory = np.zeros((k, 3 * n + n * j + 1))
         self._memory[:, 3 * n : -1] = 1.0
 
+    def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
+        """Where a line of the foam is now that was ``height_m`` above the back at rest, frame F."""
+        layers = np.concatenate([[0.0], np.cumsum(self._thickness)])
+        upper = int(np.clip(np.searchsorted(layers, height_m), 1, len(self._thickness)))
+        share = (height_m - layers[upper - 1]) / (layers[upper] - layers[upper - 1])
+        above = self._memory[:, upper - 1]
+        below = self._memory[:, upper - 2] if upper > 1 else np.zeros(len(self.s_m))
+        moved = below + share * (above - below)
+        return self._back + self._normal * (height_m - moved[:, None])
+
     def press(self, bodies: Sequence[Outline], dt_s: float = 0.0) -> StripState:
         """Find the equilibrium with bodies at new places and remember the way there.
 

@@ -49,3 +49,30 @@ def material(calibration):
 @pytest.fixture
 def make_log():
     return press_log
+
+
+@pytest.fixture(scope="session")
+def grippers():
+    """The module beside this file."""
+    return _beside("grippers")
+
+
+def _beside(name: str):
+    spec = importlib.util.spec_from_file_location(f"foam_{name}", Path(__file__).with_name(f"{name}.py"))
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
+def striped(grippers, tmp_path_factory):
+    """A finger with a colour stripe under a rolling shutter: (maker, sensor)."""
+    pytest.importorskip("sklearn")
+    return grippers.build(tmp_path_factory.mktemp("striped"), stripe=True)
+
+
+@pytest.fixture(scope="session")
+def plain(grippers, tmp_path_factory):
+    """The same without a stripe, in grey."""
+    return grippers.build(tmp_path_factory.mktemp("plain"), stripe=False)

@@ -82,8 +82,17 @@ class FingerSection(_Section):
 
     axis_foam: Vector3 = [1.0, 0.0, 0.0]  #: direction in which the finger closes, frame F
     tag_id: Annotated[int, Field(ge=0)] = 0  #: AprilTag 36h11 on the finger
-    tag_size_m: Positive = 0.02
-    pose_foam_tag: PoseSection  #: maps tag coordinates (x right, y down, z into the tag) to F
+    tag_size_m: Positive = 0.02  #: side of its black square
+    #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is looked for.
+    pose_foam_tag: PoseSection | None = None
+    tag_every: Annotated[int, Field(ge=1)] = 30  #: frames between comparisons of contour and tag
+    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is believed, not the contour
+
+    @model_validator(mode="after")
+    def _direction(self) -> FingerSection:
+        if not np.linalg.norm(self.axis_foam) > 1e-6:
+            raise ValueError(f"axis_foam is {self.axis_foam}, expected a direction")
+        return self
 
 
 class FoamSensorConfig(_Section):

@@ -5,26 +5,25 @@ Alt 2016, Sec. 3.3 and 3.6.4.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Camera, Frame, PlaneView, Pose
+from ...camera import Frame
 from ...errors import CalibrationError, InputError
-from ...objects import ForceProfile, Reason
+from ...objects import ForceProfile
 from .config import FoamSensorConfig, FoamSetup
+from .finger_optics import FingerOptics, FingerPosition
 from .sensor import FoamSensor
 from .zero import ZeroReference
 
-__all__ = ["FingerReading", "FingerSensor", "find_tag"]
+__all__ = ["FingerReading", "FingerSensor", "load_sensor"]
 
-#: The lines are laid anew when the reference contour is further than this from where they expect it.
-_REPLACE_PX = 1.0
-_MOST_REPLACEMENTS = 4
+#: A finger that moves by more than this while it is zeroed does not stand still [m].
+_STILL_M = 2e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,59 +31,43 @@ class FingerReading:
     """Force profile and position of the finger from one frame."""
 
     profile: ForceProfile
-    position_m: float  #: of the finger along its axis since the zero reference, closing positive
-    position_sigma_m: float
-    position_valid: bool
+    finger: FingerPosition
+    #: Front contour in the fixed frame (frame F at position 0), NaN where it was not seen.
+    contour_m: Float[np.ndarray, "K 2"]
 
 
-class FingerSensor:
+class FingerSensor(FoamSensor):
     """A foam sensor on a finger that moves along a line in front of a fixed camera.
 
-    The initial pose comes from an AprilTag on the finger (or from ``pose_camera_foam`` when
-    there is no tag in view); from then on the reference contour is followed from frame to
-    frame, and the tag is searched again only when the contour is lost.
+    The initial position comes from an AprilTag on the finger (or is that of
+    ``pose_camera_foam`` without a tag); from then on the reference contour is followed
+    from frame to frame. The tag is searched again when the contour is lost, and compared
+    with it once in a while. A camera that turns or shifts across the axis makes frames invalid
+    (``moved``); a shift along the axis cannot be told from a motion of the finger.
+
+    Examples
+    --------
+    >>> sensor = FingerSensor.load("sensor.yaml")                            # doctest: +SKIP
+    >>> reading = sensor.read_finger(frame)                                  # doctest: +SKIP
+    >>> reading.finger.position_m, reading.profile.force_N                   # doctest: +SKIP
     """
+
+    optics: FingerOptics
 
     def __init__(self, setup: FoamSetup, zero: ZeroReference | None = None) -> None:
         if setup.config.finger is None:
             raise InputError("FingerSensor", "the configuration has no section 'finger'", field="finger")
-        self.setup = setup
-        self._finger = setup.config.finger
-        self._axis = np.asarray(self._finger.axis_foam, dtype=np.float64)
-        norm = np.linalg.norm(self._axis)
-        if not norm > 1e-6:
-            raise InputError(
-                "finger", f"found {self._axis.tolist()}, expected a direction", field="axis_foam"
-            )
-        self._axis /= norm
-        self.sensor = FoamSensor(setup, zero)
-        self._position: float | None = None
-        self._speed = 0.0
-        self._last_t_s: float | None = None
+        super().__init__(setup, zero)
+        axis = np.asarray(setup.config.finger.axis_foam, dtype=np.float64)
+        self.axis_foam: Float[np.ndarray, "3"] = axis / np.linalg.norm(axis)  #: direction of motion, frame F
 
-    @classmethod
-    def load(cls, path: Path | str) -> FingerSensor:
-        """A finger sensor as described by ``sensor.yaml``."""
-        setup = FoamSensorConfig.load(path)
-        zero = None
-        if setup.zero_path.exists():
-            zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
-        return cls(setup, zero)
+    def _make_optics(self) -> FingerOptics:
+        return FingerOptics(self.setup)
 
-    def pose_at(self, position_m: float) -> Pose:
-        """``T_camera_foam`` with the finger at a position along its axis."""
-        rest = self.setup.pose_camera_foam
-        return Pose(rest.rotation, rest.translation_m + rest.rotation @ (position_m * self._axis))
-
-    def locate(self, frame: Frame) -> float | None:
-        """Position from the tag [m]; ``None`` when the tag is not seen."""
-        pose = find_tag(frame.grey, self.setup.camera, self._finger.tag_id, self._finger.tag_size_m)
-        if pose is None:
-            return None
-        pose_camera_foam = pose @ self._finger.pose_foam_tag.pose().inverse()
-        rest = self.setup.pose_camera_foam
-        moved = rest.rotation.T @ (pose_camera_foam.translation_m - rest.translation_m)
-        return float(moved @ self._axis)
+    @property
+    def finger(self) -> FingerPosition:
+        """Where the finger was in the last frame."""
+        return self.optics.position
 
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
         """Take the zero reference while nothing touches the strip and the finger stands still.
@@ -92,77 +75,44 @@ class FingerSensor:
         Raises
         ------
         CalibrationError
-            The contours were not found, or the strip moved meanwhile.
+            The contours were not found, or finger or strip moved meanwhile.
         """
-        frames = iter(frames)
-        first = next(frames, None)
-        if first is None:
-            raise CalibrationError("zero", "found no frames, expected at least one")
-        found = self.locate(first)
-        self._follow(first.t_s, 0.0 if found is None else found)
-        assert self._position is not None
-        self._speed = 0.0
-        self.sensor.optics.place(PlaneView(self.setup.camera, self.pose_at(self._position)))
-        return self.sensor.zero(chain([first], frames), limit=limit)
+        seen: list[float] = []
 
-    def read(self, frame: Frame) -> FingerReading:
-        """Follow the finger, then read the force."""
-        start = self._predict(frame)
-        for attempt in range(2):
-            position = start
-            for _ in range(_MOST_REPLACEMENTS):
-                self.sensor.optics.place(PlaneView(self.setup.camera, self.pose_at(position)))
-                strip = self.sensor.optics.observe(frame.grey, frame.t_s, self.sensor.zero_reference)
-                if strip is None:
-                    break
-                step_m, sigma_m = self.sensor.optics.base_shift_m(strip, self._axis[:2])
-                position += step_m
-                if strip.moved_px < _REPLACE_PX:
-                    self._follow(frame.t_s, position)
-                    profile = self.sensor.read(frame)
-                    return FingerReading(profile, position, sigma_m, True)
-            found = self.locate(frame) if attempt == 0 else None
-            if found is None:
-                break
-            start = found
-        self._position = None
-        profile = self.sensor.blank(frame.t_s, Reason.LOST)
-        return FingerReading(profile, float("nan"), float("nan"), False)
+        def watched() -> Iterator[Frame]:
+            for frame in frames:
+                yield frame
+                if self.finger.valid:
+                    seen.append(self.finger.position_m)
+                    # A finger that stands still has its lines in one place: where the first frame has it.
+                    self.optics.hold()
 
-    def _predict(self, frame: Frame) -> float:
-        if self._position is None or self._last_t_s is None:
-            found = self.locate(frame)
-            return 0.0 if found is None else found
-        return self._position + self._speed * max(0.0, frame.t_s - self._last_t_s)
+        try:
+            zero = super().zero(watched(), limit=limit)
+        finally:
+            self.optics.release()
+        moved = max(seen, default=0.0) - min(seen, default=0.0)
+        if moved > _STILL_M:
+            self._watch = None
+            raise CalibrationError(
+                "zero",
+                f"the finger moved by {1e3 * moved:.2f} mm, expected less than {1e3 * _STILL_M:.1f} mm",
+                remedy="zero while the finger stands still",
+            )
+        return zero
 
-    def _follow(self, t_s: float, position: float) -> None:
-        if self._position is not None and self._last_t_s is not None and t_s > self._last_t_s:
-            self._speed = (position - self._position) / (t_s - self._last_t_s)
-        self._position, self._last_t_s = position, t_s
+    def read_finger(self, frame: Frame) -> FingerReading:
+        """Force, position of the finger, and the contour in the fixed frame."""
+        profile = self.read(frame)
+        geometry = self.setup.geometry
+        front = geometry.front_m - profile.delta_m[:, None] * geometry.outward
+        return FingerReading(profile, self.finger, front + self.finger.position_m * self.axis_foam[:2])
 
 
-def find_tag(grey: np.ndarray, camera: Camera, tag_id: int, size_m: float) -> Pose | None:
-    """``T_camera_tag`` of an AprilTag 36h11, or ``None`` when it is not seen.
-
-    Tag frame: origin at the centre, x to the right, y down, z into the tag.
-
-    Parameters
-    ----------
-    size_m
-        Side of the black square.
-    """
-    import cv2
-
-    detector = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
-    corners, ids, _ = detector.detectMarkers(grey)
-    if ids is None or tag_id not in ids.ravel():
-        return None
-    found: Float[np.ndarray, "4 2"] = corners[int(np.flatnonzero(ids.ravel() == tag_id)[0])].reshape(4, 2)
-    half = size_m / 2
-    model = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
-    done, rotation, translation = cv2.solvePnP(
-        model, found.astype(np.float64), camera.matrix, camera.distortion, flags=cv2.SOLVEPNP_IPPE
-    )
-    if not done:
-        return None
-    return Pose.from_rotation_vector(rotation.ravel(), translation.ravel())
+def load_sensor(path: Path | str) -> FoamSensor:
+    """The sensor that ``sensor.yaml`` describes: a :class:`FingerSensor` if it has a section ``finger``."""
+    setup = FoamSensorConfig.load(path)
+    zero = None
+    if setup.zero_path.exists():
+        zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
+    return FingerSensor(setup, zero) if setup.config.finger is not None else FoamSensor(setup, zero)

@@ -7,16 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...camera import PlaneView
+from ...camera import Frame, PlaneView
 from ...errors import InputError
 from ...tracking import ConstraintLines, Contour, ContourSettings, ContourTracker, PointReason
 from ._appearance import interior_grey
 from ._reference import ImageMotion, fit_motion, motion_basis
 from .config import TrackingSection
 from .geometry import StripGeometry
+from .stripe_view import StripeView
 from .zero import ZeroReference
 
-__all__ = ["ObservedStrip", "StripOptics"]
+__all__ = ["BaseView", "ObservedStrip", "StripOptics"]
 
 _POLARITY = {"brighter": 1, "darker": -1, "either": 0}
 
@@ -52,8 +53,19 @@ class ObservedStrip:
     doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
-    common_sigma_m: float  #: what the camera's motion may have changed all widths by
+    common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
     blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseView:
+    """The reference contour in one image; K points."""
+
+    reference: Contour  #: as tracked
+    position_px: Float[np.ndarray, "K"]  #: as used, along the model's lines
+    sigma_px: Float[np.ndarray, "K"]
+    motion: ImageMotion  #: since the zero reference was taken
+    moved_px: float  #: largest shift of a point by a motion that should not be
 
 
 class StripOptics:
@@ -65,12 +77,13 @@ class StripOptics:
         tracking: TrackingSection,
         plane: PlaneView,
         *,
-        stripe_width_m: float = 0.0,
+        stripe: StripeView | None = None,
     ) -> None:
         self.geometry = geometry
         self.tracking = tracking
+        self.stripe = stripe
         #: Distance from the back to the tracked edge at rest: the front, or the inner edge of a stripe.
-        self.rest_width_m = geometry.width_m - stripe_width_m
+        self.rest_width_m = geometry.width_m - (stripe.width_m if stripe is not None else 0.0)
         self._front_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.foam_is]))
         self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
         self.forget_motion()
@@ -80,13 +93,14 @@ class StripOptics:
         """Forget the previous frame."""
         self._front_tracker.reset()
         self._reference_tracker.reset()
+        if self.stripe is not None:
+            self.stripe.reset()
         self.forget_motion()
 
     def forget_motion(self) -> None:
         """Forget how fast the camera moved, after a pause."""
         self._last_motion: tuple[float, np.ndarray] | None = None
         self._last_velocity: np.ndarray | None = None
-        self._shake_px = 0.0
 
     def place(self, plane: PlaneView) -> None:
         """Lay the lines of the geometric model into the image."""
@@ -115,8 +129,14 @@ class StripOptics:
         self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
-    def observe(self, grey: np.ndarray, t_s: float, zero: ZeroReference | None) -> ObservedStrip | None:
+    def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
         """Track both contours; ``None`` when the reference contour cannot be found."""
+        grey = frame.grey
+        base = self.find_base(grey, zero)
+        return None if base is None else self.find_front(frame, grey, base)
+
+    def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
+        """Track the reference contour; ``None`` when it cannot be found."""
         search = self.tracking.reference_search_px
         expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
         lines = ConstraintLines(
@@ -127,33 +147,45 @@ class StripOptics:
         motion = fit_motion(self._basis, shift, reference.sigma_px, reference.valid)
         if motion is None:
             return None
+        moved = self._basis @ motion.parameters
         if zero is not None:
-            reference_px = expected + self._basis @ motion.parameters
-            reference_sigma = np.sqrt(np.einsum("ki,ij,kj->k", self._basis, motion.covariance, self._basis))
+            position = expected + moved
+            sigma = np.sqrt(np.einsum("ki,ij,kj->k", self._basis, motion.covariance, self._basis))
         else:
             # The zero itself keeps each point where it was seen: the base need not be a perfect curve.
-            reference_px = np.where(reference.valid, reference.position_px, self._basis @ motion.parameters)
-            reference_sigma = reference.sigma_px
-        base_px = self._origin_px + reference_px[:, None] * self._direction_px
+            position = np.where(reference.valid, reference.position_px, moved)
+            sigma = reference.sigma_px
+        return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
+
+    def find_front(self, frame: Frame, grey: np.ndarray, base: BaseView) -> ObservedStrip:
+        """Track the front contour, seen from the reference contour of the same image."""
+        base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         # The visible width ends where the geometric model's front is, seen from the moved reference.
-        length = self._length_px - reference_px
-        front_lines = ConstraintLines(
+        length = self._length_px - base.position_px
+        lines = ConstraintLines(
             base_px, self._direction_px, _SEARCH_FROM * length, _SEARCH_TO * length, self._half_width_px
         )
-        front = self._front_tracker.track(grey, front_lines)
-        position = front.position_px - self._rolling_shutter_px(motion, base_px, front, t_s)
+        if self.stripe is None:
+            front = self._front_tracker.track(grey, lines)
+        else:
+            front = self.stripe.track(frame, lines)
+        skew_px, skew_sigma_px = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
+        position = front.position_px - skew_px
         front_px = base_px + position[:, None] * self._direction_px
         back_m, front_m, back_slope, front_slope = self._cast(base_px, front_px)
         outward = self.geometry.outward
         width = np.einsum("ki,ki->k", front_m - back_m, outward)
-        sigma = np.hypot(front_slope * front.sigma_px, back_slope * reference_sigma)
+        skew_m = np.broadcast_to(front_slope * skew_sigma_px, width.shape)
+        # Motion shifts all points alike; what one of them may move more than the others is its own.
+        common = float(np.nanmedian(skew_m))
+        own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
+        sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
-        moved_px = float(np.abs(self._basis @ motion.parameters).max())
         return ObservedStrip(
-            t_s,
-            reference,
+            frame.t_s,
+            base.reference,
             front,
-            reference_px,
+            base.position_px,
             base_px,
             front_px,
             front_m,
@@ -162,38 +194,32 @@ class StripOptics:
             interior_grey(grey, base_px, self._direction_px, np.nan_to_num(position, nan=-1.0)),
             front.valid & finite,
             ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
-            motion,
-            moved_px,
-            float(
-                np.hypot(
-                    self.rest_width_m * moved_px / self._depth_lever_px,
-                    self._shake_px * float(np.nanmedian(front_slope)),
-                )
-            ),
+            base.motion,
+            base.moved_px,
+            float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
         )
 
     def _rolling_shutter_px(
         self, motion: ImageMotion, base_px: np.ndarray, front: Contour, t_s: float
-    ) -> np.ndarray | float:
-        """How far the camera's motion moved each front point since its reference point was exposed.
+    ) -> tuple[np.ndarray | float, np.ndarray | float]:
+        """How far motion moved each front point since its reference point was exposed, and its sigma.
 
         Rows are exposed ``row_delay_s`` apart; the motion is that of the reference contour
         since the last frame (Alt 2016, Sec. 3.3.2).
         """
         row_delay = self.plane.camera.row_delay_s
-        self._shake_px = 0.0
         last, self._last_motion = self._last_motion, (t_s, motion.parameters)
         if row_delay == 0.0 or last is None or t_s <= last[0]:
-            return 0.0
+            return 0.0, 0.0
         velocity = (motion.parameters - last[1]) / (t_s - last[0])
         delay = front.position_px * self._direction_px[:, 1] * row_delay
         basis = motion_basis(base_px, self._direction_px, *self._basis_scale)
         change = velocity - (self._last_velocity if self._last_velocity is not None else velocity)
         self._last_velocity = velocity
         # A motion that changes from frame to frame may have done anything in between.
-        self._shake_px = _SHAKE_FACTOR * float(np.nanmax(np.abs((basis @ change) * delay)))
-        return (basis @ velocity) * delay
+        shake_px = _SHAKE_FACTOR * float(np.nanmax(np.abs((basis @ change) * delay)))
+        return (basis @ velocity) * delay, shake_px
 
     def _cast(self, base_px: np.ndarray, front_px: np.ndarray) -> tuple[np.ndarray, ...]:
         """Both contours in frame F and the scale [m/px] along each line at either of them."""
@@ -207,20 +233,3 @@ class StripOptics:
         back_slope = np.abs(np.einsum("ki,ki->k", points[2] - points[3], outward))
         front_slope = np.abs(np.einsum("ki,ki->k", points[4] - points[5], outward))
         return points[0], points[1], back_slope, front_slope
-
-    def base_shift_m(self, strip: ObservedStrip, axis_foam: Float[np.ndarray, "2"]) -> tuple[float, float]:
-        """How far the base has moved along an axis of F since the zero reference, and its sigma [m].
-
-        Only the part of the motion that is perpendicular to the contour shows.
-        """
-        step = self.plane.cast(strip.reference_points_px) - self.plane.cast(
-            strip.reference_points_px - (self._basis @ strip.motion.parameters)[:, None] * self._direction_px
-        )
-        along = self.geometry.outward @ axis_foam
-        weight = along**2 / max(float((along**2).sum()), 1e-12)
-        shift = np.einsum("ki,ki->k", step, self.geometry.outward)
-        safe = np.where(np.abs(along) > 1e-3, along, 1.0)
-        mean_basis = (weight / safe) @ self._basis
-        scale = float(np.median(self.geometry.width_m / self._length_px))
-        sigma_px = float(np.sqrt(mean_basis @ strip.motion.covariance @ mean_basis))
-        return float(weight @ (shift / safe)), sigma_px * scale

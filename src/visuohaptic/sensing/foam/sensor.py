@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -21,6 +22,7 @@ from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
 from .optics import ObservedStrip, StripOptics
 from .profile import ContactRegion, FoamReading, read_profile
+from .stripe_view import StripeView
 from .zero import ZeroReference, ZeroWatch
 
 __all__ = ["FoamSensor"]
@@ -64,21 +66,20 @@ class FoamSensor:
 
     def __init__(self, setup: FoamSetup, zero: ZeroReference | None = None) -> None:
         self.setup = setup
-        stripe = setup.config.stripe
-        self.optics = StripOptics(
-            setup.geometry,
-            setup.config.tracking,
-            PlaneView(setup.camera, setup.pose_camera_foam),
-            stripe_width_m=stripe.width_m if stripe is not None else 0.0,
-        )
+        self.optics = self._make_optics()
         self._watch = ZeroWatch(zero) if zero is not None else None
         self._images: deque[int] = deque(maxlen=_REMEMBERED_IMAGES)
         self._forget()
         self.strip: ObservedStrip | None = None  #: of the last frame, for drawing
         self.reading: FoamReading | None = None  #: of the last frame
 
+    def _make_optics(self) -> StripOptics:
+        setup = self.setup
+        plane = PlaneView(setup.camera, setup.pose_camera_foam)
+        return StripOptics(setup.geometry, setup.config.tracking, plane, stripe=StripeView.of(setup))
+
     @classmethod
-    def load(cls, path: Path | str) -> FoamSensor:
+    def load(cls, path: Path | str) -> Self:
         """A sensor as described by ``sensor.yaml``, with its zero reference if there is one."""
         setup = FoamSensorConfig.load(path)
         zero = None
@@ -110,7 +111,7 @@ class FoamSensor:
         used = 0
         for used, frame in enumerate(frames, start=1):
             self._check_size(frame)
-            strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
+            strip = self.optics.observe(frame, self.zero_reference)
             if strip is not None:
                 seen.append(strip)
             if used >= limit:
@@ -160,7 +161,7 @@ class FoamSensor:
         self._check_size(frame)
         if self._stale(frame):
             return self.blank(frame.t_s, Reason.STALE)
-        strip = self.strip = self.optics.observe(frame.grey, frame.t_s, self.zero_reference)
+        strip = self.strip = self.optics.observe(frame, self.zero_reference)
         if strip is None:
             return self.blank(frame.t_s, Reason.LOST)
         return self._interpret(strip)

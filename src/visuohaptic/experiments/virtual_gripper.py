@@ -1,0 +1,110 @@
+"""A gripper's foam sensor in the virtual world: pressed, calibrated, stripe learnt, zeroed, as one would a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera import PlaneView
+from ..sensing.foam import (
+    FingerSensor,
+    FoamSensorConfig,
+    calibrate_foam,
+    read_strain_stress,
+    train_stripe,
+)
+from ..simulation._finger_tag import FingerTag
+from ..simulation.effects import CameraEffects
+from ..simulation.gripper import GRIPPER_RIG, ROD, RUBBER_FOAM, STRIPE_M, VirtualGripper, gripper_look
+from ..simulation.press import calibration_press
+from ..simulation.rig import SensorRig
+from ..simulation.strip import StripGeometry, StripLaw
+from ..simulation.strip_law import write_calibration_csv
+
+__all__ = ["GripperSensor"]
+
+
+@dataclass
+class GripperSensor:
+    """What it takes to simulate a gripper's foam sensor, and the files that describe it."""
+
+    geometry: StripGeometry = ROD
+    law: StripLaw = RUBBER_FOAM
+    rig: SensorRig = GRIPPER_RIG
+    tag: FingerTag = field(default_factory=FingerTag)
+    stripe: bool = True
+    effects: CameraEffects = field(default_factory=lambda: CameraEffects(1.0, 3.0, vignetting=0.2))
+    press_sigma_N: float = 0.15  #: noise of the press's force sensor
+    spacing_m: float = 0.002  #: of the contour's points
+
+    def gripper(self, *objects: Any, rng: np.random.Generator, **more: Any) -> VirtualGripper:
+        """The gripper that this sensor is on."""
+        options: dict[str, Any] = {
+            "geometry": self.geometry, "law": self.law, "rig": self.rig, "tag": self.tag,
+            "look": gripper_look(stripe=self.stripe), "effects": self.effects,
+        }  # fmt: skip
+        return VirtualGripper(objects, rng=rng, **(options | more))
+
+    def build(
+        self,
+        folder: Path | str,
+        rng: np.random.Generator,
+        *,
+        zero_frames: int = 20,
+        on_step: Callable[[str], None] | None = None,
+        **config: Any,
+    ) -> FingerSensor:
+        """Write all files to a folder and return the zeroed sensor.
+
+        Parameters
+        ----------
+        config
+            Further fields of ``sensor.yaml``.
+        """
+        folder = Path(folder)
+        say = on_step or (lambda text: None)
+        say("pressing the foam for its strain-stress curve")
+        rod = self.geometry
+        rows = calibration_press(
+            geometry=StripGeometry(rod.length_m, rod.width_m, rod.height_m, spacing_m=0.002),
+            law=self.law,
+            reference_sigma_N=self.press_sigma_N,
+            rng=rng,
+        )
+        write_calibration_csv(folder / "strain_stress.csv", rows)
+        say("calibrating")
+        calibration = calibrate_foam(
+            read_strain_stress(folder / "strain_stress.csv"), width_m=rod.width_m, height_m=rod.height_m
+        )
+        calibration.material.save(folder / "foam.yaml")
+        pose = self.tag.pose_foam_tag
+        sections: dict[str, Any] = {
+            "tracking": {"base_is": "brighter", "foam_is": "darker"},
+            "finger": {
+                "tag_id": self.tag.tag_id,
+                "tag_size_m": self.tag.size_m,
+                "pose_foam_tag": {
+                    "translation_m": [float(value) for value in pose.translation_m],
+                    "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
+                },
+            },
+        }
+        if self.stripe:
+            sections["stripe"] = {"model": "stripe.npz", "width_m": STRIPE_M}
+        strip = {"length_m": rod.length_m, "spacing_m": self.spacing_m}
+        path = self.rig.write(folder, length_m=rod.length_m, **(sections | {"strip": strip} | config))
+        frames = self.gripper(rng=rng)
+        if self.stripe:
+            say("learning the stripe's colours")
+            setup = FoamSensorConfig.load(path)
+            plane = PlaneView(setup.camera, setup.pose_camera_foam)
+            train_stripe(setup, frames.frame().image, plane, rng=rng).save(folder / "stripe.npz")
+        sensor = FingerSensor.load(path)
+        say("taking the zero reference")
+        zero = sensor.zero((frames.frame() for _ in range(zero_frames)), limit=zero_frames)
+        zero.save(sensor.setup.zero_path)
+        return sensor
