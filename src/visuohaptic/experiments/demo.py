@@ -19,9 +19,9 @@ from ..recording import MeasurementWriter, OccupancyMap, TableWriter
 from ..simulation.look import Look
 from ..simulation.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.platform import PlatformConfig
-from ..simulation.sensor_camera import SimulatedSensorCamera
 from ..simulation.renderer import SceneRenderer
 from ..simulation.scene import FoamScene
+from ..simulation.sensor_camera import SimulatedSensorCamera
 from ..simulation.world import PushWorld
 from ..tasks import Exploration, ExploreSettings, ExploreStep, explore_obstacle
 from .virtual_sensor import VirtualSensor

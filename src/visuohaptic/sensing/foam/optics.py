@@ -47,7 +47,8 @@ class ObservedStrip:
     front_points_px: Float[np.ndarray, "K 2"]
     front_foam_m: Float[np.ndarray, "K 2"]  #: front contour in frame F
     width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
-    width_sigma_m: Float[np.ndarray, "K"]
+    width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
+    width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
     usable: Bool[np.ndarray, "K"]
     doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
@@ -180,6 +181,7 @@ class StripOptics:
         common = float(np.nanmedian(skew_m))
         own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
+        noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
         return ObservedStrip(
             frame.t_s,
@@ -191,6 +193,7 @@ class StripOptics:
             front_m,
             width,
             sigma,
+            noise,
             interior_grey(grey, base_px, self._direction_px, np.nan_to_num(position, nan=-1.0)),
             front.valid & finite,
             ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),

@@ -216,18 +216,20 @@ class FoamSensor:
         if rough > _ROUGH:
             sigma = rough * sigma
         delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
-        doubt = np.where(seen, doubt, 0.0)
+        sigma = np.hypot(sigma, np.where(seen, doubt, 0.0))
+        # What changes from frame to frame is image noise; texture, kinks, bridges and the zero stay.
+        noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
         reading = read_profile(
             geometry.s_m,
             delta,
-            sigma,
+            noise,
             np.isfinite(delta),
             material,
             boundary=self.setup.config.boundary,
             zero_sigma_m=float(common),
             memory=self._memory,
-            doubt_m=doubt,
+            doubt_m=np.sqrt(sigma**2 - noise**2),
             end_cells_m=geometry.end_cells_m,
         )
         reading = self._with_unknown_branch(reading, strip.t_s, gap)
@@ -236,7 +238,6 @@ class FoamSensor:
             reading,
             budget=self._with_unexplained(reading, delta, sigma, rest_offset(delta, sigma, seen), limit),
         )
-        sigma = np.hypot(sigma, doubt)
         reason = self._judge(reading, gap, covered, strip)
         if reason is Reason.OK and (self._focus.changing(strip.blur_px) or rough > _TOO_ROUGH):
             reason = Reason.LOST
