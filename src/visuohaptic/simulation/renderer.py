@@ -18,12 +18,12 @@ from jaxtyping import Float, Float32, UInt8
 from ..camera import Camera, Pose
 from ..errors import InputError
 from ._canvas import Canvas, Hole, Plane
-from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, turned_left
+from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, solid_faces, turned_left
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .look import Look, Occluder, Surface
 from .rolling_view import RollingView
-from .scene import FoamScene, SceneObject
+from .scene import FoamScene
 from .shadow import shade_floor
 
 __all__ = [
@@ -247,7 +247,7 @@ class SceneRenderer:
         distances = [np.linalg.norm(o[:, mid] - centre[:2], axis=1).min() for o in outlines]
         for i in sorted(range(len(outlines)), key=lambda i: -distances[i]):
             item, outline = moment.middle.objects[i], outlines[i]
-            planes, polygons = self._faces(moment, item, outline)
+            planes, polygons = self._faces(moment, i, outline)
             self._canvas.paint_parts(polygons, planes)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
                 holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, planes, polygons))
@@ -283,13 +283,19 @@ class SceneRenderer:
             shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
 
     def _faces(
-        self, moment: _Moment, item: SceneObject, outline: np.ndarray
+        self, moment: _Moment, index: int, outline: np.ndarray
     ) -> tuple[list[Plane], list[np.ndarray]]:
         """Visible faces of an object as planes and polygons [px]."""
-        view = moment.view
+        view, item, below = moment.view, moment.middle.objects[index], moment.middle.floor_below_m
         surface = Surface(item.grey, item.texture, item.material, item.bgr, item.seed)
         planes, polygons = [], []
-        for face in prism_faces(outline, -moment.middle.floor_below_m, item.top_m, view.centre_foam_m):
+        if item.solid is None:
+            faces = prism_faces(outline, -below, item.top_m, view.centre_foam_m)
+        else:
+            solids = [solid for s in moment.scenes if (solid := s.objects[index].solid) is not None]
+            poses = tuple(solid.pose_foam_solid for solid in solids)
+            faces = solid_faces(item.solid.outline_m, item.solid.height_m, poses, below, view.centre_foam_m)
+        for face in faces:
             polygon = view.polygon(view.to_camera(face.corners_m))
             if len(polygon) >= 3:
                 light = 1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT)
