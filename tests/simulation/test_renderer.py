@@ -402,7 +402,7 @@ def test_a_solid_that_stands_looks_like_its_upright_prism_and_one_that_leans_mov
 
     def picture(solid):
         thing = SceneObject(own + at[:2], 0.15, texture=30.0, solid=solid)
-        scene = FoamScene(0.0, back, back + [0.02, 0], (thing,))
+        scene = FoamScene(0.0, back, back + np.array([0.02, 0]), (thing,))
         return renderer.render_exact(scene)
 
     upright = picture(None)
@@ -411,6 +411,6 @@ def test_a_solid_that_stands_looks_like_its_upright_prism_and_one_that_leans_mov
     assert np.abs(leans - upright).max() > 20
     # Fallen away by a right angle it shows its bottom to the camera.
     fallen = picture(Solid(own, 0.2, Pose.from_rotation_vector([0.0, 1.5, 0.0], at)))
-    floor = renderer.render_exact(FoamScene(0.0, back, back + [0.02, 0]))
+    floor = renderer.render_exact(FoamScene(0.0, back, back + np.array([0.02, 0])))
     u, v = rig.camera.project(rig.pose_camera_foam.apply(at + np.array([0.0, 0.0, 0.02]))).round().astype(int)
     assert abs(float(fallen[v, u]) - float(floor[v, u])) > 5
