@@ -122,6 +122,21 @@ def test_a_motion_that_is_told_beforehand_may_be_large():
     np.testing.assert_allclose(np.median(step.after_px - step.before_px, axis=0), [60, 0], atol=0.05)
 
 
+def test_bins_keep_the_coordinates_of_the_image():
+    rng = np.random.default_rng(10)
+    texture = spectrum(rng)
+    regions = np.ones((ROWS, COLUMNS), np.uint8)
+    trackers = [PointTracker(FlowSettings(binning=n, spacing_px=12 / n), rows=(20, 180)) for n in (1, 2)]
+    for image in (picture(texture, 0, 0), picture(texture, 5.0, -3.0)):
+        fine, coarse = (tracker.update(image, regions) for tracker in trackers)
+    np.testing.assert_allclose(np.median(coarse.after_px - coarse.before_px, axis=0), [5, -3], atol=0.05)
+    # Where the texture is the same point of the scene: the fine picture around a bin's centre is the bin.
+    assert coarse.before_px[:, 1].min() >= 20
+    assert coarse.before_px[:, 1].max() <= 180
+    assert len(fine.ids) > 20
+    assert len(coarse.ids) > 20
+
+
 def test_what_cannot_be_used_is_refused():
     with pytest.raises(InputError, match="window_px 4"):
         FlowSettings(window_px=4)

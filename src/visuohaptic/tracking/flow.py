@@ -26,18 +26,21 @@ __all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
 class FlowSettings:
     """How points are chosen and followed."""
 
+    binning: int = 1  #: edge of the squares of pixels that are averaged first; all else is in these bins
     window_px: int = 21  #: edge of the window around a point, odd
     levels: int = 3  #: of the pyramid above the image itself
     points: int = 120  #: most points per region
     spacing_px: float = 12.0  #: least distance between points
-    quality: float = 0.02  #: least eigenvalue, as part of the region's largest
+    quality: float = 0.005  #: least eigenvalue, as part of the region's largest
     noise_grey: float = 2.0  #: standard deviation of the image noise
-    largest_sigma_px: float = 0.15  #: points that are located worse are not stable
+    largest_sigma_px: float = 0.3  #: points that are located worse are not stable
     forward_backward_px: float = 0.4  #: largest distance after tracking there and back
     largest_residual_grey: float = 25.0  #: mean absolute difference of a window that is still the same
     refill_share: float = 0.7  #: new points are chosen when fewer than this part is left
 
     def __post_init__(self) -> None:
+        if not 1 <= self.binning <= 8:
+            raise InputError("FlowSettings", f"found {self.binning}, expected 1..8", field="binning")
         if not (self.window_px >= 5 and self.window_px % 2 == 1 and 0 <= self.levels <= 6):
             raise InputError(
                 "FlowSettings",
@@ -180,11 +183,23 @@ class PointTracker:
             raise InputError("PointTracker.update", f"found {image.shape}, expected {self._shape} as before")
         self._shape = image.shape
         first, last = self._rows or (0, image.shape[0])
-        band = np.ascontiguousarray(image[first:last])
+        band, where = self._binned(image[first:last]), self._binned(regions[first:last], nearest=True)
         step = self._follow(band, shift_px or {}, float(first))
         self._band = band
-        self._refill(band, np.ascontiguousarray(regions[first:last]), first)
+        self._refill(band, where)
         return step
+
+    def _binned(self, image: np.ndarray, *, nearest: bool = False) -> UInt8[np.ndarray, "rows columns"]:
+        import cv2
+
+        n = self.settings.binning
+        if n == 1:
+            return np.ascontiguousarray(image)
+        rows, columns = image.shape[0] // n, image.shape[1] // n
+        if nearest:
+            return np.ascontiguousarray(image[: rows * n : n, : columns * n : n])
+        whole = image[: rows * n, : columns * n]
+        return np.asarray(cv2.resize(whole, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
     def _follow(
         self,
@@ -202,7 +217,7 @@ class PointTracker:
             return FlowStep(self._ids, self._label, nothing, nothing, self._sigma, tried)
         guess = self._moved.copy()
         for label, shift in shift_px.items():
-            guess[self._label == label] = shift
+            guess[self._label == label] = np.asarray(shift) / s.binning
         before = self._points
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 30, 0.005)
         options: dict[str, Any] = {
@@ -220,18 +235,18 @@ class PointTracker:
         good &= residual.ravel() < s.largest_residual_grey
         self._moved = after - before
         self._points = after
-        shift = np.array([0.0, top])
-        kept_before = before[good].astype(np.float64) + shift
+        start = before[good]
         self._keep(good)
-        return FlowStep(
-            self._ids, self._label, kept_before, self._points.astype(np.float64) + shift, self._sigma, tried
-        )
+        n, lift = s.binning, np.array([0.0, top])
+        # The centre of the first bin is (n - 1) / 2 pixels from that of the first pixel.
+        pixels = [(p.astype(np.float64) + 0.5) * n - 0.5 + lift for p in (start, self._points)]
+        return FlowStep(self._ids, self._label, pixels[0], pixels[1], self._sigma * n, tried)
 
     def _keep(self, good: np.ndarray) -> None:
         self._ids, self._label, self._sigma = self._ids[good], self._label[good], self._sigma[good]
         self._points, self._moved = self._points[good], self._moved[good]
 
-    def _refill(self, band: np.ndarray, regions: np.ndarray, top: int) -> None:
+    def _refill(self, band: np.ndarray, regions: np.ndarray) -> None:
         """Choose points where a region has too few: the best corners at a distance from those there are."""
         import cv2
 
