@@ -129,11 +129,11 @@ def fit_planar_motion(
         if np.array_equal(new, inliers) and np.abs(step).max() < 1e-12:
             break
         inliers = new
-    covariance = _sandwich(before_m, after_m, whiten, motion, inliers)
+    covariance = _spread_of_fit(before_m, after_m, whiten, motion, inliers)
     return PlanarFit(motion, covariance * max(scale, 1.0) ** 2, inliers, True)
 
 
-def _sandwich(
+def _spread_of_fit(
     before: np.ndarray, after: np.ndarray, whiten: np.ndarray, motion: np.ndarray, inliers: np.ndarray
 ) -> np.ndarray:
     """Covariance of the least-squares fit to the inliers, for residuals of unit variance."""
