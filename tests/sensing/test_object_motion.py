@@ -182,7 +182,8 @@ def test_the_face_of_each_primitive():
     direction = math.atan2(1.0, 0.1)
     cov = np.eye(4)
     ways = {
-        None: (slanted, [0.1, 1.0]),
+        # 8 cm against the 4 cm from which a line is believed half: (8 / 4)^2 of (8 / 4)^2 + 1.
+        None: (slanted, [0.08, 1.0]),
         PrimitiveKind.LINE: ([0.015, 0.0, direction], [0.1, 1.0]),
         PrimitiveKind.SEGMENT: ([0.011, -0.04, 0.019, 0.04], [0.1, 1.0]),
         PrimitiveKind.CIRCLE: ([0.065, 0.0, 0.05], [0.0, 1.0]),

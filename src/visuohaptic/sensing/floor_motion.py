@@ -66,6 +66,8 @@ def fit_planar_motion(
     covariance_m2: Float[np.ndarray, "n 2 2"],
     rng: np.random.Generator,
     settings: FloorMotionSettings | None = None,
+    *,
+    expected: Float[np.ndarray, "3"] | None = None,
 ) -> PlanarFit:
     """Motion of the platform from where the same points of the floor were before and after it.
 
@@ -77,6 +79,9 @@ def fit_planar_motion(
         Of ``before - R after``, each point's own [m^2].
     rng
         Of the sampling.
+    expected
+        Motion that the odometry tells: where two groups of points disagree, e.g. floor and an object
+        before the camera, the one that moves like this is taken though it may be the smaller one.
 
     Returns
     -------
@@ -107,6 +112,10 @@ def fit_planar_motion(
     # Whitened residuals have unit variance on both axes.
     whiten = np.linalg.inv(np.linalg.cholesky(covariance_m2))
     guess = _consensus(before_m, after_m, whiten, rng, s)
+    if expected is not None:
+        distance = np.linalg.norm(_residuals(before_m, after_m, whiten, expected)[0], axis=1)
+        near = np.count_nonzero(distance < 2.0 * s.gate_sigmas)
+        guess = expected if near >= max(s.least_points, s.least_share * count) else guess
     inliers = np.zeros(count, dtype=bool)
     motion, scale = guess, 1.0
     information = np.eye(3)
@@ -268,7 +277,8 @@ class FloorTracker:
         spread = 2.0 * sigma[chosen, None, None] ** 2 * (
             jacobian[chosen] @ np.swapaxes(jacobian[chosen], 1, 2)
         )  # fmt: skip
-        fit = fit_planar_motion(start, points[chosen], spread, self._rng, s)
+        told = None if expected is None else chain(chain(inverse(self._key_pose), self.pose), expected)
+        fit = fit_planar_motion(start, points[chosen], spread, self._rng, s, expected=told)
         self.inlier_share = float(np.mean(fit.inliers)) if len(chosen) else 0.0
         before = self.pose
         if fit.valid:

@@ -30,6 +30,10 @@ from ..tracking.homography import decompose_homography, estimate_homography_robu
 __all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker", "contact_face"]
 
 
+#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
+NARROW_M = 0.04
+
+
 @dataclass(frozen=True, slots=True)
 class ObjectMotionSettings:
     """How the motion is estimated, and what counts as an event."""
@@ -102,10 +106,13 @@ def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.nda
     if len(points) == 0:
         raise InputError("contact_face", "found a contact without points, expected at least one")
     middle = points.mean(axis=0)
-    if np.ptp(points[:, 1]) < 0.01:
+    span = float(np.ptp(points[:, 1]))
+    if span < 0.01:
         return middle, across
     slope = float(np.polyfit(points[:, 1] - middle[1], points[:, 0] - middle[0], 1)[0])
-    return middle, np.array([slope, 1.0])
+    # A narrow contact shows the foam's flanks and the object's edge, not its face: then across is likelier.
+    trust = span**2 / (span**2 + NARROW_M**2)
+    return middle, np.array([trust * slope, 1.0])
 
 
 class ObjectTracker:
@@ -134,6 +141,12 @@ class ObjectTracker:
         """Begin with an object whose surface is known."""
         self.face, self._motion = face, Pose.identity()
         self._body, self._tilts, self._happened, self._points = {}, [], set(), 0
+
+    @property
+    def rests(self) -> bool:
+        """Whether the object has hardly moved since the begin: the plane may still be chosen better."""
+        turn = float(np.arccos(np.clip(0.5 * (np.trace(self._motion.rotation) - 1.0), -1.0, 1.0)))
+        return turn < 0.012 and float(np.linalg.norm(self._motion.translation_m)) < 0.0015
 
     def stop(self) -> None:
         """Forget the object."""
@@ -309,11 +322,14 @@ class ObjectTracker:
             if np.abs(change).max() < 1e-7:
                 break
         cost = float(np.minimum(distance, s.gate_sigmas) @ np.minimum(distance, s.gate_sigmas))
+        # A wide scale is for finding the way; in the end points agree by their own noise.
+        scale = min(scale, 2.0)
+        inliers = distance < s.gate_sigmas * scale
         covariance = np.zeros((6, 6))
         kept = jacobian[inliers]
         inner = np.linalg.pinv(np.einsum("nia,nib->ab", kept, kept)) * scale**2
         covariance[np.ix_(active, active)] = inner
-        return motion, covariance, inliers & (distance < s.gate_sigmas * max(1.0, scale)), cost
+        return motion, covariance, inliers, cost
 
     def _project(self, motion: Pose, body: np.ndarray) -> np.ndarray:
         return self.camera.project(self.pose_camera_foam.apply(self._place(motion, body)))

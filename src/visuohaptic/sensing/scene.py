@@ -39,7 +39,7 @@ class SceneSettings:
     foam_half_m: float = 0.125  #: half length of the foam along y
     patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
     object_height_m: float = 0.12  #: points on the object are chosen up to this height above the foam
-    object_margin_m: float = 0.01  #: and so far beside the contact
+    object_margin_m: float = 0.004  #: and so far inside of the contact's ends
     largest_width_px: int = 800  #: images wider than this are binned for the tracks
     lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
 
@@ -187,10 +187,22 @@ class SceneTracker:
                 self._points.forget(OBJECT)
             return False
         self._without = 0
-        if self._object.face is None and len(contact.points_foam_m) >= 2:
+        # Beside the object the foam is drawn along: only where it is pressed is there a face behind.
+        pressed = contact.points_foam_m[contact.delta_m > 0.5 * np.max(contact.delta_m, initial=0.0)]
+        reach = 0.5 * float(np.ptp(pressed[:, 1])) if len(pressed) else 0.0
+        width = max(reach - self.settings.object_margin_m, 0.01)
+        begins = self._object.face is None
+        # The first touch is a narrow one: the contact's line is known better once the foam has given way.
+        wider = width > 1.6 * self._half_width_m and self._object.rests
+        if (begins or wider) and len(contact.points_foam_m) >= 2:
             self._object.start(contact_face(contact, primitive))
-            self._half_width_m = 0.5 * (contact.s_end_m - contact.s_start_m) + self.settings.object_margin_m
-            self._heading, self._force_N = float(self.ego.pose[2]), contact.force_N
+            self._half_width_m = width
+            # Points that were taken for floor may be on the object; all are chosen anew.
+            self._points.forget(OBJECT)
+            self._points.forget(FLOOR)
+            self._heading = float(self.ego.pose[2])
+            if begins:
+                self._force_N = contact.force_N
         return True
 
     def _static_regions(
@@ -223,7 +235,7 @@ class SceneTracker:
         """Where to choose points in this frame."""
         import cv2
 
-        regions = self._patches.copy()
+        regions, s = self._patches.copy(), self.settings
         n = obstacle.binning
         # Below what stands in the strip there is no floor but the lower part of the same thing.
         standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
@@ -231,21 +243,24 @@ class SceneTracker:
         columns[: len(standing)] = standing
         regions[:, columns] = 0
         if self._object.face is not None:
-            polygon = self._face_polygon()
-            if polygon is not None:
-                clear = np.zeros_like(regions)
+            polygon = self._face_polygon(s.object_height_m)
+            whole = self._face_polygon(np.inf)
+            if polygon is not None and whole is not None:
+                clear, above = np.zeros_like(regions), np.zeros_like(regions)
                 cv2.fillConvexPoly(clear, polygon, 1)
-                width = max(9, self.camera.width // 40)
-                regions[cv2.dilate(clear, np.ones((1, width), np.uint8)) > 0] = 0
+                cv2.fillConvexPoly(above, whole, 1)
+                # An object is wider than its contact: the floor begins some centimetres beside it.
+                width = max(9, self.camera.width // 6)
+                regions[cv2.dilate(above, np.ones((1, width), np.uint8)) > 0] = 0
                 regions[(clear > 0) & ~self._hidden] = OBJECT
         return regions
 
-    def _face_polygon(self) -> np.ndarray | None:
+    def _face_polygon(self, height_m: float) -> np.ndarray | None:
         """The part of the object's face above the foam, where it is now [px]."""
         assert self._object.face is not None
-        s, a = self.settings, self._half_width_m
+        a = self._half_width_m
         eye_z = float(self.pose_camera_foam.inverse().translation_m[2])
-        high = min(s.object_height_m, 0.7 * eye_z)
+        high = min(height_m, 0.85 * eye_z)
         corners = np.array([[-a, 0.003, 0.0], [a, 0.003, 0.0], [a, high, 0.0], [-a, high, 0.0]])
         placed = self._object.moved(self._object.face.apply(corners))
         pixels = self.camera.project(self.pose_camera_foam.apply(placed))
