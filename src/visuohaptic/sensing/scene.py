@@ -238,10 +238,11 @@ class SceneTracker:
         regions, s = self._patches.copy(), self.settings
         n = obstacle.binning
         # Below what stands in the strip there is no floor but the lower part of the same thing.
-        standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
-        columns = np.zeros(self.camera.width, bool)
-        columns[: len(standing)] = standing
-        regions[:, columns] = 0
+        if obstacle.valid:
+            standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
+            columns = np.zeros(self.camera.width, bool)
+            columns[: len(standing)] = standing
+            regions[:, columns] = 0
         if self._object.face is not None:
             polygon = self._face_polygon(s.object_height_m)
             whole = self._face_polygon(np.inf)
