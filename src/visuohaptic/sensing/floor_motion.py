@@ -127,9 +127,11 @@ def fit_planar_motion(
             return failed
         # Tukey's weights: points near the gate say little.
         weight = np.where(new, (1 - (distance / (s.gate_sigmas * max(scale, 1.0))) ** 2) ** 2, 0.0)
-        information = np.einsum("n,nia,nib->ab", weight, jacobian, jacobian)
+        flat = jacobian.reshape(-1, 3)
+        weighted = np.repeat(weight, 2)[:, None] * flat
+        information = flat.T @ weighted
         try:
-            step = np.linalg.solve(information, np.einsum("n,nia,ni->a", weight, jacobian, residual))
+            step = np.linalg.solve(information, weighted.T @ residual.ravel())
         except np.linalg.LinAlgError:
             return failed
         motion = motion - step
@@ -183,11 +185,13 @@ def _consensus(
     rotation = np.stack([np.stack([c, -sn], -1), np.stack([sn, c], -1)], -2)
     middle_after = 0.5 * (after[first] + after[second])
     shift = 0.5 * (before[first] + before[second]) - np.einsum("hij,hj->hi", rotation, middle_after)
-    turned = np.einsum("hij,nj->hni", rotation, after)
-    residual = np.einsum("nij,hnj->hni", whiten, before - turned - shift[:, None])
+    off = before - after @ np.swapaxes(rotation, 1, 2) - shift[:, None]
+    # Lower triangular whitening, written out: this is the largest array of the module.
+    distance_2 = (whiten[:, 0, 0] * off[..., 0]) ** 2
+    distance_2 += (whiten[:, 1, 0] * off[..., 0] + whiten[:, 1, 1] * off[..., 1]) ** 2
     # Wider than the final gate: a pair's own noise is in its hypothesis.
     gate = (2.0 * s.gate_sigmas) ** 2
-    cost = np.minimum((residual**2).sum(axis=-1), gate).sum(axis=1)
+    cost = np.minimum(distance_2, gate).sum(axis=1)
     best = int(np.argmin(cost))
     return np.array([*shift[best], angle[best]])
 

@@ -309,10 +309,12 @@ class ObjectTracker:
                 return None
             weight = np.where(inliers, (1 - (distance / gate) ** 2) ** 2, 0.0)
             jacobian = self._jacobian(motion, body, active) / sigma[:, None, None]
-            information = np.einsum("n,nia,nib->ab", weight, jacobian, jacobian)
+            flat = jacobian.reshape(-1, len(active))
+            weighted = np.repeat(weight, 2)[:, None] * flat
+            information = flat.T @ weighted
             # A touch of damping: a few points near a line leave directions open.
             information += 1e-9 * np.trace(information) * np.eye(len(active))
-            gradient = np.einsum("n,nia,ni->a", weight, jacobian, residual)
+            gradient = weighted.T @ residual.ravel()
             change = np.zeros(6)
             change[active] = -np.linalg.solve(information, gradient)
             if not np.abs(change).max() < 1.0:
@@ -326,8 +328,8 @@ class ObjectTracker:
         scale = min(scale, 2.0)
         inliers = distance < s.gate_sigmas * scale
         covariance = np.zeros((6, 6))
-        kept = jacobian[inliers]
-        inner = np.linalg.pinv(np.einsum("nia,nib->ab", kept, kept)) * scale**2
+        kept = jacobian[inliers].reshape(-1, len(active))
+        inner = np.linalg.pinv(kept.T @ kept) * scale**2
         covariance[np.ix_(active, active)] = inner
         return motion, covariance, inliers, cost
 

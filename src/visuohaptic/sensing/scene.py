@@ -40,6 +40,7 @@ class SceneSettings:
     patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
     object_height_m: float = 0.12  #: points on the object are chosen up to this height above the foam
     object_margin_m: float = 0.004  #: and so far inside of the contact's ends
+    beside_m: float = 0.04  #: no floor is looked for so near beside the contact
     largest_width_px: int = 800  #: images wider than this are binned for the tracks
     lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
 
@@ -245,21 +246,20 @@ class SceneTracker:
             regions[:, columns] = 0
         if self._object.face is not None:
             polygon = self._face_polygon(s.object_height_m)
-            whole = self._face_polygon(np.inf)
+            # An object is wider than its contact: the floor begins some centimetres beside it.
+            whole = self._face_polygon(np.inf, s.beside_m)
             if polygon is not None and whole is not None:
                 clear, above = np.zeros_like(regions), np.zeros_like(regions)
                 cv2.fillConvexPoly(clear, polygon, 1)
                 cv2.fillConvexPoly(above, whole, 1)
-                # An object is wider than its contact: the floor begins some centimetres beside it.
-                width = max(9, self.camera.width // 6)
-                regions[cv2.dilate(above, np.ones((1, width), np.uint8)) > 0] = 0
+                regions[above > 0] = 0
                 regions[(clear > 0) & ~self._hidden] = OBJECT
         return regions
 
-    def _face_polygon(self, height_m: float) -> np.ndarray | None:
+    def _face_polygon(self, height_m: float, beside_m: float = 0.0) -> np.ndarray | None:
         """The part of the object's face above the foam, where it is now [px]."""
         assert self._object.face is not None
-        a = self._half_width_m
+        a = self._half_width_m + beside_m
         eye_z = float(self.pose_camera_foam.inverse().translation_m[2])
         high = min(height_m, 0.85 * eye_z)
         corners = np.array([[-a, 0.003, 0.0], [a, 0.003, 0.0], [a, high, 0.0], [-a, high, 0.0]])
