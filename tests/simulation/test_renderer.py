@@ -13,7 +13,8 @@ from visuohaptic.simulation.contour_truth import crossings
 from visuohaptic.simulation.effects import CameraEffects
 from visuohaptic.simulation.look import Look, Occluder, Surface
 from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.scene import FoamScene, SceneObject
+from visuohaptic.simulation.rig import SensorRig
+from visuohaptic.simulation.scene import FoamScene, SceneObject, Solid
 from visuohaptic.simulation.textures import MATERIALS, texture_tile
 
 FLAT = Look()  # no texture, no shading: levels 170 foam, 60 body, 100 floor
@@ -418,3 +419,27 @@ def test_tiles_repeat_without_seams(material: str) -> None:
     if material != "planks":  # the seam of planks is a joint between two boards
         assert seam < inner.mean() + 6 * inner.std() + 1
     assert texture_tile(material, 3, 256) is texture_tile(material, 3, 256)
+
+
+def test_a_solid_that_stands_looks_like_its_upright_prism_and_one_that_leans_moves_with_its_pose():
+    rig = SensorRig(width_px=400, height_px=224, focal_px=350.0, distance_m=0.35, angle_rad=np.radians(55))
+    renderer = SceneRenderer(rig.camera, rig.pose_camera_foam, Look.photo())
+    y = np.linspace(-0.1, 0.1, 21)
+    back = np.column_stack([np.zeros(21), y])
+    own = np.array([[-0.03, -0.05], [0.03, -0.05], [0.03, 0.05], [-0.03, 0.05]])
+    at = np.array([0.08, 0.01, -0.05])
+
+    def picture(solid):
+        thing = SceneObject(own + at[:2], 0.15, texture=30.0, solid=solid)
+        scene = FoamScene(0.0, back, back + np.array([0.02, 0]), (thing,))
+        return renderer.render_exact(scene)
+
+    upright = picture(None)
+    np.testing.assert_allclose(picture(Solid(own, 0.2, Pose(np.eye(3), at))), upright, atol=0.05)
+    leans = picture(Solid(own, 0.2, Pose.from_rotation_vector([0.0, 0.3, 0.0], at)))
+    assert np.abs(leans - upright).max() > 20
+    # Fallen away by a right angle it shows its bottom to the camera.
+    fallen = picture(Solid(own, 0.2, Pose.from_rotation_vector([0.0, 1.5, 0.0], at)))
+    floor = renderer.render_exact(FoamScene(0.0, back, back + np.array([0.02, 0])))
+    u, v = rig.camera.project(rig.pose_camera_foam.apply(at + np.array([0.0, 0.0, 0.02]))).round().astype(int)
+    assert abs(float(fallen[v, u]) - float(floor[v, u])) > 5

@@ -1,4 +1,4 @@
-"""Runs the kernels of the primitives once."""
+"""Runs the kernels of the primitives and of the obstacle mask once."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ __all__ = ["warmup"]
 
 def warmup() -> None:
     """Fit all primitives to the impression of a cylinder."""
+    from . import _mixture_kernels  # noqa: F401  declares its types: importing compiles it
     from .primitives import fit_primitive
 
     radius_m, depth_m = 0.06, 0.006

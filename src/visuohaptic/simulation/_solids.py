@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ..camera import Pose
 from .rolling_view import NEAR_M, cut_polygon
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "hidden_parts",
     "prism_faces",
     "silhouette",
+    "solid_faces",
     "turned_left",
 ]
 
@@ -119,6 +121,53 @@ def silhouette(
     far = np.concatenate([turned[count:], turned[:1]])
     upper = far if centre_m[2] > top_m + NEAR_M else near[::-1]
     return np.concatenate([at_height(near, low_m), at_height(upper, top_m)])
+
+
+def solid_faces(
+    outline_m: Float[np.ndarray, "n 2"],
+    height_m: float,
+    poses_foam_solid: tuple[Pose, ...],
+    texture_z_m: float,
+    centre_m: Float[np.ndarray, "3"],
+) -> list[Face]:
+    """Faces of a prism in any attitude, in frame F.
+
+    ``texture_z_m`` is the height in the solid at which the texture of its sides begins: that of the sensor
+    plane when it stands, so that nothing jumps when a body starts to lean.
+    """
+    keys = len(poses_foam_solid)
+    middle = poses_foam_solid[keys // 2]
+    eye = middle.inverse().apply(centre_m)
+    own = np.repeat(np.asarray(outline_m, dtype=np.float64)[:, None], keys, axis=1)
+    faces = prism_faces(turned_left(own), 0.0, height_m, eye)
+    if eye[2] < -NEAR_M:
+        along = np.repeat([[[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]], keys, axis=1)
+        below = at_height(turned_left(own)[::-1], 0.0)
+        faces.append(Face(below, np.zeros((keys, 3)), along[0], along[1], np.array([0.0, 0.0, -1.0])))
+    turned = []
+    for face in faces:
+        lift = texture_z_m if face.normal[2] == 0.0 else 0.0
+        origin = face.origin_m + np.array([0.0, 0.0, lift])
+
+        def to_foam(points: np.ndarray, *, place: bool) -> np.ndarray:
+            return np.stack(
+                [
+                    pose.apply(points[..., k, :]) if place else points[..., k, :] @ pose.rotation.T
+                    for k, pose in enumerate(poses_foam_solid)
+                ],
+                axis=-2,
+            )
+
+        turned.append(
+            Face(
+                to_foam(face.corners_m, place=True),
+                to_foam(origin, place=True),
+                to_foam(face.along_a, place=False),
+                to_foam(face.along_b, place=False),
+                middle.rotation @ face.normal,
+            )
+        )
+    return turned
 
 
 def hidden_parts(

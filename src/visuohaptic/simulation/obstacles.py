@@ -9,7 +9,9 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
+from ..camera import Pose
 from ..errors import InputError
+from .scene import Solid
 from .strip import Outline
 
 __all__ = [
@@ -19,6 +21,7 @@ __all__ = [
     "cylinder",
     "door",
     "feet_mjcf",
+    "leaning_solid",
     "obstacle_mjcf",
     "section",
     "table",
@@ -225,6 +228,15 @@ def section(
             points = a[:, :2] + share[:, None] * (b[:, :2] - a[:, :2])
             cuts.append(Outline(_hull(points)))
     return tuple(cut for cut in cuts if len(cut.vertices_m) >= 3)
+
+
+def leaning_solid(obstacle: Obstacle, pose_world_obstacle: Pose, pose_foam_world: Pose) -> Solid | None:
+    """The body itself where an upright section does not tell its look: it leans, or is round and turns."""
+    tilt = math.acos(min(1.0, max(-1.0, float(pose_world_obstacle.rotation[2, 2]))))
+    if not obstacle.movable or (tilt < UPRIGHT_RAD and obstacle.kind is not ObstacleKind.CYLINDER):
+        return None
+    outline = obstacle.outlines[0].polygon_m()
+    return Solid(outline, obstacle.height_m, pose_foam_world @ pose_world_obstacle)
 
 
 def feet_mjcf(obstacle: Obstacle) -> str:

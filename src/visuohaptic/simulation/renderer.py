@@ -18,12 +18,21 @@ from jaxtyping import Float, Float32, UInt8
 from ..camera import Camera, Pose
 from ..errors import InputError
 from ._canvas import Canvas, Coverage, Hole, Parts, Plane
-from ._solids import at_height, closed, hidden_from, hidden_parts, prism_faces, silhouette, turned_left
+from ._solids import (
+    at_height,
+    closed,
+    hidden_from,
+    hidden_parts,
+    prism_faces,
+    silhouette,
+    solid_faces,
+    turned_left,
+)
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
 from .look import Look, Occluder, Surface
 from .rolling_view import RollingView
-from .scene import FoamScene, SceneObject
+from .scene import FoamScene
 from .shadow import shade_floor
 
 __all__ = [
@@ -253,7 +262,7 @@ class SceneRenderer:
         distances = [np.linalg.norm(o[:, mid] - centre[:2], axis=1).min() for o in outlines]
         for i in sorted(range(len(outlines)), key=lambda i: -distances[i]):
             item, outline = moment.middle.objects[i], outlines[i]
-            parts = self._draw_object(moment, item, outline)
+            parts = self._draw_object(moment, i, outline)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
                 holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, parts))
         surfaces = [self.look.stripe] if self.look.stripe is not None else []
@@ -291,11 +300,18 @@ class SceneRenderer:
         if self.look.shadow > 0:
             shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
 
-    def _draw_object(self, moment: _Moment, item: SceneObject, outline: np.ndarray) -> Parts:
-        view, low, centre = moment.view, -moment.middle.floor_below_m, moment.view.centre_foam_m
+    def _draw_object(self, moment: _Moment, index: int, outline: np.ndarray) -> Parts:
+        view, item, low = moment.view, moment.middle.objects[index], -moment.middle.floor_below_m
+        centre = view.centre_foam_m
         surface = Surface(item.grey, item.texture, item.material, item.bgr, item.seed)
         planes, polygons, lights = [], [], []
-        for face in prism_faces(outline, low, item.top_m, centre):
+        if item.solid is None:
+            faces = prism_faces(outline, low, item.top_m, centre)
+        else:
+            solids = [solid for s in moment.scenes if (solid := s.objects[index].solid) is not None]
+            poses = tuple(solid.pose_foam_solid for solid in solids)
+            faces = solid_faces(item.solid.outline_m, item.solid.height_m, poses, -low, centre)
+        for face in faces:
             polygon = view.polygon(view.to_camera(face.corners_m))
             if len(polygon) >= 3:
                 lights.append(1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT))
@@ -304,7 +320,14 @@ class SceneRenderer:
                 polygons.append(polygon)
         if len(polygons) <= _MOST_FACES:
             return self._canvas.paint_parts(polygons, planes)
-        border = view.polygon(view.to_camera(silhouette(outline, low, item.top_m, centre)))
+        if item.solid is None:
+            border = view.polygon(view.to_camera(silhouette(outline, low, item.top_m, centre)))
+        else:
+            import cv2
+
+            # A convex body in any attitude: its border is the hull of its faces.
+            corners = np.concatenate(polygons).astype(np.float32)
+            border = cv2.convexHull(corners).reshape(-1, 2).astype(np.float64)
         rest = replace(planes[0], surface=replace(surface, texture=0.0), light=float(np.mean(lights)))
         return self._canvas.paint_facets(border, rest, polygons, planes)
 

@@ -9,7 +9,16 @@ from jaxtyping import Float
 
 from ..camera import Pose
 
-__all__ = ["FoamScene", "SceneObject"]
+__all__ = ["FoamScene", "SceneObject", "Solid"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solid:
+    """A prism in any attitude, with a texture that moves with it."""
+
+    outline_m: Float[np.ndarray, "n 2"]  #: cross section in its own frame, counter-clockwise
+    height_m: float  #: from z = 0 to this in its own frame
+    pose_foam_solid: Pose  #: maps its own frame to frame F
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,6 +32,7 @@ class SceneObject:
     seed: int = 0  #: of the texture
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
     bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
+    solid: Solid | None = None  #: drawn in place of the upright prism, which still hides the sensor
 
 
 @dataclass(frozen=True, slots=True, eq=False)

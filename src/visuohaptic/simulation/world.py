@@ -13,7 +13,15 @@ from jaxtyping import Float
 from ..camera import Pose
 from ..errors import InputError, MissingExtraError
 from ..objects import Event, EventKind
-from .obstacles import GRAVITY_M_S2, Obstacle, ObstacleKind, feet_mjcf, obstacle_mjcf, section
+from .obstacles import (
+    GRAVITY_M_S2,
+    Obstacle,
+    ObstacleKind,
+    feet_mjcf,
+    leaning_solid,
+    obstacle_mjcf,
+    section,
+)
 from .platform import PlatformConfig, SimulatedBase, platform_mjcf
 from .scene import FoamScene, SceneObject
 from .strip import SOFT_FOAM, FoamStrip, Outline, StripLaw, StripState
@@ -187,6 +195,11 @@ class PushWorld:
         """What the sensor's camera sees at ``truth.t_s``."""
         truth = self.truth
         x, y, heading = truth.platform_pose
+        c, s = math.cos(heading), math.sin(heading)
+        pose = Pose(
+            np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
+            np.array([x + c * self._front_m, y + s * self._front_m, self.config.floor_below_m]),
+        )
         objects = []
         for index, obstacle in enumerate(self.obstacles):
             position, rotation = self._pose(index)
@@ -197,15 +210,17 @@ class PushWorld:
             top = (
                 float(position[2] + obstacle.height_m * max(rotation[2, 2], 0.1)) - self.config.floor_below_m
             )
+            solid = leaning_solid(obstacle, Pose(rotation, position), pose.inverse())
+            if solid is not None and not cuts:
+                # It lies lower than the foam: nothing of it can hide the sensor.
+                hull = solid.pose_foam_solid.apply(
+                    np.column_stack([solid.outline_m, 0 * solid.outline_m[:, 0]])
+                )
+                cuts, top = [Outline(hull[:, :2])], 0.0
             objects += [
-                SceneObject(cut.polygon_m(), top, obstacle.grey, obstacle.texture, obstacle.seed)
+                SceneObject(cut.polygon_m(), top, obstacle.grey, obstacle.texture, obstacle.seed, solid=solid)
                 for cut in cuts
             ]
-        c, s = math.cos(heading), math.sin(heading)
-        pose = Pose(
-            np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
-            np.array([x + c * self._front_m, y + s * self._front_m, self.config.floor_below_m]),
-        )
         return FoamScene(
             t_s=truth.t_s,
             back_m=self.config.strip.back_m(self._strip.s_m),

@@ -1,0 +1,146 @@
+"""Obstacle mask, ego-motion over a metre, falls in simulated pushes; peer: cv2.createBackgroundSubtractorMOG2."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import math
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.sensing.floor_motion import FloorTracker, chain
+from visuohaptic.sensing.obstacle_mask import ObstacleDetector
+from visuohaptic.simulation.look import Look, Surface
+from visuohaptic.simulation.rig import SensorRig
+from visuohaptic.tracking.flow import FlowSettings, FlowStep, PointTracker
+
+SEED = 20160606
+
+
+def _tests(name: str) -> Any:
+    path = Path(__file__).resolve().parents[1] / "tests" / "sensing" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def obstacle_mask() -> list[dict[str, object]]:
+    """CPU time at 1600 x 896, strip of 1600 x 300 grey, on a floor that moves; and the peer's."""
+    import cv2
+
+    from .harness import cpu_seconds
+
+    scenes = _tests("scenes")
+    rig, rng = SensorRig(), np.random.default_rng(SEED)
+    render = scenes.renderer(rig)
+    images = [
+        render.render(
+            scenes.scene(0.0, scenes.planar(0.004 * i, 0, 0), [scenes.box(0.14 - 0.004 * i, 0.0)]), rng=rng
+        )
+        for i in range(12)
+    ]
+    detector = ObstacleDetector(scenes.floor_view(rig), scenes.FRONT_M)
+    peer = cv2.createBackgroundSubtractorMOG2(detectShadows=False)
+    ours_s = cpu_seconds(lambda: [detector.update(image) for image in images]) / len(images)
+    peer_s = cpu_seconds(lambda: [peer.apply(image[:300]) for image in images]) / len(images)
+    row = {
+        "name": "scene: obstacle mask and proximity, strip of 1600 x 300",
+        "ours": 1e3 * ours_s,
+        "unit": "ms",
+        "peer": 1e3 * peer_s,
+        "peer_name": "MOG2, mask only, same strip",
+        "ratio": peer_s / ours_s,
+        "floor": 5.0,
+        "aim": 2.0,
+    }
+    return [row]
+
+
+def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[float, float, float]:
+    """Relative error of the way, error of the heading [deg], CPU time per frame [ms] over one metre."""
+    scenes = _tests("scenes")
+    rig, rng = SensorRig(), np.random.default_rng(SEED)
+    render = scenes.renderer(rig, replace(Look.photo(), floor=Surface(112.0, 10.0, floor)))
+    view = scenes.floor_view(rig)
+    v, u = np.mgrid[0 : rig.height_px, 0 : rig.width_px].astype(np.float64)
+    place = view.cast(np.stack([u, v], axis=-1))
+    regions = ((place[..., 0] > 0.052) & (np.abs(place[..., 1]) > 0.07)).astype(np.uint8)
+    regions[:28] = regions[:, :28] = regions[:, -28:] = 0
+    points, tracker, pose = PointTracker(FlowSettings(binning=2)), FloorTracker(view), np.zeros(3)
+    spent = []
+    for i in range(round(1.0 / step_m) + 1):
+        if i:
+            pose = chain(pose, np.array([step_m, 0.0, 0.002 * math.sin(i / 10)]))
+        image = render.render(scenes.scene(i / 30, scenes.planar(*pose)), rng=rng)
+        begin = time.process_time()
+        step = points.update(image, regions)
+        # Wrong for as long as they live: half stand still in the picture, half jump about.
+        bad = (step.ids * 2654435761 % 1000) / 1000 < wrong
+        jump = np.where((step.ids % 2 == 0)[:, None], 0.0, rng.normal(0, 15, step.after_px.shape))
+        after = np.where(bad[:, None], step.before_px + jump, step.after_px)
+        step = FlowStep(step.ids, step.label, step.before_px, after, step.sigma_px, step.tried)
+        tracker.update(step, i / 30)
+        spent.append(time.process_time() - begin)
+    error = tracker.pose - pose
+    return float(np.hypot(*error[:2])), abs(math.degrees(error[2])), 1e3 * float(np.median(spent))
+
+
+def falls(count: int) -> list[dict[str, object]]:
+    """Precision and recall of fall events, right within two frames."""
+    pushes = _tests("fall_pushes")
+    found = [pushes.watch(i) for i in range(count)]
+    score = pushes.score(found)
+    turns = [abs(w.turn_error_rad) for w in found if np.isfinite(w.turn_error_rad)]
+    return [
+        {
+            "name": f"scene: falls in {count} pushes, {name}",
+            "ours": score[name],
+            "unit": "1",
+            "floor": 0.95,
+            "aim": 0.99,
+        }
+        for name in ("precision", "recall")
+    ] + [
+        {
+            "name": "scene: turn of pushed objects that stand, median error",
+            "ours": math.degrees(float(np.median(turns))),
+            "unit": "deg",
+        }
+    ]
+
+
+def run(count: int = 12) -> list[dict[str, object]]:
+    """All rows; the fall campaign of 200 pushes is ``python -m benchmarks.scene --count 200``."""
+    rows = obstacle_mask()
+    for floor in ("concrete", "carpet"):
+        way, heading, ms = ego_motion(floor)
+        note = "40 % wrong tracks"
+        rows += [
+            {
+                "name": f"scene: ego-motion over 1 m, way, {floor}", "ours": 100 * way, "unit": "%",
+                "floor": 1.0, "aim": 0.3, "note": note,
+            },
+            {
+                "name": f"scene: ego-motion over 1 m, heading, {floor}", "ours": heading, "unit": "deg",
+                "floor": 0.5, "aim": 0.1, "note": note,
+            },
+            {"name": f"scene: tracks and floor motion per frame, {floor}", "ours": ms, "unit": "ms"},
+        ]  # fmt: skip
+    return rows + (falls(count) if count else [])
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=200)
+    arguments = parser.parse_args()
+    for row in run(arguments.count):
+        print(row)

@@ -1,0 +1,391 @@
+"""Motion of the object that is pushed, and whether it falls or slips (Alt 2016, Sec. 3.5).
+
+The surface that the camera sees is taken as a plane through the contact line, perpendicular to the
+floor. Tracked points are cast to it once; from then on they are points of a rigid body. Between the
+first and the newest picture the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
+estimated by consensus and decomposed; of its solutions that one counts whose plane is the known one. Its motion
+is then refined on the pixels, with the plane and its distance known, and compared with
+the simpler motion of an object that stands: shift and turn on the floor. The simpler one wins unless the pixels
+contradict it (BIC), which keeps the turn precise and the tilt zero until there is one.
+
+A fall is a tilt above a limit. Tracking may not be able to follow that far: when the
+tracks are lost, the last tilt is carried on with its rate, and a sudden loss together with that of
+the contact force counts as a fall at once.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..camera import Camera, Pose
+from ..errors import InputError
+from ..objects import Contact, Event, EventKind, Primitive, PrimitiveKind, Reason
+from ..tracking.flow import FlowStep
+from ..tracking.homography import decompose_homography, estimate_homography_robust, facing_motions
+
+__all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker", "contact_face"]
+
+
+#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
+NARROW_M = 0.04
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectMotionSettings:
+    """How the motion is estimated, and what counts as an event."""
+
+    smallest_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not quite plane
+    gate_sigmas: float = 4.0  #: a point agrees within so many standard deviations
+    least_points: int = 8
+    least_share: float = 0.4  #: of the points that must agree
+    fall_tilt_rad: float = 0.5  #: from here on an object does not come back
+    tilt_seen_rad: float = 0.08  #: a tilt that is carried on when the tracks are lost
+    coast_s: float = 0.6  #: for so long
+    sudden_share: float = 0.4  #: fewer tracks than this part of those before are a sudden loss
+    slip_m: float = 0.006  #: shift of the contact along the foam that counts as slip
+
+    def __post_init__(self) -> None:
+        if not (self.least_points >= 4 and 0 < self.least_share < 1 and self.fall_tilt_rad > 0):
+            raise InputError(
+                "ObjectMotionSettings",
+                f"found least_points {self.least_points}, least_share {self.least_share}, "
+                f"fall_tilt_rad {self.fall_tilt_rad}; expected >= 4, between 0 and 1, > 0",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectMotion:
+    """Motion of the touched object since it is tracked, in frame F of the sensor."""
+
+    t_s: float
+    valid: bool
+    reason: Reason
+    shift_m: Float[np.ndarray, "3"]  #: of the point of contact
+    turn_rad: float  #: about the vertical, counter-clockwise
+    tilt_rad: float  #: between its axis and the vertical, >= 0
+    covariance: Float[np.ndarray, "6 6"]  #: of (rotation vector [rad], shift [m]) in F
+    points: int  #: that agree
+
+    @property
+    def turn_sigma_rad(self) -> float:
+        """Standard deviation of ``turn_rad``."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+
+def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
+    """Plane of the object's surface: ``pose_foam_face`` with x along the contact, y up, z to the robot.
+
+    From the fitted primitive, or without one from a line through the points that are pressed most.
+    A round object is taken by its tangent, a corner by its tip.
+    """
+    point, along = _contact_line(contact, primitive)
+    along = along / np.linalg.norm(along)
+    if along[1] > 0:
+        along = -along  # x along the contact to the right: then its normal points to the robot
+    rotation = np.array([[along[0], 0.0, along[1]], [along[1], 0.0, -along[0]], [0.0, 1.0, 0.0]])
+    return Pose(rotation, np.array([point[0], point[1], 0.0]))
+
+
+def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.ndarray, np.ndarray]:
+    across = np.array([0.0, 1.0])
+    if primitive is not None:
+        p = primitive.parameters
+        if primitive.kind == PrimitiveKind.CIRCLE:
+            return p[:2] - np.array([p[2], 0.0]), across
+        if primitive.kind == PrimitiveKind.SEGMENT:
+            return 0.5 * (p[:2] + p[2:]), p[2:] - p[:2]
+        if primitive.kind == PrimitiveKind.LINE:
+            return p[:2], np.array([math.cos(p[2]), math.sin(p[2])])
+        return p[:2], across
+    pressed = contact.delta_m > 0.6 * float(np.max(contact.delta_m, initial=0.0))
+    points = contact.points_foam_m[pressed]
+    if len(points) == 0:
+        raise InputError("contact_face", "found a contact without points, expected at least one")
+    middle = points.mean(axis=0)
+    span = float(np.ptp(points[:, 1]))
+    if span < 0.01:
+        return middle, across
+    slope = float(np.polyfit(points[:, 1] - middle[1], points[:, 0] - middle[0], 1)[0])
+    # A narrow contact shows the foam's flanks and the object's edge, not its face: then across is likelier.
+    trust = span**2 / (span**2 + NARROW_M**2)
+    return middle, np.array([trust * slope, 1.0])
+
+
+class ObjectTracker:
+    """The object's motion from tracked points on its face, and its events.
+
+    Parameters
+    ----------
+    camera, pose_camera_foam
+        The sensor's camera.
+    """
+
+    def __init__(
+        self, camera: Camera, pose_camera_foam: Pose, settings: ObjectMotionSettings | None = None
+    ) -> None:
+        self.camera, self.pose_camera_foam = camera, pose_camera_foam
+        self.settings = settings or ObjectMotionSettings()
+        self.face: Pose | None = None  #: at the begin; None: nothing is tracked
+        self._motion = Pose.identity()  # of the body about the contact point
+        self._body: dict[int, np.ndarray] = {}
+        self._tilts: list[tuple[float, float]] = []
+        self._happened: set[EventKind] = set()
+        self._covariance = np.full((6, 6), np.inf)
+        self._points = 0
+
+    def start(self, face: Pose) -> None:
+        """Begin with an object whose surface is known."""
+        self.face, self._motion = face, Pose.identity()
+        self._body, self._tilts, self._happened, self._points = {}, [], set(), 0
+
+    @property
+    def rests(self) -> bool:
+        """Whether the object has hardly moved since the begin: the plane may still be chosen better."""
+        turn = float(np.arccos(np.clip(0.5 * (np.trace(self._motion.rotation) - 1.0), -1.0, 1.0)))
+        return turn < 0.012 and float(np.linalg.norm(self._motion.translation_m)) < 0.0015
+
+    def stop(self) -> None:
+        """Forget the object."""
+        self.face = None
+
+    def moved(self, points_foam_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Where points of the body, given at the begin, are now [m]."""
+        return self._place(self._motion, points_foam_m)
+
+    def update(
+        self, step: FlowStep, t_s: float, *, in_contact: bool = True, force_share: float = 1.0
+    ) -> tuple[ObjectMotion, tuple[Event, ...]]:
+        """Motion since :meth:`start`, and what happened.
+
+        Parameters
+        ----------
+        step
+            Tracks on the object only.
+        in_contact
+            Whether the foam feels it: slip is asked only then.
+        force_share
+            Force on the foam as part of its largest lately; a fall takes it away.
+        """
+        if self.face is None:
+            return self._nothing(t_s, Reason.NOT_ZEROED), ()
+        if not self._body:
+            self._adopt(step.ids, step.before_px)
+        ids = step.ids.tolist()
+        chosen = np.array([k for k, i in enumerate(ids) if i in self._body], dtype=int)
+        tried = step.tried.get(int(step.label[0]) if len(step.label) else 0, 0) or sum(step.tried.values())
+        fit = self._fit(step, ids, chosen)
+        before = self._points
+        if fit is None:
+            motion, self._points = self._nothing(t_s, Reason.LOST), 0
+        else:
+            self._motion, self._covariance, inliers = fit
+            self._points = int(np.count_nonzero(inliers))
+            for k in chosen[~inliers]:
+                self._body.pop(ids[k])
+            motion = self._reading(t_s)
+            self._tilts = [*self._tilts[-5:], (t_s, motion.tilt_rad)]
+            new = np.array(
+                [k for k, i in enumerate(ids) if i not in self._body and k not in set(chosen)], int
+            )
+            self._adopt(step.ids[new], step.after_px[new])
+        sudden = before >= 2 * self.settings.least_points and len(ids) < self.settings.sudden_share * tried
+        return motion, self._events(motion, t_s, in_contact, force_share, sudden)
+
+    def _nothing(self, t_s: float, reason: Reason) -> ObjectMotion:
+        nan = float("nan")
+        return ObjectMotion(t_s, False, reason, np.full(3, nan), nan, nan, np.full((6, 6), np.inf), 0)
+
+    def _reading(self, t_s: float) -> ObjectMotion:
+        rotation = self._motion.rotation
+        z, w = self._motion.quaternion_xyzw[2:]
+        turn = 2.0 * math.atan2(z, w)  # twist about the vertical
+        tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
+        shift = self._motion.translation_m.copy()
+        return ObjectMotion(t_s, True, Reason.OK, shift, turn, tilt, self._covariance, self._points)
+
+    def _place(self, motion: Pose, points: np.ndarray) -> np.ndarray:
+        assert self.face is not None
+        pivot = self.face.translation_m
+        return (points - pivot) @ motion.rotation.T + pivot + motion.translation_m
+
+    def _adopt(self, ids: np.ndarray, pixels: np.ndarray) -> None:
+        """Points of the body from pixels that see its plane now."""
+        if len(ids) == 0:
+            return
+        assert self.face is not None
+        pivot, normal = self.face.translation_m, self._motion.rotation @ self.face.rotation[:, 2]
+        eye = self.pose_camera_foam.inverse()
+        rays = self.camera.rays(pixels) @ eye.rotation.T
+        through = pivot + self._motion.translation_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = ((through - eye.translation_m) @ normal) / (rays @ normal)
+        points = eye.translation_m + depth[:, None] * rays
+        body = (points - through) @ self._motion.rotation + pivot
+        for i, point, z in zip(ids.tolist(), body, depth, strict=True):
+            if np.isfinite(z) and 0 < z < 2.0:
+                self._body[i] = point
+
+    def _fit(
+        self, step: FlowStep, ids: list[int], chosen: np.ndarray
+    ) -> tuple[Pose, np.ndarray, Bool[np.ndarray, "n"]] | None:
+        s = self.settings
+        if len(chosen) < s.least_points:
+            return None
+        body = np.array([self._body[ids[k]] for k in chosen])
+        pixels, sigma = step.after_px[chosen], np.hypot(step.sigma_px[chosen], s.smallest_sigma_px)
+        best = self._refined(self._motion, body, pixels, sigma)
+        if best is None or np.mean(best[2]) < 0.8:
+            guess = self._by_homography(body, pixels)
+            other = None if guess is None else self._refined(guess, body, pixels, sigma)
+            if other is not None and (best is None or other[2].sum() > best[2].sum()):
+                best = other
+        if best is None or best[2].sum() < max(s.least_points, s.least_share * len(chosen)):
+            return None
+        return best
+
+    def _by_homography(self, body: np.ndarray, pixels: np.ndarray) -> Pose | None:
+        """Motion by decomposition of the homography of the known plane."""
+        assert self.face is not None
+        view = self.pose_camera_foam
+        normal = view.rotation @ self.face.rotation[:, 2]
+        distance = -float(normal @ view.apply(self.face.translation_m))
+        if distance <= 1e-3:
+            return None
+        start = view.apply(body)
+        source, target = start[:, :2] / start[:, 2:], self.camera.rays(pixels)[:, :2]
+        found = estimate_homography_robust(
+            source, target, threshold=2.0 / self.camera.focal_px, minimum=self.settings.least_points
+        )
+        if not found.valid:
+            return None
+        rays = np.column_stack([source[found.inliers], np.ones(np.count_nonzero(found.inliers))])
+        motions = facing_motions(decompose_homography(found.matrix), rays)
+        if not motions:
+            return None
+        motion = max(motions, key=lambda one: float(one.normal @ normal))
+        # From the camera's frame to F, about the point of contact.
+        moved = Pose(motion.rotation, distance * motion.translation_over_distance)
+        in_foam = view.inverse() @ moved @ view
+        pivot = self.face.translation_m
+        return Pose(in_foam.rotation, in_foam.apply(pivot) - pivot)
+
+    def _refined(
+        self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray
+    ) -> tuple[Pose, np.ndarray, np.ndarray] | None:
+        """The standing motion if the pixels allow it, else the free one."""
+        free = self._least_squares(start, body, pixels, sigma, np.arange(6))
+        if free is None:
+            return None
+        upright = Pose.from_rotation_vector(
+            [0.0, 0.0, 2 * math.atan2(*start.quaternion_xyzw[2:])], [*start.translation_m[:2], 0.0]
+        )
+        stands = self._least_squares(upright, body, pixels, sigma, np.array([2, 3, 4]))
+        price = 3.0 * math.log(2.0 * len(body)) + 10.0
+        if stands is not None and stands[3] < free[3] + price:
+            return stands[:3]
+        return free[:3]
+
+    def _least_squares(
+        self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray, active: np.ndarray
+    ) -> tuple[Pose, np.ndarray, np.ndarray, float] | None:
+        """Gauss-Newton on the pixels with Tukey's weights; (rotation vector, shift) in F, those ``active``."""
+        s, motion = self.settings, start
+        inliers, cost, scale = np.zeros(len(body), dtype=bool), np.inf, 1.0
+        jacobian = np.zeros((len(body), 2, len(active)))
+        for iteration in range(8):
+            residual = (self._project(motion, body) - pixels) / sigma[:, None]
+            distance = np.linalg.norm(residual, axis=1)
+            if not np.isfinite(distance).all():
+                return None
+            # Wide at first, so that a start some pixels off still finds its points.
+            scale = max(1.0, float(np.median(distance)) / 1.177) if iteration < 5 else max(1.0, scale)
+            gate = s.gate_sigmas * scale
+            inliers = distance < gate
+            if np.count_nonzero(inliers) < max(4, s.least_points // 2):
+                return None
+            weight = np.where(inliers, (1 - (distance / gate) ** 2) ** 2, 0.0)
+            jacobian = self._jacobian(motion, body, active) / sigma[:, None, None]
+            flat = jacobian.reshape(-1, len(active))
+            weighted = np.repeat(weight, 2)[:, None] * flat
+            information = flat.T @ weighted
+            # A touch of damping: a few points near a line leave directions open.
+            information += 1e-9 * np.trace(information) * np.eye(len(active))
+            gradient = weighted.T @ residual.ravel()
+            change = np.zeros(6)
+            change[active] = -np.linalg.solve(information, gradient)
+            if not np.abs(change).max() < 1.0:
+                return None
+            turn = Pose.from_rotation_vector(change[:3], np.zeros(3))
+            motion = Pose(turn.rotation @ motion.rotation, motion.translation_m + change[3:])
+            if np.abs(change).max() < 1e-7:
+                break
+        cost = float(np.minimum(distance, s.gate_sigmas) @ np.minimum(distance, s.gate_sigmas))
+        # A wide scale is for finding the way; in the end points agree by their own noise.
+        scale = min(scale, 2.0)
+        inliers = distance < s.gate_sigmas * scale
+        covariance = np.zeros((6, 6))
+        kept = jacobian[inliers].reshape(-1, len(active))
+        inner = np.linalg.pinv(kept.T @ kept) * scale**2
+        covariance[np.ix_(active, active)] = inner
+        return motion, covariance, inliers, cost
+
+    def _project(self, motion: Pose, body: np.ndarray) -> np.ndarray:
+        return self.camera.project(self.pose_camera_foam.apply(self._place(motion, body)))
+
+    def _jacobian(self, motion: Pose, body: np.ndarray, active: np.ndarray) -> np.ndarray:
+        """d pixels / d (rotation vector, shift): pinhole by hand, at the undistorted point."""
+        assert self.face is not None
+        placed = self._place(motion, body)
+        x, y, z = self.pose_camera_foam.apply(placed).T
+        fx, fy = self.camera.matrix[0, 0], self.camera.matrix[1, 1]
+        by_point = np.zeros((len(body), 2, 3))
+        by_point[:, 0, 0], by_point[:, 0, 2] = fx / z, -fx * x / z**2
+        by_point[:, 1, 1], by_point[:, 1, 2] = fy / z, -fy * y / z**2
+        by_point = by_point @ self.pose_camera_foam.rotation
+        arm = placed - self.face.translation_m - motion.translation_m
+        turns = np.zeros((len(body), 3, 6))
+        turns[:, :, 3:] = np.eye(3)
+        # d(w x a) / dw = -[a]x
+        turns[:, 0, 1], turns[:, 0, 2] = arm[:, 2], -arm[:, 1]
+        turns[:, 1, 0], turns[:, 1, 2] = -arm[:, 2], arm[:, 0]
+        turns[:, 2, 0], turns[:, 2, 1] = arm[:, 1], -arm[:, 0]
+        return (by_point @ turns)[:, :, active]
+
+    def _events(
+        self, motion: ObjectMotion, t_s: float, in_contact: bool, force_share: float, sudden: bool
+    ) -> tuple[Event, ...]:
+        found: list[Event] = []
+        if EventKind.FALL not in self._happened and self._falls(motion, t_s, force_share, sudden):
+            found.append(Event(EventKind.FALL, t_s))
+        if EventKind.SLIP not in self._happened and motion.valid and in_contact and self.face is not None:
+            along = self.face.rotation[:, 0]
+            way = float(motion.shift_m @ along)
+            sigma = math.sqrt(max(float(along @ motion.covariance[3:, 3:] @ along), 0.0))
+            if abs(way) > self.settings.slip_m + 3.0 * sigma and motion.tilt_rad < 0.2:
+                found.append(Event(EventKind.SLIP, t_s, float(self.face.translation_m[1])))
+        self._happened |= {event.kind for event in found}
+        return tuple(found)
+
+    def _falls(self, motion: ObjectMotion, t_s: float, force_share: float, sudden: bool) -> bool:
+        s = self.settings
+        if motion.valid:
+            return motion.tilt_rad > s.fall_tilt_rad
+        if not self._tilts:
+            return False
+        last_t, last = self._tilts[-1]
+        if last > s.tilt_seen_rad and t_s - last_t < s.coast_s and len(self._tilts) >= 3:
+            return self._carried_on(t_s) > s.fall_tilt_rad
+        return sudden and force_share < 0.5
+
+    def _carried_on(self, t_s: float) -> float:
+        """Tilt that the last ones lead to, growing at least as fast as they did."""
+        times, tilts = np.array(self._tilts[-4:]).T
+        rate = float(np.polyfit(times - times[-1], tilts, 1)[0])
+        gain = np.diff(tilts) / np.diff(times)
+        speeding = max(0.0, float(gain[-1] - gain[0]) / max(float(times[-1] - times[1]), 1e-3))
+        ahead = t_s - float(times[-1])
+        return float(tilts[-1]) + max(rate, float(gain[-1])) * ahead + 0.5 * speeding * ahead**2

@@ -1,0 +1,270 @@
+"""What else the foam's camera sees: obstacles ahead, the floor that passes, the object that is pushed (Sec. 3.5).
+
+One call per frame. Points are tracked on floor patches left and right of the foam and, during
+a contact, on the object's face above it; the upper strip of the image is watched for what comes near.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ..camera import Camera, Frame, PlaneView, Pose
+from ..errors import InputError
+from ..objects import Event, ForceProfile, Motion, Primitive
+from ..robots import BaseState
+from ..tracking.flow import FlowSettings, PointTracker
+from .ego_motion import EgoMotionFilter, EgoMotionSettings
+from .floor_motion import FloorMotionSettings, FloorTracker
+from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker, contact_face
+from .obstacle_mask import MixtureSettings, Obstacle, ObstacleDetector
+
+__all__ = ["SceneReading", "SceneSettings", "SceneTracker"]
+
+FLOOR, OBJECT = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSettings:
+    """Where to look, and how."""
+
+    flow: FlowSettings = field(default_factory=FlowSettings)
+    floor: FloorMotionSettings = field(default_factory=FloorMotionSettings)
+    ego: EgoMotionSettings = field(default_factory=EgoMotionSettings)
+    object: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
+    obstacles: MixtureSettings = field(default_factory=MixtureSettings)
+    front_m: float = 0.02  #: x of the foam's front at rest, frame F
+    foam_half_m: float = 0.125  #: half length of the foam along y
+    patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
+    object_height_m: float = 0.12  #: points on the object are chosen up to this height above the foam
+    object_margin_m: float = 0.004  #: and so far inside of the contact's ends
+    beside_m: float = 0.04  #: no floor is looked for so near beside the contact
+    largest_width_px: int = 800  #: images wider than this are binned for the tracks
+    lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
+
+    def __post_init__(self) -> None:
+        if not (self.foam_half_m > 0 and self.object_height_m > 0 and self.largest_width_px >= 100):
+            raise InputError(
+                "SceneSettings",
+                f"found foam_half_m {self.foam_half_m}, object_height_m {self.object_height_m}, "
+                f"largest_width_px {self.largest_width_px}; expected > 0, > 0, >= 100",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneReading:
+    """What one frame tells of the surroundings."""
+
+    t_s: float
+    motion: Motion  #: of frame F since the last frame, floor and odometry fused
+    floor_motion: Motion  #: the part that the floor alone tells
+    pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the begin [m, rad]
+    object_motion: ObjectMotion  #: since the contact began
+    object_angle_rad: float  #: turn of the object in the world since then; NaN when it is not seen
+    events: tuple[Event, ...]  #: FALL and SLIP
+    obstacle: Obstacle
+    floor_points: int
+    object_points: int
+
+    @property
+    def mask(self) -> UInt8[np.ndarray, "rows columns"]:
+        """255 where the upper strip is not floor, in bins of ``obstacle.binning`` pixels."""
+        return self.obstacle.mask
+
+    @property
+    def proximity_m(self) -> float:
+        """Distance of the nearest obstacle ahead of the foam; inf = free, NaN = not known."""
+        return self.obstacle.proximity_m
+
+
+class SceneTracker:
+    """Everything around the foam, frame by frame.
+
+    Parameters
+    ----------
+    camera, pose_camera_foam
+        The sensor's camera and where frame F is in it.
+    floor_below_m
+        Height of the foam's visible edge above the floor.
+    rng
+        Of RANSAC.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        pose_camera_foam: Pose,
+        floor_below_m: float = 0.05,
+        settings: SceneSettings | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        from dataclasses import replace
+
+        if not floor_below_m > 0:
+            raise InputError("SceneTracker", f"found {floor_below_m} m, expected > 0", field="floor_below_m")
+        self.settings = s = settings or SceneSettings()
+        self.camera, self.pose_camera_foam = camera, pose_camera_foam
+        below = Pose(np.eye(3), np.array([0.0, 0.0, -floor_below_m]))
+        self.floor_view = PlaneView(camera, pose_camera_foam @ below)
+        binning = max(s.flow.binning, -(-camera.width // s.largest_width_px))
+        self._hidden, self._patches, last = self._static_regions()
+        self._points = PointTracker(replace(s.flow, binning=binning), rows=(0, last))
+        self._floor = FloorTracker(self.floor_view, s.floor, rng)
+        self.ego = EgoMotionFilter(s.ego)
+        self._object = ObjectTracker(camera, pose_camera_foam, s.object)
+        self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
+        self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
+        self._last_t_s = float("nan")
+        self._force_N = 0.0  # largest of the contact, slowly forgotten
+
+    def update(
+        self,
+        frame: Frame,
+        profile: ForceProfile | None = None,
+        base_state: BaseState | None = None,
+        *,
+        gyroscope_rad_s: float | None = None,
+        primitive: Primitive | None = None,
+    ) -> SceneReading:
+        """Look at one frame.
+
+        Parameters
+        ----------
+        profile
+            What the foam read from the same frame; without it no object is tracked.
+        base_state, gyroscope_rad_s
+            Odometry and turn rate of the platform, if there are any.
+        primitive
+            Shape fitted to the contact; without it the contact is taken as straight.
+        """
+        if frame.image.shape[:2] != (self.camera.height, self.camera.width):
+            raise InputError(
+                "SceneTracker.update",
+                f"found an image of {frame.image.shape[1]} x {frame.image.shape[0]}, "
+                f"expected {self.camera.width} x {self.camera.height}",
+            )
+        grey, t_s = frame.grey, frame.t_s
+        obstacle = self._obstacles.update(frame.image)
+        in_contact = self._follow_contact(profile, primitive)
+        step = self._points.update(grey, self._regions(obstacle))
+        on_floor, on_object = step.of(FLOOR), step.of(OBJECT)
+        expected = None
+        if base_state is not None and np.isfinite(self.ego.velocity).all():
+            expected = self._expected(base_state, t_s)
+        floor = self._floor.update(on_floor, t_s, expected=expected)
+        motion = self.ego.update(t_s, floor=floor, odometry=base_state, gyroscope_rad_s=gyroscope_rad_s)
+        self._last_t_s = t_s
+        share = 1.0
+        if profile is not None:
+            self._force_N = max(profile.force_N, 0.97 * self._force_N)
+            share = profile.force_N / self._force_N if self._force_N > 0 else 1.0
+        moved, events = self._object.update(on_object, t_s, in_contact=in_contact, force_share=share)
+        # Once it leans, a turn about the vertical is no longer a turn on the floor.
+        stands = moved.valid and moved.tilt_rad < 0.2
+        angle = moved.turn_rad + float(self.ego.pose[2]) - self._heading if stands else float("nan")
+        return SceneReading(
+            t_s, motion, floor, self.ego.pose.copy(), moved, angle, events, obstacle,
+            len(on_floor.ids), len(on_object.ids),
+        )  # fmt: skip
+
+    def _expected(self, state: BaseState, t_s: float) -> np.ndarray | None:
+        if not t_s > self._last_t_s:
+            return None
+        dt, turn = t_s - self._last_t_s, state.turn_rate_rad_s
+        ahead = self.settings.ego.foam_ahead_m
+        return np.array([state.speed_m_s * dt, ahead * turn * dt, turn * dt])
+
+    def _follow_contact(self, profile: ForceProfile | None, primitive: Primitive | None) -> bool:
+        """Begin with a new object at its first contact, let go of one that has not been felt for long."""
+        contact = None
+        if profile is not None:
+            contact = max((c for c in profile.contacts), key=lambda c: c.force_N, default=None)
+        if contact is None:
+            self._without += 1
+            if self._object.face is not None and self._without > self.settings.lost_contact_frames:
+                self._object.stop()
+                self._points.forget(OBJECT)
+            return False
+        self._without = 0
+        # Beside the object the foam is drawn along: only where it is pressed is there a face behind.
+        pressed = contact.points_foam_m[contact.delta_m > 0.5 * np.max(contact.delta_m, initial=0.0)]
+        reach = 0.5 * float(np.ptp(pressed[:, 1])) if len(pressed) else 0.0
+        width = max(reach - self.settings.object_margin_m, 0.01)
+        begins = self._object.face is None
+        # The first touch is a narrow one: the contact's line is known better once the foam has given way.
+        wider = width > 1.6 * self._half_width_m and self._object.rests
+        if (begins or wider) and len(contact.points_foam_m) >= 2:
+            self._object.start(contact_face(contact, primitive))
+            self._half_width_m = width
+            # Points that were taken for floor may be on the object; all are chosen anew.
+            self._points.forget(OBJECT)
+            self._points.forget(FLOOR)
+            self._heading = float(self.ego.pose[2])
+            if begins:
+                self._force_N = contact.force_N
+        return True
+
+    def _static_regions(
+        self,
+    ) -> tuple[Bool[np.ndarray, "rows columns"], UInt8[np.ndarray, "rows columns"], int]:
+        """What the sensor hides, the floor patches, and the last row that matters."""
+        import cv2
+
+        s, n = self.settings, 4
+        rows, columns = self.camera.height, self.camera.width
+        v, u = np.mgrid[0:rows:n, 0:columns:n].astype(np.float64)
+        pixels = np.stack([u, v], axis=-1)
+        top = PlaneView(self.camera, self.pose_camera_foam).cast(pixels)
+        floor = self.floor_view.cast(pixels)
+        # The body reaches a little beyond the foam's ends, the side of the foam is seen below its edge.
+        hidden = (top[..., 0] < s.front_m + 0.004) & (np.abs(top[..., 1]) < s.foam_half_m + 0.035)
+        hidden |= top[..., 0] < 0.0
+        side = (floor[..., 0] < s.front_m + 0.004) & (np.abs(floor[..., 1]) < s.foam_half_m + 0.01)
+        hidden |= side | ~np.isfinite(floor[..., 0])
+        hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8))
+        patches = ((hidden == 0) & (np.abs(floor[..., 1]) > s.patch_inner_m)).astype(np.uint8)
+        full = [np.kron(a, np.ones((n, n), np.uint8))[:rows, :columns] for a in (hidden, patches)]
+        border = max(8, columns // 60)
+        full[1][:border] = full[1][-border:] = full[1][:, :border] = full[1][:, -border:] = 0
+        free = np.flatnonzero((full[0] == 0).any(axis=1))
+        last = min(rows, int(free[-1]) + 40) if len(free) else rows
+        return full[0] > 0, full[1], last
+
+    def _regions(self, obstacle: Obstacle) -> UInt8[np.ndarray, "rows columns"]:
+        """Where to choose points in this frame."""
+        import cv2
+
+        regions, s = self._patches.copy(), self.settings
+        n = obstacle.binning
+        # Below what stands in the strip there is no floor but the lower part of the same thing.
+        if obstacle.valid:
+            standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
+            columns = np.zeros(self.camera.width, bool)
+            columns[: len(standing)] = standing
+            regions[:, columns] = 0
+        if self._object.face is not None:
+            polygon = self._face_polygon(s.object_height_m)
+            # An object is wider than its contact: the floor begins some centimetres beside it.
+            whole = self._face_polygon(np.inf, s.beside_m)
+            if polygon is not None and whole is not None:
+                clear, above = np.zeros_like(regions), np.zeros_like(regions)
+                cv2.fillConvexPoly(clear, polygon, 1)
+                cv2.fillConvexPoly(above, whole, 1)
+                regions[above > 0] = 0
+                regions[(clear > 0) & ~self._hidden] = OBJECT
+        return regions
+
+    def _face_polygon(self, height_m: float, beside_m: float = 0.0) -> np.ndarray | None:
+        """The part of the object's face above the foam, where it is now [px]."""
+        assert self._object.face is not None
+        a = self._half_width_m + beside_m
+        eye_z = float(self.pose_camera_foam.inverse().translation_m[2])
+        high = min(height_m, 0.85 * eye_z)
+        corners = np.array([[-a, 0.003, 0.0], [a, 0.003, 0.0], [a, high, 0.0], [-a, high, 0.0]])
+        placed = self._object.moved(self._object.face.apply(corners))
+        pixels = self.camera.project(self.pose_camera_foam.apply(placed))
+        if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
+            return None
+        return np.rint(pixels).astype(np.int32)
