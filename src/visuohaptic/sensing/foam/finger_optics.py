@@ -152,7 +152,7 @@ class FingerOptics(StripOptics):
         fix = self._tag.locate(grey, found[0].position_m)
         if fix is None:
             return found
-        self._bump_px = fix.residual_px
+        self._bump_px = fix.bump_px
         if abs(fix.position_m - found[0].position_m) > self._finger.tag_tolerance_m + 3 * fix.sigma_m:
             log.warning(
                 "the contour has the finger at %.2f mm, its tag at %.2f mm",
@@ -167,7 +167,7 @@ class FingerOptics(StripOptics):
         """From the tag; when it is not seen, from where the finger was seen last or from its rest position."""
         start, bump_px = self._last_m, 0.0
         if self._tag is not None and (fix := self._tag.locate(grey, start)) is not None:
-            start, bump_px = fix.position_m, fix.residual_px
+            start, bump_px = fix.position_m, fix.bump_px
         super().reset()
         self._lost()
         self._bump_px = bump_px

@@ -13,6 +13,8 @@ __all__ = ["TagFix", "TagView"]
 
 #: Standard deviation of a corner that is refined to sub-pixel [px].
 _CORNER_PX = 0.1
+#: Residuals below this are the corners' own (blur, print, distortion), not motion of the camera [px].
+_CLEAR_PX = 1.0
 #: Part of the tag's size that the searched region leaves around it.
 _MARGIN = 1.0
 
@@ -24,6 +26,11 @@ class TagFix:
     position_m: float  #: along the axis
     sigma_m: float
     residual_px: float  #: rms of what the position cannot explain: the camera has moved, or the model is off
+
+    @property
+    def bump_px(self) -> float:
+        """The residual where it is more than corners scatter by, otherwise 0."""
+        return self.residual_px if self.residual_px > _CLEAR_PX else 0.0
 
 
 class TagView:
