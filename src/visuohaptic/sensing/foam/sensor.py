@@ -198,25 +198,26 @@ class FoamSensor:
         zero_sigma = zero.width_sigma_m if zero is not None else 0.0
         scale = geometry.width_m / width0
         delta = scale * (width0 - strip.width_m)
-        sigma = scale * np.hypot(strip.width_sigma_m, zero_sigma)
+        sigma = scale * strip.width_sigma_m
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
-            covered |= thicker_than_at_rest(delta, sigma, geometry.width_m)
+            covered |= thicker_than_at_rest(delta, np.hypot(sigma, scale * zero_sigma), geometry.width_m)
         step = np.abs(strip.front.contrast)
         faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
         good = strip.usable & ~covered & ~faint
         doubtful = strip.doubtful & ~covered & ~faint
-        doubt = np.where(doubtful, scale * _doubt(strip), 0.0)
+        # The error of the zero is the same in every frame: no noise of this image.
+        doubt = scale * np.hypot(np.where(doubtful, _doubt(strip), 0.0), zero_sigma)
         seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
         jumped = self._onset.check(strip.t_s, delta, np.hypot(sigma, doubt), seen)
         covered |= jumped
         seen &= ~jumped
         rough = roughness(delta, np.hypot(sigma, doubt), seen)
         if rough > _ROUGH:
-            sigma = rough * sigma
-        delta, sigma, gap = _bridge(geometry.s_m, delta, sigma, seen)
-        sigma = np.hypot(sigma, np.where(seen, doubt, 0.0))
+            doubt = np.hypot(doubt, rough * sigma)
+        delta, sigma, bridged, gap = _bridge(geometry.s_m, delta, sigma, seen)
+        sigma = np.hypot(sigma, np.where(seen, doubt, bridged))
         # What changes from frame to frame is image noise; texture, kinks, bridges and the zero stay.
         noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
@@ -395,35 +396,39 @@ def _bridge(
     value: Float[np.ndarray, "K"],
     sigma: Float[np.ndarray, "K"],
     seen: Bool[np.ndarray, "K"],
-) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
+) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
     """Fill gaps of a few points from their neighbours, with what that may be wrong by.
 
     Returns
     -------
     value, sigma
         With bridged points; NaN inside longer gaps.
+    doubt
+        Systematic error of the bridged points; 0 for the others.
     gap
         Whether a gap is left that could hide a contact.
     """
     if seen.all():
-        return value, sigma, False
+        return value, sigma, np.zeros_like(sigma), False
     known = np.flatnonzero(seen)
     if len(known) < 2:
-        return np.full_like(value, np.nan), np.full_like(sigma, np.nan), True
+        return np.full_like(value, np.nan), np.full_like(sigma, np.nan), np.zeros_like(sigma), True
     filled, filled_sigma = value.copy(), sigma.copy()
     left = np.searchsorted(known, np.arange(len(seen)), side="right") - 1
     before = known[np.clip(left, 0, len(known) - 1)]
     after = known[np.clip(left + 1, 0, len(known) - 1)]
     missing = np.flatnonzero(~seen)
     filled[missing] = np.interp(s[missing], s[known], value[known])
+    filled_sigma[missing] = np.maximum(sigma[before[missing]], sigma[after[missing]])
     # Between two neighbours the contour may do what it does from one to the other.
-    filled_sigma[missing] = np.hypot(
-        2.0 * np.maximum(sigma[before[missing]], sigma[after[missing]]),
-        0.5 * np.abs(value[after[missing]] - value[before[missing]]),
+    doubt = np.zeros_like(sigma)
+    doubt[missing] = np.hypot(
+        2.0 * filled_sigma[missing], 0.5 * np.abs(value[after[missing]] - value[before[missing]])
     )
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     long = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > _BRIDGED_POINTS]
     for a, b in long:
         filled[a:b] = np.nan
         filled_sigma[a:b] = np.nan
-    return filled, filled_sigma, bool(long)
+        doubt[a:b] = 0.0
+    return filled, filled_sigma, doubt, bool(long)
