@@ -25,9 +25,12 @@ def run() -> list[dict]:
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)
     renderer = virtual.renderer()
-    samples = list(press(PressShape.CYLINDER_12CM, np.linspace(0.0, 0.005, 8)[1:], geometry=virtual.geometry))
+    samples = list(
+        press(PressShape.CYLINDER_12CM, np.linspace(0.0, 0.005, 13)[1:], geometry=virtual.geometry)
+    )
     images = [renderer.render(sample.scene, rng=rng) for sample in samples]
     files = [cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 90])[1] for image in images]
+    # More pictures than the sensor remembers: it would take a repeated one for a stuck camera.
     turns = itertools.count()
 
     def decoded() -> np.ndarray:

@@ -20,6 +20,12 @@ from .lines import ConstraintLines
 
 __all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason"]
 
+#: Points to both sides over which the levels beside the edge are fitted together ...
+SHARED_POINTS = 10
+#: ... and the correlation that this leaves between the noises of two of them: the part by which
+#: unknown levels raise the variance of a point (5 % above the bound with known levels).
+SHARED_NOISE = 0.05
+
 
 class PointReason(IntEnum):
     """Why a point is not valid."""

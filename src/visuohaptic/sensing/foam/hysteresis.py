@@ -37,6 +37,8 @@ DROP_SIGMAS = 4.0
 NEIGHBOURS = 5
 #: A point's own strain is believed against them outside of this band.
 PLAY_SIGMAS = 2.0
+#: The mean change of a neighbourhood moves the elements by what it exceeds its noise by.
+COMMON_PLAY_SIGMAS = 4.0
 #: Number of elements, and the shortest of them.
 ELEMENTS, SHORTEST_STRAIN = 10, 1e-3
 #: Weight of the ridge against the rms of the design matrix.
@@ -149,6 +151,9 @@ class HysteresisState:
         window = np.ones(2 * NEIGHBOURS + 1)
         around = np.convolve(weight, window)[NEIGHBOURS:-NEIGHBOURS]
         common = np.convolve(weight * change, window)[NEIGHBOURS:-NEIGHBOURS] / np.maximum(around, 1e-300)
+        # Play: the mean's own noise moves nothing, or a resting contact would creep down its branch.
+        play = COMMON_PLAY_SIGMAS / np.sqrt(np.maximum(around, 1e-300))
+        common = np.sign(common) * np.maximum(np.abs(common) - play, 0.0)
         step = np.clip(common, change - PLAY_SIGMAS * sigma, change + PLAY_SIGMAS * sigma)
         step = np.where(pressed, step, change)
         self.xi = np.clip(self.xi + step[:, None] / law.yield_strain, -1.0, 1.0)

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 
 from ...errors import InputError
 from ...objects.measurement import ErrorBudget, Reason
+from ...tracking import SHARED_POINTS
 from .boundary import BOUNDARIES, Boundary
 from .hysteresis import HysteresisState
 from .material import FoamMaterial
@@ -78,6 +79,7 @@ def read_profile(
     zero_sigma_m: float = 0.0,
     memory: HysteresisState | None = None,
     doubt_m: Float[np.ndarray, "K"] | None = None,
+    shared_noise: float = 0.0,
     end_cells_m: tuple[float, float] = (0.0, 0.0),
 ) -> FoamReading:
     """Read pressures and forces from the deflection of the front contour.
@@ -99,6 +101,8 @@ def read_profile(
         Standard deviation of the zero reference, common to all points [m].
     memory
         Strain history of the points; changed by the call. None: always loading.
+    shared_noise
+        Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
     doubt_m
         Systematic error of each deflection, e.g. where the contour has a kink [m]; the same
         in every frame, so that it goes to ``model_N``. Independent between points.
@@ -162,6 +166,7 @@ def read_profile(
         material.softening_table_Pa, material.softening_end,
     )  # fmt: skip
     contacts = []
+    slope = material.slope(strain) / material.width_m
     model_variance = image_variance = zero = 0.0
     for row, total in zip(table[:count], sums[:count], strict=True):
         first, last = int(row[0]), int(row[1])
@@ -180,8 +185,10 @@ def read_profile(
         uncertain = weight[inside] @ (factor_sigma[inside] * material.stress(strain[inside]))
         model2 += (material.height_m * float(uncertain)) ** 2
         calibration = float(np.sqrt(max(total @ material.covariance @ total, 0.0)))
+        alone = material.height_m * weight[inside] * factor[inside] * slope[inside] * sigma[inside]
+        image2 = float(row[3]) + shared_noise * _shared_variance(alone)
         budget = ErrorBudget(
-            image_N=float(np.sqrt(row[3])),
+            image_N=float(np.sqrt(image2)),
             calibration_N=calibration,
             model_N=float(np.sqrt(model2)),
             zero_N=abs(float(row[4])) * zero_sigma_m,
@@ -200,7 +207,7 @@ def read_profile(
                 force, enlarged, budget, float(row[7]), reason is Reason.OK, reason,
             )
         )  # fmt: skip
-        image_variance += float(row[3])
+        image_variance += image2
         model_variance += model2
         zero += float(row[4])
     pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
@@ -229,6 +236,17 @@ def read_profile(
         valid=not wrong,
         reason=wrong[0] if wrong else Reason.OK,
     )
+
+
+def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
+    """What neighbours add to the variance [N^2] for a correlation of one, from the noise of each alone.
+
+    The tracker fits the levels on both sides of the edge over neighbouring points together;
+    their error is common to these points.
+    """
+    window = np.ones(2 * SHARED_POINTS + 1)
+    around = np.convolve(alone_N, window)[SHARED_POINTS:-SHARED_POINTS]
+    return float(alone_N @ (around - alone_N))
 
 
 def _relief(s: Float[np.ndarray, "k"], delta: Float[np.ndarray, "k"], material: FoamMaterial) -> float:

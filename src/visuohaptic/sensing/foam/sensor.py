@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from ...camera import Frame, PlaneView
 from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
-from ...tracking import PointReason
+from ...tracking import SHARED_NOISE, PointReason
 from ._appearance import covered_points
 from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
@@ -232,6 +232,7 @@ class FoamSensor:
             memory=self._memory,
             doubt_m=np.sqrt(sigma**2 - noise**2),
             end_cells_m=geometry.end_cells_m,
+            shared_noise=SHARED_NOISE,
         )
         reading = self._with_unknown_branch(reading, strip.t_s, gap)
         limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
