@@ -50,6 +50,7 @@ def run(args: Any) -> dict[str, Any]:
 
             page = stack.enter_context(LivePage())
             args.report(f"live page: {page.url}")
+            page.show()
         result = run_demo(args.out, map_path=args.map, seed=args.seed, say=args.report, page=page)
         args.report("")
         args.report("haptic tags")

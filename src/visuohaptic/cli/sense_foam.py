@@ -125,6 +125,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
 
             page = stack.enter_context(LivePage())
             args.report(f"live page: {page.url}")
+            page.show()
         described = False
         for frame in frames:
             profile = sensor.read(frame)

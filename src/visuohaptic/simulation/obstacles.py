@@ -73,6 +73,8 @@ class Obstacle:
     grey: float = 90.0  #: look
     texture: float = 20.0
     seed: int = 0
+    material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
 
     def __post_init__(self) -> None:
         sizes = (self.length_m, self.width_m, self.height_m, self.mass_kg)

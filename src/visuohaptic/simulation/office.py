@@ -172,10 +172,32 @@ def obstacles_for_map(
 def _three(robot_radius_m: float) -> tuple[Obstacle, Obstacle, Obstacle]:
     """Light, heavy and fixed obstacle of the demonstration, at no place yet."""
     width = min(0.18, robot_radius_m)
-    light = cylinder("light bin", 0, 0, 0.09, 0.28, mass_kg=0.5, friction=0.35, grey=120, texture=20, seed=1)
+    light = cylinder(
+        "light bin",
+        0,
+        0,
+        0.09,
+        0.28,
+        mass_kg=0.5,
+        friction=0.35,
+        grey=105,
+        texture=7,
+        seed=1,
+        material="metal",
+        bgr=(150.0, 105.0, 45.0),
+    )
     # As heavy as a strip of foam can push over this width before it is densified.
     heavy = box(
-        "heavy box", 0, 0, (0.16, width, 0.3), mass_kg=1.6, friction=0.38, grey=85, texture=22, seed=2
+        "heavy box",
+        0,
+        0,
+        (0.16, width, 0.3),
+        mass_kg=1.6,
+        friction=0.38,
+        grey=95,
+        texture=14,
+        seed=2,
+        bgr=(70.0, 105.0, 140.0),
     )
     leg = Obstacle(
         "fixed leg",
@@ -186,8 +208,11 @@ def _three(robot_radius_m: float) -> tuple[Obstacle, Obstacle, Obstacle]:
         width_m=0.05,
         height_m=0.7,
         fixed=True,
-        grey=60,
+        grey=70,
+        texture=12,
         seed=3,
+        material="wood",
+        bgr=(45.0, 70.0, 100.0),
     )
     return light, heavy, leg
 

@@ -218,7 +218,16 @@ class PushWorld:
                 )
                 cuts, top = [Outline(hull[:, :2])], 0.0
             objects += [
-                SceneObject(cut.polygon_m(), top, obstacle.grey, obstacle.texture, obstacle.seed, solid=solid)
+                SceneObject(
+                    cut.polygon_m(),
+                    top,
+                    obstacle.grey,
+                    obstacle.texture,
+                    obstacle.seed,
+                    obstacle.material,
+                    obstacle.bgr,
+                    solid,
+                )
                 for cut in cuts
             ]
         return FoamScene(

@@ -98,6 +98,18 @@ class LivePage:
         """Address of the page."""
         return f"http://127.0.0.1:{self._server.get_port()}"
 
+    def show(self) -> bool:
+        """Open the page in this machine's browser; ``False`` where there is no screen for one."""
+        import os
+        import sys
+        import webbrowser
+
+        screen = sys.platform in ("darwin", "win32") or any(
+            os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+        )
+        # Without a screen Python would start a text browser in the middle of our output.
+        return screen and webbrowser.open(self.url)
+
     def _build(self, title: str, platform_size_m: tuple[float, float, float]) -> None:
         server = self._server
         gui, scene = server.gui, server.scene

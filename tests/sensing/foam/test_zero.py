@@ -48,6 +48,15 @@ def test_unseen_points_are_refused() -> None:
         ZeroReference.from_samples(0.0, np.zeros((10, K)), width, np.full((10, K), 150.0))
 
 
+def test_one_unseen_point_takes_its_neighbours_width_and_a_wide_sigma() -> None:
+    width = np.full((10, 40), 0.02)
+    width[:, 7] = np.nan
+    zero = ZeroReference.from_samples(0.0, np.zeros((10, 40)), width, np.full((10, 40), 150.0))
+    assert zero.width_m[7] == pytest.approx(0.02)
+    assert zero.width_sigma_m[7] == pytest.approx(2e-4, rel=0.01)
+    assert np.delete(zero.width_sigma_m, 7).max() < 1e-6
+
+
 def test_adapts_at_rest_only_and_tells_when_it_drifted() -> None:
     watch = ZeroWatch(
         _zero(np.random.default_rng(1)), DriftSettings(time_constant_s=1.0, rest_s=0.5, limit=0.03)

@@ -18,6 +18,16 @@ FLANK = 2.5
 TOUCH = 0.5
 
 
+#: A region ends one point beyond the last one that is deflected by more than this.
+EDGE_SIGMAS = 2.0
+
+
+@njit(cache=True)
+def _total(sigma, doubt, zero_sigma, i):
+    """Standard deviation of one deflection, noise and systematic."""
+    return np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+
+
 @njit(cache=True)
 def _share(
     s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
@@ -145,7 +155,7 @@ def integrate_regions(
         while i < n and delta[i] > 0.0:
             if i > first and index[i] - index[i - 1] > max_gap + 1:
                 break
-            scale = np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+            scale = _total(sigma, doubt, zero_sigma, i)
             high = delta[i] > seed_pair * scale
             if delta[i] > seed_single * scale or (high and previous):
                 seeded = True
@@ -154,6 +164,11 @@ def integrate_regions(
         last = i - 1
         if not seeded:
             continue
+        # Free foam that is off by its own error is no part of the contact.
+        while first < last and delta[first + 1] <= EDGE_SIGMAS * _total(sigma, doubt, 0.0, first + 1):
+            first += 1
+        while last > first and delta[last - 1] <= EDGE_SIGMAS * _total(sigma, doubt, 0.0, last - 1):
+            last -= 1
         cut = 0.0
         # The trapezoid goes on to the neighbour outside, where the stress is zero.
         if first > 0:

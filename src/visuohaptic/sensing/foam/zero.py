@@ -15,6 +15,10 @@ from ...files import load_yaml_model, save_yaml
 
 __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch"]
 
+#: Up to this share of the points, no two of them neighbours, may be missing: a line of the floor that meets
+#: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
+_UNSEEN_SHARE, _UNSEEN_SIGMA = 0.04, 0.01
+
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
 
@@ -65,14 +69,21 @@ class ZeroReference:
             Points were seen too seldom, or the strip moved while it was zeroed.
         """
         seen = np.isfinite(width_m).sum(axis=0)
-        missing = int((seen < max(1, len(width_m) // 2)).sum())
-        if missing:
+        missing = np.flatnonzero(seen < max(1, len(width_m) // 2))
+        if len(missing) > _UNSEEN_SHARE * width_m.shape[1] or (np.diff(missing) == 1).any():
             raise CalibrationError(
                 where,
-                f"{missing} of {width_m.shape[1]} contour points were seen in fewer than half of the "
+                f"{len(missing)} of {width_m.shape[1]} contour points were seen in fewer than half of the "
                 f"{len(width_m)} frames",
                 remedy="free the view of the strip, check pose_camera_foam and the light",
             )
+        if len(missing):
+            known = np.setdiff1d(np.arange(width_m.shape[1]), missing)
+            width_m, reference_px, foam_grey = (
+                _filled(values, known, missing) for values in (width_m, reference_px, foam_grey)
+            )
+            doubt_m = np.broadcast_to(np.asarray(doubt_m, dtype=np.float64), seen.shape).copy()
+            doubt_m[missing] = _UNSEEN_SIGMA * float(np.nanmedian(width_m))
         width = np.nanmedian(width_m, axis=0)
         scatter = np.nanstd(width_m, axis=0, ddof=1) if len(width_m) > 1 else np.full(len(width), 1e-5)
         if len(width_m) >= 4:
@@ -131,6 +142,15 @@ class ZeroReference:
         if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
             raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
         return cls(data.t_s, data.frames, **arrays, gain=data.gain)
+
+
+def _filled(
+    values: Float[np.ndarray, "n K"], known: np.ndarray, missing: np.ndarray
+) -> Float[np.ndarray, "n K"]:
+    """Columns that were not seen, between the medians of their neighbours."""
+    result = np.array(values, dtype=np.float64)
+    result[:, missing] = np.interp(missing, known, np.nanmedian(result[:, known], axis=0))
+    return result
 
 
 @dataclass(frozen=True, slots=True)
