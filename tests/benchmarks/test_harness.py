@@ -83,3 +83,4 @@ def test_cpu_seconds_measures_work_and_not_waiting():
 def test_the_cold_start_is_among_the_benchmarks():
     assert "cold_start" in harness.benchmark_names()
     assert "harness" not in harness.benchmark_names()
+    assert set(harness.CAMPAIGNS) <= set(harness.benchmark_names())
