@@ -13,7 +13,12 @@ def main() -> int:
     """Run the named benchmarks, or all but the campaigns."""
     known = harness.benchmark_names()
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument("names", nargs="*", metavar="name", help=f"of {', '.join(known)}; by default all but the campaigns {', '.join(harness.CAMPAIGNS)}")
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="name",
+        help=f"of {', '.join(known)}; by default all but the campaigns {', '.join(harness.CAMPAIGNS)}",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("results/bench.json"), help="machine-readable result"
     )

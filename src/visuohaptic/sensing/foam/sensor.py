@@ -179,9 +179,11 @@ class FoamSensor:
         """A frame out of order, or a repetition: real images never repeat to the last bit of noise."""
         image = hash(frame.image[:: max(1, frame.image.shape[0] // 64), ::7].tobytes())
         late = self._last_t_s is not None and not frame.t_s > self._last_t_s
-        if late or image in self._images:
+        known = image in self._images
+        if not known:
+            self._images.append(image)  # also of a late frame, which may come again with a new time stamp
+        if late or known:
             return True
-        self._images.append(image)
         if self._last_t_s is not None and frame.t_s - self._last_t_s > self.setup.config.max_gap_s:
             self.optics.forget_motion()
         if self._last_t_s is not None:
