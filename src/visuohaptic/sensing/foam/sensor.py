@@ -148,7 +148,6 @@ class FoamSensor:
         self._focus = FocusWatch()
         self._seen_t_s: float | None = None  # when the whole front was seen last
         self._frame_s = np.inf  # shortest time between two frames
-        self._touched = False
         self._unseen_s = 0.0  # for how long the present contact was out of sight
         self._last_t_s: float | None = None
 
@@ -266,11 +265,12 @@ class FoamSensor:
         """Doubt about the hysteresis after a time in which the contact may have turned round unseen."""
         if gap:
             return reading
-        if self._touched and self._seen_t_s is not None:
+        if self._seen_t_s is not None:
+            # Whether it was touched before or not: a contact may have begun and turned meanwhile.
             away = t_s - self._seen_t_s
             self._unseen_s += away - self._frame_s if away > 1.5 * self._frame_s else 0.0
-        self._seen_t_s, self._touched = t_s, bool(reading.contacts)
-        if not self._touched:
+        self._seen_t_s = t_s
+        if not reading.contacts:
             self._unseen_s = 0.0
         if self._unseen_s == 0.0:
             return reading
