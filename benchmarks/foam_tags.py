@@ -28,7 +28,8 @@ RATE_HZ, SUBSTEPS = 30.0, 16
 PER_SENSOR = 10
 #: Speeds at which an object counts as broken away and as still moving (m/s).
 BROKEN_AWAY_M_S, SLIDING_M_S = 1e-4, 1e-3
-PUSHES, SEED = 100, 4100
+#: Nothing was developed or chosen on this seed; 2, 5, 4100 and 9000 were.
+PUSHES, SEED = 100, 31000
 NINETY = 1.645
 
 

@@ -66,7 +66,15 @@ def run(count: int = 500, seed: int = SEED, *, verbose: bool = False) -> list[di
         name: str, ours: float, peer: float, unit: str, floor: float | None, aim: float | None
     ) -> dict[str, object]:
         ratio = ours / peer if peer else float("nan")
-        return dict(name=name, ours=ours, peer=peer, ratio=ratio, unit=unit, floor=floor, aim=aim)  # noqa: C408
+        return {
+            "name": name,
+            "ours": ours,
+            "peer": peer,
+            "ratio": ratio,
+            "unit": unit,
+            "floor": floor,
+            "aim": aim,
+        }
 
     robust = float(np.median(np.abs(deviation)) / 0.6745)
     printed_share = right_printed / count
