@@ -1,0 +1,163 @@
+"""Exact Euclidean distance in two passes, and the fixed-point cost of a step, row by row."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["FAR", "distance_rows", "vertical_cells", "vertical_update"]
+
+#: No obstacle in this column.
+FAR = np.uint16(65535)
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vertical: np.ndarray) -> None:
+    """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` where there is none.
+
+    ``cells`` (rows, columns) int8; a cell is an obstacle from ``threshold`` on, and where it is
+    negative if ``unknown_blocks``. ``vertical`` (rows, columns) uint16 is filled.
+    """
+    rows, columns = cells.shape
+    low = np.int8(-1) if unknown_blocks else np.int8(-128)
+    high = np.int8(threshold)
+    # Saturating additions in 32 bits, so that the loops over columns become vector code.
+    before = np.full(columns, np.int32(65535), np.int32)
+    for row in range(rows):
+        for column in range(columns):
+            value = cells[row, column]
+            counted = min(before[column] + np.int32(1), np.int32(65535))
+            counted = np.int32(0) if (value >= high) | (value == low) else counted
+            before[column] = counted
+            vertical[row, column] = np.uint16(counted)
+    for row in range(rows - 2, -1, -1):
+        for column in range(columns):
+            below = np.int32(vertical[row + 1, column]) + np.int32(1)
+            vertical[row, column] = np.uint16(min(np.int32(vertical[row, column]), below))
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def vertical_update(
+    cells: np.ndarray,
+    threshold: int,
+    unknown_blocks: bool,
+    vertical: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+) -> None:
+    """Bring ``vertical`` up to date after cells of a window (both ends included) have changed."""
+    rows = cells.shape[0]
+    low = np.int8(-1) if unknown_blocks else np.int8(-128)
+    high = np.int8(threshold)
+    for column in range(first_column, last_column + 1):
+        # The nearest obstacle above and below the window, from what is known of the rows beside it.
+        top = last_row + 1
+        while top < rows and not (cells[top, column] >= high or cells[top, column] == low):
+            top += 1
+        bottom = first_row - 1
+        while bottom >= 0 and not (cells[bottom, column] >= high or cells[bottom, column] == low):
+            bottom -= 1
+        start = max(bottom, 0)
+        stop = min(top, rows - 1)
+        counted = 65535
+        for row in range(start, stop + 1):
+            blocked = cells[row, column] >= high or cells[row, column] == low
+            counted = 0 if blocked else min(counted + 1, 65535)
+            vertical[row, column] = counted
+        counted = 65535
+        for row in range(stop, start - 1, -1):
+            counted = min(counted + 1, 65535)
+            if vertical[row, column] < counted:
+                counted = vertical[row, column]
+            vertical[row, column] = counted
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def distance_rows(
+    vertical: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+    resolution_m: float,
+    steps: np.ndarray,
+    distance: np.ndarray,
+    step: np.ndarray,
+) -> None:
+    """Distances [m] and steps of rows ``first_row..last_row``, from the vertical distances.
+
+    Lower envelope of the parabolas ``(x - u)^2 + vertical(u)^2`` (Felzenszwalb and Huttenlocher
+    2012) over each run of cells between two obstacles of a row: what lies behind an obstacle is
+    never nearer than the obstacle. Only runs that touch ``first_column..last_column`` are written.
+
+    ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2], the last for all
+    above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled.
+    """
+    columns = vertical.shape[1]
+    vertex = np.zeros(columns + 1, np.int32)
+    height = np.zeros(columns + 1, np.float64)
+    border = np.zeros(columns + 1, np.int32)
+    last = len(steps) - 1
+    unit = resolution_m
+    for row in range(first_row, last_row + 1):
+        line = vertical[row]
+        start = first_column
+        while start > 0 and line[start] != 0:
+            start -= 1
+        column = start
+        while column <= last_column:
+            if line[column] == 0:
+                distance[row, column] = 0.0
+                step[row, column] = steps[0]
+                column += 1
+                continue
+            begin = column - 1 if column > 0 else 0
+            end = column
+            while end < columns and line[end] != 0:
+                end += 1
+            stop = end if end < columns else columns - 1  # last column that can be a source
+            count = 0
+            for u in range(begin, stop + 1):
+                if line[u] == FAR:
+                    continue
+                # Not above the cone of an obstacle that bounds the run: it would never be the lowest.
+                value = float(line[u]) * float(line[u])
+                top = value + float(u) * float(u)
+                here = 0
+                while count > 0:
+                    v = vertex[count - 1]
+                    crossing = math.floor((top - height[count - 1]) / (2.0 * (u - v)))
+                    here = int(crossing) + 1
+                    if here <= border[count - 1] and count > 1:
+                        count -= 1
+                        continue
+                    if here <= begin:
+                        count -= 1
+                        here = 0
+                        continue
+                    break
+                if count == 0:
+                    here = begin
+                if here <= stop:
+                    vertex[count] = u
+                    height[count] = top
+                    border[count] = here
+                    count += 1
+            if count == 0:
+                for x in range(column, end):
+                    distance[row, x] = np.inf
+                    step[row, x] = steps[last]
+            for k in range(count):
+                v = vertex[k]
+                fall = np.int64(line[v]) * np.int64(line[v])
+                low = max(border[k], column)
+                high = border[k + 1] if k + 1 < count else end
+                for x in range(low, min(high, end)):
+                    squared = np.int64(x - v) * np.int64(x - v) + fall
+                    distance[row, x] = np.float32(math.sqrt(float(squared)) * unit)
+                    step[row, x] = steps[min(squared, np.int64(last))]
+            column = end

@@ -1,0 +1,182 @@
+"""The navigation graph: one node per decision, one edge per way between (Alt 2016, Sec. 4.2 e)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int, Int32, UInt8
+
+from ..errors import InputError
+from .grid import GridLayers
+from .skeleton import skeleton_marks
+
+__all__ = ["NavigationGraph", "build_graph"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigationGraph:
+    """Places where the robot decides, and the ways between them.
+
+    Symbols: n nodes in the order of their cells, m edges, p cells of all paths. Parallel edges
+    and edges from a node to itself are part of it: each is a loop round something.
+    """
+
+    node_cells: Int32[np.ndarray, "n 2"]  #: (row, column)
+    node_m: Float[np.ndarray, "n 2"]  #: (x, y) in the map frame [m]
+    edges: Int32[np.ndarray, "m 2"]  #: nodes that an edge joins, the smaller first
+    edge_cost_s: Float[np.ndarray, "m"]  #: time along the path at the speed of Eq. (4.1)
+    edge_length_m: Float[np.ndarray, "m"]  #: length of the path
+    edge_clearance_m: Float[np.ndarray, "m"]  #: smallest distance from an obstacle on the path
+    path_start: Int32[np.ndarray, "m+1"]  #: where an edge's cells begin in ``path_cells``
+    path_cells: Int32[np.ndarray, "p 2"]  #: (row, column), from the first node to the second
+    component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
+    components: int  #: connected parts
+    _searching: list[object] = field(default_factory=list, repr=False)  # CSR form, made by the first query
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.node_cells)
+
+    @property
+    def loops(self) -> int:
+        """Independent loops: edges - nodes + components, one per hole of the reachable area."""
+        return len(self.edges) - len(self.node_cells) + self.components
+
+    @property
+    def degree(self) -> Int[np.ndarray, "n"]:
+        """Ends of edges at each node; an edge from a node to itself counts twice."""
+        return np.bincount(self.edges.ravel(), minlength=self.nodes)
+
+    def edge_path(self, edge: int) -> Int32[np.ndarray, "k 2"]:
+        """Cells (row, column) of an edge, from its first node to its second."""
+        return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
+
+    def nearest_node(self, point_m: Float[np.ndarray, "2"]) -> int:
+        """The node nearest as the crow flies; walls are not considered, see ``Regions`` for that."""
+        if self.nodes == 0:
+            raise InputError("NavigationGraph", "has no nodes: the robot fits nowhere on this map")
+        return int(np.argmin(((self.node_m - np.asarray(point_m)) ** 2).sum(axis=1)))
+
+
+def build_graph(
+    layers: GridLayers, *, stub_length_m: float | None = None, spacing_m: float | None = None
+) -> NavigationGraph:
+    """Skeleton to graph: trace, remove stubs, merge connection nodes (Alt 2016, Sec. 4.2 d-e).
+
+    Junction cells that touch become one node, the widest of them. Components and independent
+    loops are exactly those of the reachable cells (8-connected, holes 4-connected).
+
+    Parameters
+    ----------
+    layers
+        From :func:`visuohaptic.navigation.grid.grid_layers`.
+    stub_length_m
+        Dead ends shorter than that are removed. By default those that reach less than the clearance
+        of the junction beyond the circle of that clearance: the corners of a room go, a corridor stays.
+    spacing_m
+        Keep connection nodes at about this spacing; by default none.
+    """
+    return graph_from_marks(layers, skeleton_marks(layers), stub_length_m, spacing_m)
+
+
+def graph_from_marks(
+    layers: GridLayers,
+    mark: UInt8[np.ndarray, "rows columns"],
+    stub_length_m: float | None,
+    spacing_m: float | None,
+) -> NavigationGraph:
+    """The graph of a skeleton; ``mark`` is 1 on its cells."""
+    from ._graph_kernels import link_masks, trace
+
+    for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
+    cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
+    raw = trace(
+        layers.distance_m, mark, cells, link_masks(mark, cells), layers.map.resolution_m, _speeds(layers)
+    )
+    return graph_from_lines(layers, raw, stub_length_m, spacing_m)
+
+
+def graph_from_lines(
+    layers: GridLayers, raw: tuple[np.ndarray, ...], stub_length_m: float | None, spacing_m: float | None
+) -> NavigationGraph:
+    """The graph of traced lines, see ``_graph_kernels.trace``."""
+    from ._graph_kernels import keep_edges, label_components, prune
+
+    cells, ends, measures, path_start, path = raw
+    clearance = layers.distance_m.ravel()[cells]
+    alive, stays, degree = prune(
+        clearance, ends, measures[:, 0].copy(), -1.0 if stub_length_m is None else stub_length_m
+    )
+    nodes, ends, measures, path_start, path = keep_edges(
+        cells, clearance, ends, measures, path_start, path, alive, stays, degree
+    )
+    if spacing_m:
+        nodes, ends, measures, path_start, path = _spaced(
+            layers, nodes, ends, measures, path_start, path, spacing_m
+        )
+    columns = layers.shape[1]
+    component, components = label_components(len(nodes), ends)
+    node_cells = np.column_stack(np.divmod(nodes, columns)).astype(np.int32)
+    return NavigationGraph(
+        node_cells,
+        layers.map.world_from_cell(node_cells),
+        ends,
+        measures[:, 1].copy(),
+        measures[:, 0].copy(),
+        measures[:, 2].copy(),
+        path_start,
+        np.column_stack(np.divmod(path, columns)).astype(np.int32),
+        component,
+        components,
+    )
+
+
+def _speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
+    limits = layers.limits
+    return np.array([limits.radius_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
+
+
+def _spaced(
+    layers: GridLayers,
+    nodes: np.ndarray,
+    ends: np.ndarray,
+    measures: np.ndarray,
+    path_start: np.ndarray,
+    path: np.ndarray,
+    spacing_m: float,
+) -> tuple[np.ndarray, ...]:
+    """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
+    from ._graph_kernels import measure_paths
+
+    columns = layers.shape[1]
+    taken = set(nodes.tolist())
+    pieces = []
+    for edge in range(len(ends)):
+        cells = path[path_start[edge] : path_start[edge + 1]]
+        count = round(measures[edge, 0] / spacing_m)
+        cuts = [0]
+        if count > 1:
+            rows, cols = np.divmod(cells, columns)
+            steps = np.hypot(np.diff(rows), np.diff(cols))
+            way = np.concatenate([[0.0], np.cumsum(steps)])
+            for k in range(1, count):
+                cut = int(np.searchsorted(way, way[-1] * k / count))
+                # Ways that share cells inside a junction share no node there.
+                if cuts[-1] < cut < len(cells) - 1 and int(cells[cut]) not in taken:
+                    taken.add(int(cells[cut]))
+                    cuts.append(cut)
+        cuts.append(len(cells) - 1)
+        pieces += [cells[a : b + 1] for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+    found = np.array(sorted(taken), dtype=np.int32)
+    turned = [piece if piece[0] <= piece[-1] else piece[::-1] for piece in pieces]
+    joined = np.array([(piece[0], piece[-1]) for piece in turned], dtype=np.int32).reshape(-1, 2)
+    order = np.lexsort((joined[:, 1], joined[:, 0]))
+    lengths = np.array([len(turned[k]) for k in order], dtype=np.int32)
+    start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    flat = np.concatenate([turned[k] for k in order]) if len(order) else path
+    measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, _speeds(layers))
+    return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat
