@@ -29,12 +29,18 @@ def diagonal(step: int) -> int:
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def spread(
-    step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cells: np.ndarray, slowest: int, fastest: int
+    step: np.ndarray,
+    potential: np.ndarray,
+    seed: np.ndarray,
+    cells: np.ndarray,
+    slowest: int,
+    fastest: int,
+    fresh: bool,
 ) -> int:
     """Spread the values of ``cells`` (flat indices) as far as they improve others; returns cells settled.
 
     ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32 hold the values before and after;
-    ``slowest`` and ``fastest`` bound the steps of reachable cells.
+    ``slowest`` and ``fastest`` bound the steps of reachable cells; ``fresh``: only ``cells`` have values.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -104,7 +110,7 @@ def spread(
                     continue
                 flat_potential[other] = reached
                 flat_seed[other] = origin
-                if old // band == reached // band:
+                if fresh and old // band == reached // band:
                     continue  # it waits in that band already
                 target = (reached // band) % bands
                 if used == capacity and free < 0:

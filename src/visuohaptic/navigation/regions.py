@@ -95,7 +95,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
     slowest, fastest = step_bounds(layers)
-    spread(layers.step, potential, seed, cells, slowest, fastest)
+    spread(layers.step, potential, seed, cells, slowest, fastest, True)
     return Regions(potential, seed, layers.unit_s, layers, graph)
 
 
