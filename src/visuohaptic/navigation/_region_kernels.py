@@ -24,7 +24,7 @@ UNREACHED = np.int32(2**31 - 1)
 @njit(cache=True, error_model="numpy", boundscheck=False, inline="always")
 def diagonal(step: int) -> int:
     """A diagonal step [units]: sqrt(2) of a straight one, rounded."""
-    return (np.int64(step) * np.int64(92682) + np.int64(32768)) >> np.int64(16)
+    return (step * 92682 + 32768) >> 16
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

@@ -114,7 +114,9 @@ def graph_search(
                 continue
             cost[other] = reached
             came[other] = way
-            left = pace * math.hypot(place_m[other, 0] - place_m[goal, 0], place_m[other, 1] - place_m[goal, 1])
+            left = pace * math.hypot(
+                place_m[other, 0] - place_m[goal, 0], place_m[other, 1] - place_m[goal, 1]
+            )
             for mark in range(landmarks):
                 # Infinite costs (other components) have no difference; NaN loses every comparison.
                 difference = abs(marks[mark, other] - marks[mark, goal])
@@ -172,8 +174,8 @@ def all_costs(
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def _move(a: int, b: int, crossing: bool) -> int:
     """Cost of a move between neighbours with steps ``a`` and ``b`` [half units]: their mean times the way."""
-    both = np.int64(a) + np.int64(b)
-    return (both * np.int64(92682) + np.int64(32768)) >> np.int64(16) if crossing else both
+    both = int(np.int64(a) + np.int64(b))  # unsigned numbers would become floating ones
+    return (both * 92682 + 32768) >> 16 if crossing else both
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -197,12 +199,12 @@ def grid_search(
     flat_seed = seed.ravel()
     narrowed = len(allowed) > 0
     goal_row, goal_column = goal // columns, goal % columns
-    straight = np.int64(2 * fastest)
+    straight = 2 * fastest
     crossing = _move(fastest, fastest, True)
     # Cost plus one; 0 = not reached: pages that are never touched cost nothing.
     cost = np.zeros(rows * columns, np.int64)
     came = np.zeros(rows * columns, np.uint8)
-    band = np.int64(max(fastest, 1))
+    band = max(fastest, 1)
     bands = (2 * _move(slowest, slowest, True)) // band + 4
     head = np.full(bands, -1, np.int32)
     capacity = 4096
@@ -277,7 +279,7 @@ def grid_search(
             head[target % bands] = entry
             waiting += 1
     if cost[goal] == 0:
-        return np.empty(0, np.int32), np.int64(-1), looked
+        return np.empty(0, np.int32), -1, looked
     count = 1
     cell = goal
     while cell != source:
@@ -307,7 +309,6 @@ def _line_cost(step: np.ndarray, row0: int, column0: int, row1: int, column1: in
     Split where the line leaves a cell; each piece costs the cell that it is in. A corner that is
     touched belongs to both cells beside it: they have to be free.
     """
-    rows, columns = step.shape
     down, across = row1 - row0, column1 - column0
     length = math.hypot(down, across)
     row, column = row0, column0
@@ -328,10 +329,10 @@ def _line_cost(step: np.ndarray, row0: int, column0: int, row1: int, column1: in
         if row == row1 and column == column1:
             return cost
         if abs(next_row - next_column) < 1e-12:
-            if step[row + row_way, column] == 0 or step[row, column + column_way] == 0:
-                # A path of cells passes between two blocked corners; a line may too when it is that step.
-                if abs(down) != 1 or abs(across) != 1:
-                    return np.inf
+            blocked = step[row + row_way, column] == 0 or step[row, column + column_way] == 0
+            # A path of cells passes between two blocked corners; a line may too when it is that step.
+            if blocked and (abs(down) != 1 or abs(across) != 1):
+                return np.inf
             row += row_way
             column += column_way
             next_row += row_gap

@@ -24,7 +24,9 @@ def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> I
 
     polygon_m = np.asarray(polygon_m, dtype=np.float64)
     if polygon_m.ndim != 2 or polygon_m.shape[1:] != (2,) or len(polygon_m) < 3:
-        raise InputError("footprint_cells", f"found shape {polygon_m.shape}, expected at least 3 corners (x, y)")
+        raise InputError(
+            "footprint_cells", f"found shape {polygon_m.shape}, expected at least 3 corners (x, y)"
+        )
     if not np.isfinite(polygon_m).all():
         raise InputError("footprint_cells", "found a corner that is not finite")
     c, s = np.cos(map.origin[2]), np.sin(map.origin[2])
@@ -35,7 +37,7 @@ def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> I
     if (high < low).any():
         return np.empty((0, 2), np.int32)
     found = footprint(grid, low[1], high[1], low[0], high[0])
-    return (np.argwhere(found) + [low[1], low[0]]).astype(np.int32)
+    return (np.argwhere(found) + low[::-1]).astype(np.int32)
 
 
 class NavigationMap:
@@ -184,9 +186,7 @@ class NavigationMap:
             )
         before = [layers.distance_m[w[0] : w[1] + 1, w[2] : w[3] + 1].copy() for w in windows]
         for window in windows:
-            distance_rows(
-                layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step
-            )
+            distance_rows(layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step)
         # Only now: the work on one window writes whole runs, which may reach into the other.
         found = [
             cells_near_changes(old, layers.distance_m, self._mark, window[0], window[2])
@@ -214,7 +214,9 @@ class NavigationMap:
             self._skeleton = np.insert(left, place, turned[new])
             self._links = np.insert(links, place, 0)
             columns = self.map.shape[1]
-            offsets = np.array([-columns - 1, -columns, 1 - columns, -1, 0, 1, columns - 1, columns, columns + 1])
+            offsets = np.array(
+                [-columns - 1, -columns, 1 - columns, -1, 0, 1, columns - 1, columns, columns + 1]
+            )
             beside = np.unique((turned[:, None] + offsets).ravel())
             place = np.searchsorted(self._skeleton, beside)
             inside = place < len(self._skeleton)

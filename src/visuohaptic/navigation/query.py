@@ -179,7 +179,9 @@ def taut_path(
     for name, cell in (("start_cell", start_cell), ("goal_cell", goal_cell)):
         row, column = (int(value) for value in np.asarray(cell))
         if not layers.map.inside(np.array([row, column])) or regions.seed[row, column] < 0:
-            raise InputError("taut_path", f"cell ({row}, {column}) cannot be reached by the robot", field=name)
+            raise InputError(
+                "taut_path", f"cell ({row}, {column}) cannot be reached by the robot", field=name
+            )
         ends.append(row * columns + column)
     allowed = np.zeros(regions.seed.size, np.uint8)
     graph = regions.graph
@@ -226,9 +228,7 @@ def _cell(layers: GridLayers, point_m: Float[np.ndarray, "2"], name: str) -> int
     point = np.asarray(point_m, dtype=np.float64)
     cell = layers.map.cell_from_world(point)
     if not layers.map.inside(cell):
-        raise InputError(
-            "plan", f"found {point.tolist()} m, which is outside the map", field=name
-        )
+        raise InputError("plan", f"found {point.tolist()} m, which is outside the map", field=name)
     if layers.step[cell[0], cell[1]] == 0:
         raise InputError(
             "plan",
