@@ -225,7 +225,7 @@ def grid_search(
     while waiting > 0:
         slot = now % bands
         if head[slot] < 0:
-            if cost[goal] > 0:
+            if cost[goal] > 0 and (cost[goal] - 1) // band <= now:
                 break
             now += 1
             continue

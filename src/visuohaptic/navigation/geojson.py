@@ -173,10 +173,10 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     from ._graph_kernels import label_components
 
     nodes, edges, data = _read(path)
-    grid = data.get("grid")
+    grid: Any = data.get("grid")
     try:
         rows, columns = int(grid["rows"]), int(grid["columns"])  # type: ignore[index]
-        resolution_m, origin = float(grid["resolution_m"]), tuple(float(v) for v in grid["origin"])
+        resolution_m, origin = float(grid["resolution_m"]), [float(value) for value in grid["origin"]]
         if rows < 1 or columns < 1 or rows * columns > 2**28 or len(origin) != 3:
             raise ValueError
     except (TypeError, KeyError, ValueError) as error:
@@ -186,7 +186,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
             field="grid",
             remedy="read route graphs of other programs with load_route_graph",
         ) from error
-    map = OccupancyMap(np.full((rows, columns), -1, np.int8), resolution_m, origin)  # type: ignore[arg-type]
+    map = OccupancyMap(np.full((rows, columns), -1, np.int8), resolution_m, (origin[0], origin[1], origin[2]))
     node_m = np.array([node["points"][0] for node in nodes]).reshape(-1, 2)
     cells = map.cell_from_world(node_m).astype(np.int32)
     place = {node["id"]: k for k, node in enumerate(nodes)}
