@@ -161,7 +161,7 @@ def _pieces(
     from scipy import ndimage
 
     around = np.ones((3, 3))
-    joint, count = ndimage.label(border, around)
+    joint, _ = ndimage.label(border, around)
     pieces = np.zeros(codes.shape, dtype=np.int64)
     last = 0
     for number, place in enumerate(ndimage.find_objects(joint), start=1):
