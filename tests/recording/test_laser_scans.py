@@ -114,6 +114,7 @@ def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.C
     assert '"refused": 0' in capsys.readouterr().out
     grid = OccupancyMap.load(tmp_path / "m.yaml")
     # The room is 6 m x 4 m about the first pose; walls are one or two cells.
-    assert grid.value_at(np.array([[0.0, 0.0], [2.9, 0.0], [-2.9, 0.0]])).tolist() == [0, 0, 0]
+    assert grid.value_at(np.array([[0.0, 0.3], [2.9, 0.3], [-2.9, 0.3]])).tolist() == [0, 0, 0]
     assert grid.value_at(np.array([[3.01, 0.1], [2.99, 0.1]])).max() == 100
-    assert grid.size_m == pytest.approx((6.0, 4.0), abs=0.21)
+    walls = grid.world_from_cell(np.argwhere(grid.occupied))
+    np.testing.assert_allclose([walls.min(axis=0), walls.max(axis=0)], [[-3, -2], [3, 2]], atol=0.06)

@@ -313,7 +313,7 @@ def _wall_length(space: DoorSpace, jamb: np.ndarray, away: np.ndarray, passage: 
     r = space.resolution_m
     steps, band = np.arange(0, 2.5 / r), np.arange(-round(0.15 / r), round(0.15 / r) + 1)
     points = jamb + steps[:, None, None] * away + band[None, :, None] * passage
-    hit = _look(space.occupied, points).any(axis=1)
+    hit = np.asarray(_look(space.occupied, points).any(axis=1))
     covered = np.cumsum(hit) / (np.arange(len(hit)) + 1)
     good = np.flatnonzero((covered >= 0.75) & hit)
     return float(good[-1] + 1) * r if len(good) else 0.0
