@@ -67,7 +67,7 @@ def test_every_bit_when_asked(tmp_path: Path) -> None:
 def test_bad_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"expected \(7, 11\)"):
         save_layer(tmp_path / "a.yaml", np.zeros((3, 3)), GRID)
-    with pytest.raises(InputError, match="ends in .yaml"):
+    with pytest.raises(InputError, match=r"ends in \.yaml"):
         save_layer(tmp_path / "a.png", np.zeros((7, 11)), GRID)
     save_layer(tmp_path / "a.yaml", np.zeros((7, 11)), GRID)
     text = (tmp_path / "a.yaml").read_text()
@@ -79,5 +79,5 @@ def test_bad_files(tmp_path: Path) -> None:
         load_layer(tmp_path / "c.yaml")
     picture = (tmp_path / "a.png").read_bytes()
     (tmp_path / "a.png").write_bytes(picture[:-20])
-    with pytest.raises(InputError, match="is cut|is damaged"):
+    with pytest.raises(InputError, match=r"is cut|is damaged"):
         load_layer(tmp_path / "a.yaml")

@@ -141,15 +141,15 @@ def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]
     if exact:
         return _bits(values.astype(np.float32)), {"kind": "float32", "coding": "bits32"}
     finite = np.isfinite(values)
-    low = float(values[finite].min()) if finite.any() else 0.0
-    high = float(values[finite].max()) if finite.any() else 0.0
-    scale = (high - low) / _TOP or 1.0
+    lowest = float(values[finite].min()) if finite.any() else 0.0
+    highest = float(values[finite].max()) if finite.any() else 0.0
+    scale = (highest - lowest) / _TOP or 1.0
     level = np.zeros(values.shape)
-    level[finite] = np.rint((values[finite].astype(np.float64) - low) / scale)
+    level[finite] = np.rint((values[finite].astype(np.float64) - lowest) / scale)
     level[np.isnan(values)] = _NAN
     level[np.isposinf(values)] = _INF
     level[np.isneginf(values)] = _MINUS_INF
-    fields = {"kind": kind, "coding": "linear16", "offset": low, "scale": scale}
+    fields = {"kind": kind, "coding": "linear16", "offset": lowest, "scale": scale}
     return level.astype(np.uint16), fields | {
         "no_value": _NAN,
         "infinite": _INF,
@@ -189,12 +189,15 @@ def load_layer(path: Path | str) -> Layer:
         raise InputError(path, f"found {info.image!r}, expected the name of a file beside it", field="image")
     picture = path.parent / info.image
     read_picture(picture)  # refuses what is damaged
-    pixels = cv2.imdecode(np.fromfile(picture, dtype=np.uint8), cv2.IMREAD_UNCHANGED)[::-1]
+    pixels = np.asarray(cv2.imdecode(np.fromfile(picture, dtype=np.uint8), cv2.IMREAD_UNCHANGED))[::-1]
     layer = info.layer
-    expected = {"linear8": (2, np.uint8), "linear16": (2, np.uint16), "bits32": (3, np.uint8)}[layer.coding]
-    if (pixels.ndim, pixels.dtype) != expected or (pixels.ndim == 3 and pixels.shape[2] != 4):
+    shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[
+        layer.coding
+    ]
+    if pixels.shape[2:] != shape or str(pixels.dtype) != depth:
         raise InputError(picture, f"found {pixels.dtype} {pixels.shape}, expected a {layer.coding} picture")
     kind = _KINDS[layer.kind]
+    values: np.ndarray
     if layer.coding == "bits32":
         little = np.dtype(kind).newbyteorder("<")
         values = np.ascontiguousarray(pixels).view(little)[..., 0].astype(kind)

@@ -1,5 +1,6 @@
 """What a robot knows of objects, and the measurements that this knowledge is made of."""
 
+from .laser import LaserScan
 from .measurement import Contact, ErrorBudget, Event, EventKind, ForceProfile, Motion, Reason, Wrench
 from .model import (
     Appearance,
@@ -24,6 +25,7 @@ __all__ = [
     "ForceProfile",
     "Geometry",
     "HapticTag",
+    "LaserScan",
     "Material",
     "Motion",
     "Primitive",

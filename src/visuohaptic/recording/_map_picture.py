@@ -62,10 +62,7 @@ def read_picture(path: Path) -> Picture:
         )
     if size > 24 * width * height + _EXTRA_BYTES:
         raise InputError(path, f"has {size} bytes, far more than {width} x {height} pixels need")
-    if head[:2] in _NETPBM:
-        picture = _read_netpbm(path)
-    else:
-        picture = _read_other(path)
+    picture = _read_netpbm(path) if head[:2] in _NETPBM else _read_other(path)
     if picture.level.shape != (height, width):
         found = picture.level.shape
         raise InputError(path, f"is damaged: {found[1]} x {found[0]}, header {width} x {height}")

@@ -1,0 +1,98 @@
+"""Footprints of drawn things in any pose, and the bins that people have drawn into a real map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Polygon, contains_xy
+
+from visuohaptic.errors import InputError
+from visuohaptic.navigation.footprints import FootprintSettings, changed_cells, find_footprints
+from visuohaptic.recording import OccupancyMap
+
+
+def with_box(
+    centre: tuple[float, float], size: tuple[float, float], turn: float, yaw: float, hollow: bool = False
+) -> OccupancyMap:
+    """A room of 4 m with one box in it."""
+    grid = OccupancyMap(np.zeros((160, 160), np.int8), 0.025, (3.0, -1.0, yaw))
+    cells = np.zeros((160, 160), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    rows, columns = np.indices(cells.shape)
+    local = (np.stack([columns, rows], axis=-1) + 0.5) * 0.025 - centre
+    c, s = np.cos(turn), np.sin(turn)
+    a, b = np.abs(local @ [c, s]), np.abs(local @ [-s, c])
+    inside = (a <= size[0] / 2) & (b <= size[1] / 2)
+    if hollow:  # a laser sees one side and a bit of the next
+        inside &= (local @ np.array([c, s]) < -size[0] / 2 + 0.05) | (
+            local @ np.array([-s, c]) < -size[1] / 2 + 0.05
+        )
+    cells[inside] = 100
+    return OccupancyMap(cells, grid.resolution_m, grid.origin)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    place=st.tuples(st.floats(1.0, 3.0), st.floats(1.0, 3.0)),
+    long=st.floats(0.25, 0.55),
+    slender=st.floats(0.6, 1.0),
+    turn=st.floats(0, np.pi),
+    yaw=st.sampled_from([0.0, 3.14, -0.4]),
+    hollow=st.booleans(),
+)
+def test_a_box_is_found_with_its_size_and_place(
+    place: tuple[float, float], long: float, slender: float, turn: float, yaw: float, hollow: bool
+) -> None:
+    size = (long, long * slender)
+    grid = with_box(place, size, turn, yaw, hollow)
+    found = find_footprints(grid)
+    assert len(found) == 1
+    c, s = np.cos(yaw), np.sin(yaw)
+    true = np.array([3.0, -1.0]) + np.array([c * place[0] - s * place[1], s * place[0] + c * place[1]])
+    if hollow:
+        # The hull of an L is the triangle of what was seen; it holds the seen cells and stays in the box.
+        assert contains_xy(
+            Polygon(found[0].outline_m).buffer(1e-6), *grid.world_from_cell(found[0].cells).T
+        ).all()
+        assert np.hypot(*(found[0].centre_m - true)) < long / 2
+        return
+    # Cells whose centre is inside: each side to within a cell, turned ones to within its diagonal.
+    assert found[0].size_m == pytest.approx(size, abs=0.036 * 1.5)
+    assert np.hypot(*(found[0].centre_m - true)) < 0.025
+    outline = found[0].outline_m
+    following = np.roll(outline, -1, axis=0)
+    assert np.sum(outline[:, 0] * following[:, 1] - outline[:, 1] * following[:, 0]) > 0, "counter-clockwise"
+
+
+def test_size_and_surroundings_decide() -> None:
+    assert find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0)) == ()
+    assert find_footprints(with_box((2.0, 2.0), (0.05, 0.05), 0.0, 0.0)) == ()
+    assert find_footprints(with_box((0.1, 2.0), (0.3, 0.3), 0.0, 0.0)) == (), "joined to the wall"
+    assert (
+        len(find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0), FootprintSettings(largest_m=1.0)))
+        == 1
+    )
+    cells = np.full((40, 40), -1, np.int8)
+    cells[15:20, 15:20] = 100
+    assert find_footprints(OccupancyMap(cells, 0.05)) == (), "nobody has seen what is around it"
+    with pytest.raises(InputError, match="smallest < largest"):
+        FootprintSettings(smallest_m=1.0)
+    with pytest.raises(InputError, match="expected"):
+        find_footprints(OccupancyMap(cells, 0.05), among=np.ones((2, 2), bool))
+
+
+@pytest.mark.data
+def test_the_trash_bins_of_freiburg(data: Path) -> None:
+    # Nine bins are drawn into the second map as one cell each; at the map's size of about 0.1 m a cell.
+    folder = data / "navigation" / "dev" / "maps" / "freiburg"
+    without = OccupancyMap.from_image(folder / "freiburg_building52.png", 0.1)
+    with_bins = OccupancyMap.from_image(folder / "freiburg_building52_trashbins.png", 0.1)
+    drawn = np.argwhere(without.cells != with_bins.cells)
+    found = {tuple(cell) for footprint in find_footprints(with_bins) for cell in footprint.cells.tolist()}
+    assert {tuple(cell) for cell in drawn.tolist()} <= found
+    new = find_footprints(with_bins, among=changed_cells(without, with_bins))
+    assert sorted(tuple(f.cells[0]) for f in new) == sorted(tuple(cell) for cell in drawn.tolist())
