@@ -188,7 +188,11 @@ def _walked(
         for v, axis, sign in shown
     ]
     return Walked(
-        path.load / top, np.column_stack(columns), np.asarray(reference, float), path.iterations, path.complete
+        path.load / top,
+        np.column_stack(columns),
+        np.asarray(reference, float),
+        path.iterations,
+        path.complete,
     )
 
 
@@ -350,9 +354,7 @@ def hinged_roof(n: int = 16, thickness: float = 12.7) -> Walked:
         n, n, thickness, crossed=True,
     )  # fmt: skip
     x, y, _ = mesh.vertices_m.T
-    fixed = held(
-        mesh, (near(x, x.max()), (X, Y, Z)), (near(x, 0), (X, RY, RZ)), (near(y, 0), (Y, RX, RZ))
-    )
+    fixed = held(mesh, (near(x, x.max()), (X, Y, Z)), (near(x, 0), (X, RY, RZ)), (near(y, 0), (Y, RX, RZ)))
     model = ShellModel(mesh, IsotropicMaterial(3102.75, 0.3), fixed)
     load = np.zeros((model.nodes, 6))
     load[0, Z] = -0.25

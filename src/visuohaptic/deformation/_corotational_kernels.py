@@ -14,7 +14,7 @@ from ._shell_kernels import rotate_blocks, triangle_frame
 
 
 @njit(cache=True)
-def rotation_vector(r, out):
+def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
     """Axis times angle of a rotation matrix; exact near no rotation, angle below pi."""
     w0, w1, w2 = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
     sine = 0.5 * np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)
@@ -25,7 +25,7 @@ def rotation_vector(r, out):
 
 
 @njit(cache=True)
-def rotate_nodes(rotations, spins):
+def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
     """exp(spin) R for each node."""
     out = np.empty_like(rotations)
     for v in range(rotations.shape[0]):
@@ -52,7 +52,7 @@ def rotate_nodes(rotations, spins):
 
 
 @njit(cache=True)
-def _spin_to_rate(theta, moment, h, m):
+def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.ndarray) -> None:
     """H(theta), and M = d(H^T moment)/d(spin) at a fixed moment."""
     t0, t1, t2 = theta[0], theta[1], theta[2]
     square = t0 * t0 + t1 * t1 + t2 * t2
@@ -91,7 +91,17 @@ def _spin_to_rate(theta, moment, h, m):
 
 
 @njit(cache=True)
-def forces_and_tangent(points, rotations, faces, frames, corners, stiffness, symmetric, forces, tangent):
+def forces_and_tangent(
+    points: np.ndarray,
+    rotations: np.ndarray,
+    faces: np.ndarray,
+    frames: np.ndarray,
+    corners: np.ndarray,
+    stiffness: np.ndarray,
+    symmetric: bool,
+    forces: np.ndarray,
+    tangent: np.ndarray,
+) -> float:
     """Internal forces (f, 18) and, if there is room for it, the tangent (f, 18, 18); returns the energy.
 
     ``points`` (v, 3) and ``rotations`` (v, 3, 3) now; ``frames``, ``corners``, ``stiffness`` of the
@@ -246,7 +256,9 @@ def forces_and_tangent(points, rotations, faces, frames, corners, stiffness, sym
 
 
 @njit(cache=True)
-def pressure_tangent(points, faces, share, pressure, out):
+def pressure_tangent(
+    points: np.ndarray, faces: np.ndarray, share: np.ndarray, pressure: float, out: np.ndarray
+) -> None:
     """Subtract d(pressure a)/du from element tangents (f, 18, 18), a = dV/du, at constant pressure."""
     for e in range(faces.shape[0]):
         scale = share[e] * pressure / 6.0

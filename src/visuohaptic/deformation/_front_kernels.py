@@ -7,7 +7,15 @@ from numba import njit
 
 
 @njit(cache=True)
-def split(nodes, label, mark, points, starts, neighbours, side):
+def split(
+    nodes: np.ndarray,
+    label: np.ndarray,
+    mark: int,
+    points: np.ndarray,
+    starts: np.ndarray,
+    neighbours: np.ndarray,
+    side: np.ndarray,
+) -> bool:
     """Cut a part in two with the smallest separator among cuts across x, y and z.
 
     ``label[n] == mark`` for the part's nodes. Fills ``side`` (0 below, 1 above, 2 separator) for
@@ -60,7 +68,9 @@ def split(nodes, label, mark, points, starts, neighbours, side):
 
 
 @njit(cache=True)
-def borders(order, first, starts, neighbours):
+def borders(
+    order: np.ndarray, first: np.ndarray, starts: np.ndarray, neighbours: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Border nodes of every front, as positions in the elimination order, and each front's parent."""
     fronts = first.size - 1
     place = np.empty(order.size, dtype=np.int64)
@@ -111,7 +121,14 @@ def borders(order, first, starts, neighbours):
 
 
 @njit(cache=True)
-def local_places(items, item_front, first, offset, border, total):
+def local_places(
+    items: np.ndarray,
+    item_front: np.ndarray,
+    first: np.ndarray,
+    offset: np.ndarray,
+    border: np.ndarray,
+    total: int,
+) -> np.ndarray:
     """Where each of the positions in ``items`` (k, m) stands among pivots and border of its front.
 
     Items must come sorted by ``item_front``; a position of -1 stays -1.
@@ -135,7 +152,16 @@ def local_places(items, item_front, first, offset, border, total):
 
 
 @njit(cache=True)
-def add_blocks(f11, f21, f22, f12, block, places, size, full):
+def add_blocks(
+    f11: np.ndarray,
+    f21: np.ndarray,
+    f22: np.ndarray,
+    f12: np.ndarray,
+    block: np.ndarray,
+    places: np.ndarray,
+    size: int,
+    full: bool,
+) -> None:
     """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front.
 
     Only the lower triangle when not ``full``.
@@ -164,14 +190,33 @@ def add_blocks(f11, f21, f22, f12, block, places, size, full):
 
 
 @njit(cache=True)
-def add_elements(f11, f21, f22, f12, matrices, elements, places, size, full):
+def add_elements(
+    f11: np.ndarray,
+    f21: np.ndarray,
+    f22: np.ndarray,
+    f12: np.ndarray,
+    matrices: np.ndarray,
+    elements: np.ndarray,
+    places: np.ndarray,
+    size: int,
+    full: bool,
+) -> None:
     """:func:`add_blocks` for several elements."""
     for k in range(elements.size):
         add_blocks(f11, f21, f22, f12, matrices[elements[k]], places[k], size, full)
 
 
 @njit(cache=True)
-def add_child(f11, f21, f22, f12, update, places, size, full):
+def add_child(
+    f11: np.ndarray,
+    f21: np.ndarray,
+    f22: np.ndarray,
+    f12: np.ndarray,
+    update: np.ndarray,
+    places: np.ndarray,
+    size: int,
+    full: bool,
+) -> None:
     """Extend-add of a child's update; its lower triangle when not ``full`` (``places`` ascend)."""
     split_at = f11.shape[0]
     rows = update.shape[0]
@@ -196,7 +241,14 @@ def add_child(f11, f21, f22, f12, update, places, size, full):
 
 
 @njit(cache=True)
-def add_rows(top, bottom, values, places, columns, size):
+def add_rows(
+    top: np.ndarray,
+    bottom: np.ndarray,
+    values: np.ndarray,
+    places: np.ndarray,
+    columns: np.ndarray,
+    size: int,
+) -> None:
     """Add a child's right-hand sides (rows by local nodes ``places``) to pivots and border."""
     split_at = top.shape[0]
     for q in range(values.shape[1]):
@@ -211,7 +263,7 @@ def add_rows(top, bottom, values, places, columns, size):
 
 
 @njit(cache=True)
-def constrain(matrices, faces, fixed):
+def constrain(matrices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> None:
     """Zero the rows and columns of fixed freedoms in element matrices (e, s k, s k), in place."""
     corners = faces.shape[1]
     size = fixed.shape[1]

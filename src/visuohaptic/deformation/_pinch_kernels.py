@@ -7,7 +7,9 @@ from numba import njit
 
 
 @njit(cache=True)
-def across(points, faces, first, axis):
+def across(
+    points: np.ndarray, faces: np.ndarray, first: np.ndarray, axis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Face hit furthest beyond the axis (-1: none), barycentric place, direction of the ray.
 
     Faces are sorted into slabs of height, so that a ray meets only those at its height.

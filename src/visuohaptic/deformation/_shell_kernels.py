@@ -15,7 +15,7 @@ PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
 
 
 @njit(cache=True)
-def triangle_frame(a, b, c):
+def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Axes (rows) with x along a-b and z along the normal, corner coordinates (3, 2), area."""
     frame = np.empty((3, 3))
     edge, other = b - a, c - a
@@ -39,7 +39,7 @@ def triangle_frame(a, b, c):
 
 
 @njit(cache=True)
-def _add_congruent(out, b, d, weight):
+def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float) -> None:
     """out += weight b^T d b for b (3, 9) and d (3, 3)."""
     db = np.empty((3, 9))
     for i in range(3):
@@ -51,7 +51,7 @@ def _add_congruent(out, b, d, weight):
 
 
 @njit(cache=True)
-def membrane_stiffness(xy, area, stiffness, beta0):
+def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0: float) -> np.ndarray:
     """OPT membrane (9, 9) in (u, v, theta_z) per corner; ``stiffness`` is force per length.
 
     Felippa 2003, "A study of optimal membrane triangles with drilling freedoms", the
@@ -117,7 +117,7 @@ def membrane_stiffness(xy, area, stiffness, beta0):
 
 
 @njit(cache=True)
-def plate_curvature(xy, area, xi, eta):
+def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.ndarray:
     """Curvature (3, 9) of the discrete Kirchhoff triangle in (w, theta_x, theta_y) per corner.
 
     Batoz, Bathe and Ho 1980. Rotations are right-handed: theta_x = w,y and theta_y = -w,x.
@@ -184,7 +184,9 @@ def plate_curvature(xy, area, xi, eta):
 
 
 @njit(cache=True)
-def local_stiffness(xy, area, membrane, plate, beta0):
+def local_stiffness(
+    xy: np.ndarray, area: float, membrane: np.ndarray, plate: np.ndarray, beta0: float
+) -> np.ndarray:
     """Element stiffness (18, 18) in the element's own frame."""
     in_plane = membrane_stiffness(xy, area, membrane, beta0)
     across = np.zeros((9, 9))
@@ -199,7 +201,7 @@ def local_stiffness(xy, area, membrane, plate, beta0):
 
 
 @njit(cache=True)
-def rotate_blocks(local, frame, out):
+def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None:
     """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes)."""
     half = np.empty((3, 3))
     for p in range(6):
@@ -219,7 +221,9 @@ def rotate_blocks(local, frame, out):
 
 
 @njit(cache=True)
-def element_stiffness(vertices, faces, membrane, plate, beta0):
+def element_stiffness(
+    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
+) -> np.ndarray:
     """Element stiffness (f, 18, 18) in the global frame.
 
     ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
@@ -234,7 +238,9 @@ def element_stiffness(vertices, faces, membrane, plate, beta0):
 
 
 @njit(cache=True)
-def element_frames(vertices, faces, membrane, plate, beta0):
+def element_frames(
+    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18)."""
     count = faces.shape[0]
     frames = np.empty((count, 3, 3))

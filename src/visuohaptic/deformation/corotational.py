@@ -185,4 +185,3 @@ class Tangent:
         both = self.factor.solve(np.column_stack([loads, a]))
         plain, along = both[:, :-1], both[:, -1]
         return plain - np.outer(along, s * (a @ plain) / (1 + s * (a @ along)))
-

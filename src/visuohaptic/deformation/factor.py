@@ -131,7 +131,11 @@ class Factor:
             if a == b and not kids:
                 continue
             sets = [carried[child][0] for child in kids]
-            columns = sets[0] if len(sets) == 1 and a == b else np.unique(np.concatenate([*sets, by_row.indices[a:b]]))
+            columns = (
+                sets[0]
+                if len(sets) == 1 and a == b
+                else np.unique(np.concatenate([*sets, by_row.indices[a:b]]))
+            )
             position[columns] = np.arange(columns.size)
             outside = size * int(tree.offset[front + 1] - tree.offset[front])
             top = np.zeros((end - begin, columns.size), order="F")

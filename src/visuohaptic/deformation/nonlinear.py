@@ -172,7 +172,9 @@ class _Walk:
                     cuts += 1
                     share *= 0.5
                     if cuts > 7:
-                        reason = f"no equilibrium found beyond {kind} {reached:.6g} on the way to {target:.6g}"
+                        reason = (
+                            f"no equilibrium found beyond {kind} {reached:.6g} on the way to {target:.6g}"
+                        )
                         _log.warning("%s", reason)
                         return EquilibriumPath(tuple(points), False, reason)
             points.append(self._point())
@@ -232,7 +234,9 @@ class _Walk:
             best = min(best, error)
             both = tangent.solve(np.column_stack([residual.ravel(), self.load.ravel()]))
             by_residual, by_load = both[:, 0].reshape(self.load.shape), both[:, 1].reshape(self.load.shape)
-            more = self._load_change(kind, aim, state, factor, step, by_residual, by_load, direction, tangent.sign)
+            more = self._load_change(
+                kind, aim, state, factor, step, by_residual, by_load, direction, tangent.sign
+            )
             change = by_residual + more * by_load
             largest = float(np.abs(change[:, 3:]).max())
             if not np.isfinite(largest) or largest > 3.0:

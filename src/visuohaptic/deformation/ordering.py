@@ -8,6 +8,7 @@ the default ordering of scipy's solver fills four times more.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -90,8 +91,8 @@ def front_tree(
         offset,
         border,
         border_local,
-        tuple(by_front[a:b] for a, b in zip(cuts[:-1], cuts[1:], strict=True)),
-        tuple(local[a:b] for a, b in zip(cuts[:-1], cuts[1:], strict=True)),
+        tuple(by_front[a:b] for a, b in pairwise(cuts)),
+        tuple(local[a:b] for a, b in pairwise(cuts)),
         tuple(map(tuple, children)),
     )
 

@@ -121,9 +121,7 @@ def dual_tip_map(
     other = np.where(only, tips.second[np.arange(len(tips)), tips.weights.argmax(axis=1)], -1)
     low = np.where(only, np.minimum(tips.first, other), tips.first)
     high = np.where(only, np.maximum(tips.first, other), -1)
-    _, chosen, inverse = np.unique(
-        low * (model.nodes + 1) + high + 1, return_index=True, return_inverse=True
-    )
+    _, chosen, inverse = np.unique(low * (model.nodes + 1) + high + 1, return_index=True, return_inverse=True)
     some = DualTips(*(getattr(tips, name)[chosen] for name in DualTips.__slots__))
     compliance = dual_tip_compliance(model, some)[inverse]
     with np.errstate(divide="ignore"):
