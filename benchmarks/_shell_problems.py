@@ -60,7 +60,10 @@ def pinched_cylinder(n: int) -> float:
 
 
 def scordelis_lo(n: int) -> float:
-    """Sag of the free edge's middle under its own weight, over 0.3024."""
+    """Sag of the free edge's middle under its own weight, over 0.3024.
+
+    A converged deep shell gives 0.3006, 0.6 % below the reference that everyone quotes.
+    """
     radius, length, angle = 25.0, 50.0, np.radians(40)
     mesh = grid_mesh(
         lambda u, v: (radius * np.sin(u * angle), 0.5 * length * v, radius * np.cos(u * angle)), n, n, 0.25

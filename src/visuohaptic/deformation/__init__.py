@@ -3,10 +3,12 @@
 from .corotational import CorotationalShell, PressureLaw, ShellState
 from .fourier_shell import RevolutionShell, pinch_stiffness
 from .material import MATERIALS, IsotropicMaterial, material
-from .nonlinear import EquilibriumPath, PathPoint, follow_arc, follow_displacement, follow_load
+from .nonlinear import EquilibriumPath, PathPoint, follow_arc, follow_displacement, follow_load, pinch_curve
 from .patches import grid_faces, grid_mesh, tube_mesh
 from .shell import ShellMesh, ShellModel, enclosed_volume, plane_stress, volume_gradient
+from .solids import quadratic_compliance
 from .stiffness_map import DualTips, dual_tip_compliance, dual_tip_map, opposing_points, tip_loads
+from .tetrahedra import SolidMesh, linear_tetrahedra, wall_tetrahedra
 
 __all__ = [
     "MATERIALS",
@@ -20,6 +22,7 @@ __all__ = [
     "ShellMesh",
     "ShellModel",
     "ShellState",
+    "SolidMesh",
     "dual_tip_compliance",
     "dual_tip_map",
     "enclosed_volume",
@@ -28,11 +31,15 @@ __all__ = [
     "follow_load",
     "grid_faces",
     "grid_mesh",
+    "linear_tetrahedra",
     "material",
     "opposing_points",
+    "pinch_curve",
     "pinch_stiffness",
     "plane_stress",
+    "quadratic_compliance",
     "tip_loads",
     "tube_mesh",
     "volume_gradient",
+    "wall_tetrahedra",
 ]

@@ -16,9 +16,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .corotational import CorotationalShell, ShellState
+from .corotational import CorotationalShell, ShellState, Tangent
+from .stiffness_map import DualTips, tip_loads
 
-__all__ = ["EquilibriumPath", "PathPoint", "follow_arc", "follow_displacement", "follow_load"]
+__all__ = ["EquilibriumPath", "PathPoint", "follow_arc", "follow_displacement", "follow_load", "pinch_curve"]
 
 _log = logging.getLogger(__name__)
 
@@ -60,8 +61,8 @@ class EquilibriumPath:
         """Of the whole path."""
         return sum(point.iterations for point in self.points)
 
-    def displacement(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
-        """Of one vertex along one world axis, at each point, from the first point's own rest [m]."""
+    def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
+        """Of one vertex along one world axis, at each point."""
         return np.array([point.state.points_m[vertex, axis] for point in self.points])
 
 
@@ -74,7 +75,7 @@ def follow_load(
     tolerance: float = 1e-5,
 ) -> EquilibriumPath:
     """Raise the load to each of ``factors`` times ``load``. Stops at a limit load."""
-    return _Walk(shell, load, load if control is None else control, tolerance).run(list(factors), "load")
+    return _Walk(shell, load, control, tolerance).run(list(factors), "load")
 
 
 def follow_displacement(
@@ -96,14 +97,12 @@ def follow_displacement(
     targets_m
         Displacements of the control.
     control
-        Weights c of the control ``c . u``, displacements only; the load's own by default, divided
-        by the sum of its squares: for a dual tip of 1 N each the mean displacement of the tips.
+        Weights c of the control ``c . u``, displacements only. By default the load divided by the
+        sum of its forces: the mean displacement of what is loaded, along the load.
     tolerance
         Of the residual force, as a share of the largest of load and reactions.
     """
-    return _Walk(shell, load, load if control is None else control, tolerance).run(
-        list(targets_m), "displacement"
-    )
+    return _Walk(shell, load, control, tolerance).run(list(targets_m), "displacement")
 
 
 def follow_arc(
@@ -121,8 +120,40 @@ def follow_arc(
     ``first`` is the load factor that the first, linear step would reach; it sets the arc length,
     which afterwards follows the number of iterations. Limit points and snap-back are passed.
     """
-    walk = _Walk(shell, load, load if control is None else control, tolerance)
+    walk = _Walk(shell, load, control, tolerance)
     return walk.run_arc(first, until, most_points)
+
+
+def pinch_curve(
+    shell: CorotationalShell,
+    tips: DualTips,
+    which: int,
+    deformation_m: Sequence[float],
+    *,
+    tolerance: float = 1e-5,
+) -> EquilibriumPath:
+    """Close two tips on a wall: force against the mean deformation of both.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    tips
+        As for a map, see :func:`.opposing_points`.
+    which
+        Index of the pair.
+    deformation_m
+        Targets, ascending. ``load`` of the points is the force of one tip [N].
+
+    Raises
+    ------
+    InputError
+        The pair has nothing opposite.
+    """
+    if not tips.valid[which]:
+        raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
+    load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
+    return follow_displacement(shell, load, deformation_m, control=load / 2, tolerance=tolerance)
 
 
 class _Walk:
@@ -132,16 +163,17 @@ class _Walk:
         self,
         shell: CorotationalShell,
         load: Float[np.ndarray, "v 6"],
-        control: Float[np.ndarray, "v 6"],
+        control: Float[np.ndarray, "v 6"] | None,
         tolerance: float,
     ) -> None:
         self.shell, self.tolerance = shell, tolerance
         self.fixed = shell.model.fixed
         self.load = np.where(self.fixed, 0.0, np.asarray(load, dtype=float))
-        control = np.where(self.fixed, 0.0, np.asarray(control, dtype=float))
-        control[:, 3:] = 0.0
-        square = float(np.sum(control**2))
-        self.control = control / square if square else control
+        if control is None:
+            total = float(np.linalg.norm(self.load[:, :3], axis=1).sum())
+            control = self.load / total if total else np.zeros_like(self.load)
+        self.control = np.where(self.fixed, 0.0, np.asarray(control, dtype=float))
+        self.control[:, 3:] = 0.0
         if not self.load.any():
             raise InputError("load", "is zero on everything that can move")
         sides = np.ptp(shell.model.mesh.vertices_m, axis=0)
@@ -279,7 +311,8 @@ class _Walk:
             return abs(aim - factor) / max(abs(aim), 1e-300)
         if kind == "displacement":
             return abs(aim - self._control(state)) / max(abs(aim), 1e-300)
-        return 1e-2 * abs(float(np.linalg.norm(self._lengths(step))) / aim - 1.0) * 1e-3
+        # The arc only paces the walk: a tenth off is as good.
+        return 1e-5 * abs(float(np.linalg.norm(self._lengths(step))) / aim - 1.0)
 
     # -- Measures ----------------------------------------------------------------------------
 
@@ -293,5 +326,5 @@ class _Walk:
         # Only displacements count: spins have another unit and follow from them.
         return step[:, :3]
 
-    def _solved(self, tangent: object, load: np.ndarray) -> np.ndarray:
-        return tangent.solve(load.reshape(-1, 1)).reshape(load.shape)  # type: ignore[attr-defined]
+    def _solved(self, tangent: Tangent, load: np.ndarray) -> np.ndarray:
+        return tangent.solve(load.reshape(-1, 1)).reshape(load.shape)

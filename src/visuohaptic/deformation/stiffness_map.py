@@ -68,9 +68,10 @@ def opposing_points(
     face, weights, direction = kernels.across(points, faces, first, axis)
     valid = face >= 0
     corners = faces[np.maximum(face, 0)]
-    # A crossing at a vertex is that vertex: loads stay on one node, and pairs are seen twice.
-    snapped = weights.max(axis=1) > 1 - 1e-6
-    weights[snapped] = np.round(weights[snapped])
+    # A crossing at a vertex or on an edge is on it: no load spills over by rounding, and pairs of
+    # vertices are recognised.
+    weights[weights < 1e-6] = 0.0
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
     return DualTips(first, corners, weights, direction, valid)
 
 
