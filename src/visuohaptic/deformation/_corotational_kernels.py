@@ -90,7 +90,7 @@ def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.nd
             m[i, j] = inner[i, 0] * h[0, j] + inner[i, 1] * h[1, j] + inner[i, 2] * h[2, j]
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
 def forces_and_tangent(
     points: np.ndarray,
     rotations: np.ndarray,
@@ -123,6 +123,9 @@ def forces_and_tangent(
     s = np.zeros((18, 3))
     a = np.empty((18, 18))
     work = np.empty((18, 18))
+    left = np.empty((18, 3))
+    right = np.empty((18, 3))
+    inner = np.empty((3, 3))
     for e in range(faces.shape[0]):
         side, xy, area = triangle_frame(points[faces[e, 0]], points[faces[e, 1]], points[faces[e, 2]])
         # Turn the frame in its plane until it fits the undeformed corners best.
@@ -218,39 +221,68 @@ def forces_and_tangent(
             for i in range(3):
                 for j in range(3):
                     a[6 * k + 3 + i, 6 * k + 3 + j] += m[k, i, j]
-        left = np.zeros((18, 3))  # S^T A, transposed
-        right = np.zeros((18, 3))  # A S
+        # ``right`` = A S and ``left`` = A^T S; S has two entries per row in the displacements.
         for i in range(18):
-            for j in range(18):
-                for q in range(3):
-                    right[i, q] += a[i, j] * s[j, q]
-                    left[j, q] += s[i, q] * a[i, j]
-        inner = np.zeros((3, 3))
-        swirl = np.zeros((18, 3))  # F_nm: skew of every force and moment
+            r0 = r1 = r2 = l0 = l1 = l2 = 0.0
+            for k in range(3):
+                x, y, z = 6 * k, 6 * k + 1, 6 * k + 2
+                px, py = local[k, 0], local[k, 1]
+                r0 += a[i, z] * py + a[i, x + 3]
+                r1 += a[i, x + 4] - a[i, z] * px
+                r2 += a[i, y] * px - a[i, x] * py + a[i, x + 5]
+                l0 += a[z, i] * py + a[x + 3, i]
+                l1 += a[x + 4, i] - a[z, i] * px
+                l2 += a[y, i] * px - a[x, i] * py + a[x + 5, i]
+            right[i, 0], right[i, 1], right[i, 2] = r0, r1, r2
+            left[i, 0], left[i, 1], left[i, 2] = l0, l1, l2
+        # P^T A P - F_nm G - G^T F_n^T P = A - Q G - G^T R^T, with P = 1 - S G.
         for k in range(6):
             n0, n1, n2 = fp[3 * k], fp[3 * k + 1], fp[3 * k + 2]
-            swirl[3 * k, 1], swirl[3 * k, 2] = -n2, n1
-            swirl[3 * k + 1, 0], swirl[3 * k + 1, 2] = n2, -n0
-            swirl[3 * k + 2, 0], swirl[3 * k + 2, 1] = -n1, n0
+            right[3 * k, 1] -= n2
+            right[3 * k, 2] += n1
+            right[3 * k + 1, 0] += n2
+            right[3 * k + 1, 2] -= n0
+            right[3 * k + 2, 0] -= n1
+            right[3 * k + 2, 1] += n0
+            if k % 2 == 0:
+                left[3 * k, 1] -= n2
+                left[3 * k, 2] += n1
+                left[3 * k + 1, 0] += n2
+                left[3 * k + 1, 2] -= n0
+                left[3 * k + 2, 0] -= n1
+                left[3 * k + 2, 1] += n0
         for p in range(3):
             for q in range(3):
+                inner[p, q] = 0.0
                 for i in range(18):
-                    inner[p, q] += s[i, p] * right[i, q]
-                    if i % 6 < 3:
-                        inner[p, q] += swirl[i, p] * s[i, q]
+                    inner[p, q] += left[i, p] * s[i, q]
         for i in range(18):
-            for j in range(18):
-                value = a[i, j]
-                for q in range(3):
-                    value -= (right[i, q] + swirl[i, q]) * g[q, j]
-                    value -= g[q, i] * (left[j, q] + (swirl[j, q] if j % 6 < 3 else 0.0))
-                    for p in range(3):
-                        value += g[p, i] * inner[p, q] * g[q, j]
-                work[i, j] = value
+            for q in range(3):
+                right[i, q] -= g[0, i] * inner[0, q] + g[1, i] * inner[1, q] + g[2, i] * inner[2, q]
         if symmetric:
             for i in range(18):
-                for j in range(i):
-                    work[i, j] = work[j, i] = 0.5 * (work[i, j] + work[j, i])
+                for q in range(3):
+                    right[i, q] = left[i, q] = 0.5 * (right[i, q] + left[i, q])
+        for i in range(18):
+            for j in range(18):
+                work[i, j] = a[i, j]
+        # G has entries only for displacements: its third row in the plane, the others across it.
+        for k in range(3):
+            x, y, z = 6 * k, 6 * k + 1, 6 * k + 2
+            for i in range(18):
+                work[i, x] -= right[i, 2] * g[2, x]
+                work[i, y] -= right[i, 2] * g[2, y]
+                work[i, z] -= right[i, 0] * g[0, z] + right[i, 1] * g[1, z]
+            for j in range(18):
+                work[x, j] -= g[2, x] * left[j, 2]
+                work[y, j] -= g[2, y] * left[j, 2]
+                work[z, j] -= g[0, z] * left[j, 0] + g[1, z] * left[j, 1]
+        if symmetric:
+            for k in range(3):
+                # Only M in A is not symmetric.
+                for i in range(6 * k + 3, 6 * k + 6):
+                    for j in range(6 * k + 3, i):
+                        work[i, j] = work[j, i] = 0.5 * (work[i, j] + work[j, i])
         rotate_blocks(work, frame, tangent[e])
     return energy
 

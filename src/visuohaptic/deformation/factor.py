@@ -52,29 +52,31 @@ class Factor:
 
         tree, size = self.tree, self.freedoms
         loads = np.asarray(loads, dtype=float)
-        dofs = (tree.order[:, None] * size + np.arange(size)).ravel()
-        x = np.array(loads.reshape(len(loads), -1)[dofs], order="C")
-        rows = [self._rows(front) for front in range(tree.fronts)]
+        x = loads.reshape(tree.order.size, size, -1)[tree.order]
+        columns = x.shape[2]
         for front in range(tree.fronts):
-            begin, end, outside = rows[front]
+            begin, end, outside = self._part(front)
+            top = x[begin:end].reshape(-1, columns)
             if self.definite:
-                top = dtrsm(1.0, self.pivots[front], x[begin:end], lower=1)
+                top = dtrsm(1.0, self.pivots[front], top, lower=1)
             else:
-                top = dgetrs(*self.pivots[front], x[begin:end])[0]
-            x[begin:end] = top
+                top = dgetrs(*self.pivots[front], top)[0]
+            x[begin:end] = top.reshape(-1, size, columns)
             if outside.size:
-                x[outside] -= self.below[front] @ top
+                x[outside] -= (self.below[front] @ top).reshape(-1, size, columns)
         for front in reversed(range(tree.fronts)):
-            begin, end, outside = rows[front]
+            begin, end, outside = self._part(front)
+            beyond = x[outside].reshape(-1, columns)
             if self.definite:
-                top = x[begin:end]
+                top = x[begin:end].reshape(-1, columns)
                 if outside.size:
-                    top = top - self.below[front].T @ x[outside]
-                x[begin:end] = dtrsm(1.0, self.pivots[front], top, lower=1, trans_a=1)
+                    top = top - self.below[front].T @ beyond
+                top = dtrsm(1.0, self.pivots[front], top, lower=1, trans_a=1)
+                x[begin:end] = top.reshape(-1, size, columns)
             elif outside.size:
-                x[begin:end] -= self.right[front] @ x[outside]
+                x[begin:end] -= (self.right[front] @ beyond).reshape(-1, size, columns)
         out = np.empty_like(x)
-        out[dofs] = x
+        out[tree.order] = x
         return out.reshape(loads.shape)
 
     def compliance(self, loads: Any) -> Float[np.ndarray, "m"]:
@@ -85,11 +87,10 @@ class Factor:
         """``F^T K^-1 F`` for sparse loads F (n, m)."""
         return self._half(loads, coupled=True)
 
-    def _rows(self, front: int) -> tuple[int, int, Int[np.ndarray, "_"]]:
-        tree, size = self.tree, self.freedoms
+    def _part(self, front: int) -> tuple[int, int, Int[np.ndarray, "_"]]:
+        tree = self.tree
         outside = tree.border[tree.offset[front] : tree.offset[front + 1]]
-        rows = (outside[:, None] * size + np.arange(size)).ravel()
-        return int(tree.first[front]) * size, int(tree.first[front + 1]) * size, rows
+        return int(tree.first[front]), int(tree.first[front + 1]), outside
 
     @one_blas_thread()
     def _half(self, loads: Any, *, coupled: bool) -> Float[np.ndarray, "..."]:

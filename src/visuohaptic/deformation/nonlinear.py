@@ -247,16 +247,22 @@ class _Walk:
             # Go on as before: the first residual is then of second order in the step.
             step = ratio * self.last_step
             state, factor = start.moved(step), start_factor + ratio * self.last_factor
-        best = np.inf
+        best = error = np.inf
+        sign = 1
         for iteration in range(MOST_ITERATIONS):
             self.spent += 1
-            internal, tangent = self.shell.linearised(state)
+            # Close to the goal Newton's next residual is likely small enough: look before factoring.
+            tangent = None
+            if iteration > 0 and error < 3e-3:
+                internal = self.shell.internal_force(state)
+            else:
+                internal, tangent = self.shell.linearised(state)
             residual = np.where(self.fixed, 0.0, factor * self.load - internal)
             scale = max(self._size(factor * self.load), self._size(internal), 1e-300)
             error = self._size(residual) / scale
             gap = self._gap(kind, aim, state, factor, step)
             if error < self.tolerance and gap < 1e-6 and iteration > 0:
-                self.stable = tangent.sign > 0
+                self.stable = sign > 0
                 self.last_step, self.last_factor = start.step_to(state), factor - start_factor
                 self.last_advance = advance
                 self.state, self.factor = state, factor
@@ -264,11 +270,12 @@ class _Walk:
             if not np.isfinite(error) or (iteration > 3 and error > 1e3 * max(best, 1.0)):
                 return False
             best = min(best, error)
+            if tangent is None:
+                _, tangent = self.shell.linearised(state)
+            sign = tangent.sign
             both = tangent.solve(np.column_stack([residual.ravel(), self.load.ravel()]))
             by_residual, by_load = both[:, 0].reshape(self.load.shape), both[:, 1].reshape(self.load.shape)
-            more = self._load_change(
-                kind, aim, state, factor, step, by_residual, by_load, direction, tangent.sign
-            )
+            more = self._load_change(kind, aim, state, factor, step, by_residual, by_load, direction, sign)
             change = by_residual + more * by_load
             largest = float(np.abs(change[:, 3:]).max())
             if not np.isfinite(largest) or largest > 3.0:

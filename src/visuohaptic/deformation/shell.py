@@ -167,12 +167,12 @@ class ShellModel:
         """K (6v, 6v) as a scipy CSC array, springs included, supports not: see ``free``."""
         return sparse_matrix(self.element_matrices, self.mesh.faces, self.nodes, self.springs)
 
-    @property
+    @cached_property
     def free(self) -> Bool[np.ndarray, "n"]:
         """Freedoms that can move, in the order of ``stiffness_matrix``."""
         return ~self.fixed.ravel()
 
-    @property
+    @cached_property
     def support_diagonal(self) -> Float[np.ndarray, "v 6"]:
         """What is added to the diagonal: springs, and a one for each freedom that cannot move."""
         used = np.zeros(self.nodes, dtype=bool)
