@@ -177,10 +177,10 @@ class Walked:
 
     @property
     def final(self) -> float:
-        """Worst error of a displacement at the largest tabulated load, of that displacement."""
+        """Worst error of a displacement at the largest tabulated load, of its largest value."""
         row = self.reference[-1]
         found = np.array([np.interp(row[0], self.load, shown) for shown in self.shown.T])
-        return float(np.abs(found / row[1:] - 1).max())
+        return float((np.abs(found - row[1:]) / np.abs(self.reference[:, 1:]).max(axis=0)).max())
 
 
 def _walked(
@@ -232,7 +232,7 @@ def end_moment(n: int = 32) -> Walked:
         [angle / (2 * np.pi), 12 - 12 * np.sin(angle) / angle, 12 * (1 - np.cos(angle)) / angle]
     )
     path = follow_load(CorotationalShell(model), load, list(top * np.linspace(0.0125, 1, 80)))
-    return _walked(path, top, [(tip, X, -1), (tip, Z, 1)], model.mesh, reference[:-1])
+    return _walked(path, top, [(tip, X, -1), (tip, Z, 1)], model.mesh, reference)
 
 
 def slit_annulus(n: int = 10) -> Walked:
@@ -369,7 +369,7 @@ def hinged_roof(n: int = 16, thickness: float = 12.7) -> Walked:
         ]  # fmt: skip
     else:
         reference = [
-            (0.0517, 1.846), (0.1183, 5.271), (0.1583, 8.257), (0.1914, 11.904), (0.1950, 13.752),
+            (0.0517, 1.846), (0.1182, 5.271), (0.1583, 8.257), (0.1914, 11.904), (0.1950, 13.752),
             (0.1806, 15.050), (0.1323, 16.145), (0.0504, 16.915), (-0.0312, 16.697), (-0.0739, 15.206),
             (-0.1142, 14.451), (-0.1288, 15.778), (-0.1196, 18.320), (-0.0825, 21.420), (0.0626, 26.565),
             (0.2403, 30.023), (0.4898, 33.388), (0.8114, 36.626), (1.0313, 38.450),
