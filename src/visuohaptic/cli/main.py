@@ -44,6 +44,7 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
     "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
+    "example beam": ("visuohaptic.cli.example_beam", "write a small recording to try the beam sensor on"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

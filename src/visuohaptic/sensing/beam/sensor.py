@@ -44,6 +44,8 @@ class BeamSetup:
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
     zero_path: Path | None = None
+    camera_path: Path | None = None  #: needed to read from pictures
+    templates_path: Path | None = None  #: folder of the templates, for the same
 
     def __post_init__(self) -> None:
         if not self.xi:
