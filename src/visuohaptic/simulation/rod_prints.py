@@ -65,18 +65,18 @@ def collage(seed: int, side_px: int = 320) -> UInt8[np.ndarray, "side side"]:
     rng = np.random.default_rng([7202, seed])
     size = 512  # fractal noise wants a power of two
     canvas = 128 + 35 * fractal_noise(rng, size, 1.3)
-    for _ in range(70):
+    for _ in range(220):
         centre = rng.uniform(0, size, 2)
         level, share = rng.uniform(10, 245), rng.uniform(0.5, 0.95)
         mask = np.zeros((size, size), np.float32)
         if rng.random() < 0.5:
-            axes = rng.uniform(6, 60, 2)
+            axes = rng.uniform(5, 40, 2)
             cv2.ellipse(
                 mask, (tuple(centre), tuple(2 * axes), float(rng.uniform(0, 180))), 1.0, -1, cv2.LINE_AA
             )
         else:
             angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
-            ring = centre + rng.uniform(10, 70) * np.column_stack([np.cos(angle), np.sin(angle)])
+            ring = centre + rng.uniform(8, 50) * np.column_stack([np.cos(angle), np.sin(angle)])
             cv2.fillPoly(mask, [np.round(ring).astype(np.int32)], 1.0, cv2.LINE_AA)
         canvas += share * mask * (level - canvas)
     canvas += 10 * fractal_noise(rng, size, 0.3, shortest_texels=4)
