@@ -28,9 +28,9 @@ def matching_blur(
     settings: EsmSettings | None = None,
     *,
     offset: Float32[np.ndarray, "2 R C"] | None = None,
-    start: int = 0,
-) -> int:
-    """Index of ``BLUR_VARIANCES`` that explains an aligned image best.
+    start: float = 0.0,
+) -> float:
+    """Variance of the Gaussian [template px^2] with which the template explains an aligned image best.
 
     Parameters
     ----------
@@ -72,10 +72,10 @@ def matching_blur(
             misfits[blur] = float((rr - r * r / s1 - (tr - t * r / s1) ** 2 / spread) / s1)
         return misfits[blur]
 
-    best, last = start, len(BLUR_VARIANCES) - 1
+    best, last = work.blur, len(BLUR_VARIANCES) - 1
     while True:
         near = [blur for blur in (best - 1, best, best + 1) if 0 <= blur <= last]
         lower = min(near, key=misfit)
         if lower == best:
-            return best
+            return template.variance(work.chain, best)
         best = lower

@@ -49,7 +49,7 @@ class Work:
         homography: np.ndarray,
         settings: EsmSettings,
         offset: np.ndarray | None,
-        blur: int = 0,
+        blur: float = 0.0,
     ) -> None:
         import cv2
 
@@ -65,7 +65,8 @@ class Work:
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
-        self.finest = template.finest(self.chain, blur)
+        self.blur = template.blur_index(self.chain, blur)
+        self.finest = template.finest(self.chain, self.blur)
         self.levels = template.chains[self.chain]
         self.image_base = min(max(round(halves), 0), 4)
         self.count = min(settings.levels, len(self.levels))

@@ -134,6 +134,19 @@ class EsmTemplate:
         corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
         return cls(tuple(chains), tuple(blocks), tuple(starts), corners)
 
+    def variance(self, chain: int, blur: int) -> float:
+        """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
+
+        Means of blocks of b pixels blur by (b^2 - 1) / 12 already.
+        """
+        bx, by = self.blocks[chain]
+        return BLUR_VARIANCES[blur] * bx * by + (bx * by - 1) / 12
+
+    def blur_index(self, chain: int, variance: float) -> int:
+        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2]."""
+        off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
+        return int(np.argmin(off))
+
     def finest(self, chain: int, blur: int) -> Level:
         """First level of a chain as a camera with this much blur sees it; an index of ``BLUR_VARIANCES``."""
         if blur <= 0:

@@ -76,7 +76,7 @@ class _Track:
     advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
     offset: Float32[np.ndarray, "2 R C"] | None = None
     tries: int = 0  #: detections since it was lost
-    blur: int = 0  #: how much softer the image shows it, an index of BLUR_VARIANCES
+    blur: float = 0.0  #: how much softer the image shows it [template px^2]
     blur_age: int = 0  #: frames since that was measured
     blur_scale: float = 0.0  #: size in the image when that was measured [px]
 
