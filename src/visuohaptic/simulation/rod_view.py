@@ -66,6 +66,7 @@ class RodRenderer:
         self.effects = effects or CameraEffects()
         self.table_m = table_m
         y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+        self._coarser: dict[tuple[int, int], np.ndarray] = {}
         self._rays = camera.rays(np.stack([x, y], axis=-1)).astype(np.float32)
 
     def render(
@@ -144,17 +145,16 @@ class RodRenderer:
         y = (np.arange(top, bottom)[:, None] + offset).ravel()
         rays = self.camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
         depth = sight / (rays @ pose.rotation[:, 2])
-        place = [
-            (depth * (rays @ axis) - pose.translation_m @ axis) / drawn.pixel_m + (size - 1) / 2
-            for axis, size in zip(pose.rotation[:, :2].T, (columns, rows), strict=True)
-        ]
-        inside = (np.abs(place[0] - (columns - 1) / 2) <= columns / 2) & (
-            np.abs(place[1] - (rows - 1) / 2) <= rows / 2
-        )
+        across, down = (depth * (rays @ axis) - pose.translation_m @ axis for axis in pose.rotation[:, :2].T)
+        inside = (np.abs(across) <= half[0]) & (np.abs(down) <= half[1])
+        # Rays further apart than the pixels of the print would miss where its edges are.
+        apart_m = pose.translation_m[2] / (_FINE * self.camera.focal_px)
+        shown = self._shown(drawn, max(1, math.ceil(apart_m / drawn.pixel_m)))
+        pitch_m = 2 * half / shown.shape[::-1]
         levels = cv2.remap(
-            drawn.levels,
-            place[0].astype(np.float32),
-            place[1].astype(np.float32),
+            shown,
+            (across / pitch_m[0] + (shown.shape[1] - 1) / 2).astype(np.float32),
+            (down / pitch_m[1] + (shown.shape[0] - 1) / 2).astype(np.float32),
             cv2.INTER_LINEAR,
             borderMode=cv2.BORDER_REPLICATE,
         )
@@ -168,6 +168,19 @@ class RodRenderer:
         region = image[top:bottom, left:right]
         region *= 1.0 - share
         region += paint
+
+    def _shown(self, drawn: Print, block: int) -> Float32[np.ndarray, "r c"]:
+        """The print's levels, means of ``block`` x ``block`` pixels."""
+        if block == 1:
+            return drawn.levels
+        key = (id(drawn), block)
+        if key not in self._coarser:
+            import cv2
+
+            rows, columns = drawn.levels.shape
+            size = (max(2, round(columns / block)), max(2, round(rows / block)))
+            self._coarser[key] = np.asarray(cv2.resize(drawn.levels, size, interpolation=cv2.INTER_AREA))
+        return self._coarser[key]
 
 
 def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[np.ndarray, "m 3"]:

@@ -152,7 +152,9 @@ def _shifted(
     height, width = image.shape
     low, high = corners.min(axis=0), corners.max(axis=0)
     # How far it can have gone without leaving the image by half.
-    reach = float(np.max([*(0.5 * (low + high)), width - 0.5 * (low[0] + high[0]), height - 0.5 * (low[1] + high[1])]))
+    reach = float(
+        np.max([*(0.5 * (low + high)), width - 0.5 * (low[0] + high[0]), height - 0.5 * (low[1] + high[1])])
+    )
     reach = min(max(reach, 0.0), 2.0 * float((high - low).max()))
     found = align(template.esm, image, start, EsmSettings(search_px=reach))
     enough = settings.ncc_nearby if template.tag_id is None else settings.ncc_nearby_tag

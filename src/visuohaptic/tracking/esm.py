@@ -67,7 +67,7 @@ def align(
     settings: EsmSettings | None = None,
     *,
     offset: Float32[np.ndarray, "2 R C"] | None = None,
-    blur: float = 0.0,
+    blur: float | None = None,
 ) -> Alignment:
     """Align a template with an image, starting from a predicted homography.
 
@@ -85,8 +85,8 @@ def align(
         Added to the warped position of every template pixel on the finest level [px]:
         what lens distortion does beyond the homography.
     blur
-        How much softer than the template the image is, as the variance of a Gaussian [template px^2];
-        see :func:`visuohaptic.tracking.esm_blur.matching_blur`.
+        How much softer than the template the image is, as the variance of a Gaussian [template px^2]
+        (a usual camera's for sharp prints, none for pictures); see :func:`visuohaptic.tracking.esm_blur.matching_blur`.
 
     Returns
     -------

@@ -28,7 +28,7 @@ def matching_blur(
     settings: EsmSettings | None = None,
     *,
     offset: Float32[np.ndarray, "2 R C"] | None = None,
-    start: float = 0.0,
+    start: float | None = None,
 ) -> float:
     """Variance of the Gaussian [template px^2] with which the template explains an aligned image best.
 
@@ -44,13 +44,15 @@ def matching_blur(
     settings = settings or EsmSettings()
     work = Work(template, image, alignment.homography, settings, offset, start)
     if not work.enough:
-        return start
-    light = np.array([alignment.gain, alignment.bias, alignment.noise * 1.2])
+        return 0.0 if start is None else start
+    # Nothing is cut: where the blur is wrong, the misfit sits on the edges, which would be taken for
+    # outliers. What covers the template fits no blur, so that it changes nothing.
+    light = np.array([alignment.gain, alignment.bias, 1e6])
     spline: np.ndarray | None = None
     misfits: dict[int, float] = {}
 
     def misfit(blur: int) -> float:
-        """Mean squared weighted residual after the best gain and bias [grey levels^2]."""
+        """Mean squared residual after the best gain and bias [grey levels^2]."""
         nonlocal spline
         if blur not in misfits:
             from ._esm_kernels import refine_level
@@ -61,9 +63,7 @@ def matching_blur(
             if spline is None:
                 spline = work.spline(first, h, level)
             work.light[:] = light
-            work._pass(
-                refine_level, level, spline, h, level.rows, 0, 0.0, True, settings.cut_sigmas, 0.0, 1, np.inf
-            )
+            work._pass(refine_level, level, spline, h, level.rows, 0, 0.0, True, 1.0, 0.0, 1, np.inf)
             s1, t, tt, r, tr, rr = work.stats[:6]
             if s1 <= 0:
                 return np.inf

@@ -29,7 +29,7 @@ class EsmSettings:
 
 
 #: Largest pixel of the template's chain in pixels of the image, where a finer chain is there.
-_COARSER = 1.12
+_COARSER = 1.0
 #: All ten unknowns: eight of the homography, gain and bias.
 _ALL = np.ones(10, dtype=bool)
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
@@ -49,7 +49,7 @@ class Work:
         homography: np.ndarray,
         settings: EsmSettings,
         offset: np.ndarray | None,
-        blur: float = 0.0,
+        blur: float | None = None,
     ) -> None:
         import cv2
 
@@ -59,13 +59,13 @@ class Work:
         (ax, ay), (bx, by) = (corners[2] - corners[0]).tolist(), (corners[3] - corners[1]).tolist()
         width, height = (template.corners[2] - template.corners[0]).tolist()
         self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
-        # The chain whose pixels are as large as the image's, but at most _COARSER times larger: where
+        # The chain whose pixels are nearest to the image's, but not larger: where
         # the template is the coarser one, image pixels between its samples tell nothing.
         halves = np.log2(max(self.scale, 1e-6))
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
         self.block = template.blocks[self.chain]
-        self.blur = template.blur_index(self.chain, blur)
+        self.blur = template.first_blur(self.chain) if blur is None else template.blur_index(self.chain, blur)
         self.finest = template.finest(self.chain, self.blur)
         self.levels = template.chains[self.chain]
         self.image_base = min(max(round(halves), 0), 4)

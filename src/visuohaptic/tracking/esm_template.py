@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
@@ -17,6 +17,8 @@ MIN_SIDE_PX = 16
 #: Blurs that a template can be given to look like the camera's picture: variances of a Gaussian
 #: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
+#: Of a usual lens [px^2].
+_LENS = 0.45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,11 +100,14 @@ class EsmTemplate:
     blocks: tuple[tuple[float, float], ...]  #: template pixels per pixel of each chain's beginning, x and y
     starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: the beginnings, with their border
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
+    sharp: bool = False  #: made of steps, as tags are: any camera shows it softer
     _blurred: dict[tuple[int, int], Level] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def from_image(cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"]) -> EsmTemplate:
-        """Precompute pyramid and gradients of a grey image.
+    def from_image(
+        cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"], *, sharp: bool = False
+    ) -> EsmTemplate:
+        """Precompute pyramid and gradients of a grey image; ``sharp``: made of steps, as tags are.
 
         Raises
         ------
@@ -132,7 +137,7 @@ class EsmTemplate:
             starts.append(start)
         x, y = columns - 1.0, rows - 1.0
         corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
-        return cls(tuple(chains), tuple(blocks), tuple(starts), corners)
+        return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp)
 
     def variance(self, chain: int, blur: int) -> float:
         """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
@@ -147,22 +152,51 @@ class EsmTemplate:
         off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
         return int(np.argmin(off))
 
+    def first_blur(self, chain: int) -> int:
+        """The blur to begin with: that of a usual lens, half a pixel of variance, for sharp prints."""
+        return BLUR_VARIANCES.index(_LENS) if self.sharp else 0
+
     def finest(self, chain: int, blur: int) -> Level:
         """First level of a chain as a camera with this much blur sees it; an index of ``BLUR_VARIANCES``."""
         if blur <= 0:
             return self.chains[chain][0]
         key = (chain, min(blur, len(BLUR_VARIANCES) - 1))
         if key not in self._blurred:
-            import cv2
-
-            sigma = float(np.sqrt(BLUR_VARIANCES[key[1]]))
-            # Many taps: the default width would cut the Gaussian at 3 sigma.
-            taps = 2 * int(np.ceil(4 * sigma)) + 1
-            soft = cv2.GaussianBlur(
-                self.starts[chain], (taps, taps), sigma, borderType=cv2.BORDER_REFLECT_101
+            self._blurred[key] = _sampled(
+                self.starts[0], self.chains[chain][0], self.blocks[chain], self.variance(*key)
             )
-            self._blurred[key] = _level(soft, 1, self.blocks[chain])
         return self._blurred[key]
+
+
+def _sampled(
+    image: Float32[np.ndarray, "R C"], like: Level, block: tuple[float, float], variance: float
+) -> Level:
+    """A level whose pixels and gradients are samples of the whole template behind a blur [px^2].
+
+    Both are taken where the template is finest: pixels as large as those of a camera do not resolve
+    its edges, and gradients made of them would bias the scale by 100 ppm.
+    """
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    soft = gaussian_filter(image.astype(np.float64), np.sqrt(variance), mode="reflect", truncate=5.0)
+    bx, by = block
+    rows, columns = like.image.shape
+    # The outermost pixels of a level are left out.
+    place = np.meshgrid(
+        (np.arange(rows) + 1) * by + (by - 1) / 2, (np.arange(columns) + 1) * bx + (bx - 1) / 2, indexing="ij"
+    )
+
+    def taken(values: np.ndarray) -> np.ndarray:
+        whole = bx == 1.0 and by == 1.0
+        found = values[1:-1, 1:-1] if whole else map_coordinates(values, place, order=3, mode="nearest")
+        return np.ascontiguousarray(found, dtype=np.float32)
+
+    return replace(
+        like,
+        image=taken(soft),
+        gradient_x=taken(_gradient(soft, 1) * (bx * like.unit)),
+        gradient_y=taken(_gradient(soft, 0) * (by * like.unit)),
+    )
 
 
 def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:

@@ -161,7 +161,7 @@ class Template:
             image,
             size_m / side,
             tag_id,
-            EsmTemplate.from_image(image),
+            EsmTemplate.from_image(image, sharp=True),
             np.zeros((0, 2)),
             np.zeros((0, 128), np.float32),
         )

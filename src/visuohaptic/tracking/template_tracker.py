@@ -76,7 +76,7 @@ class _Track:
     advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
     offset: Float32[np.ndarray, "2 R C"] | None = None
     tries: int = 0  #: detections since it was lost
-    blur: float = 0.0  #: how much softer the image shows it [template px^2]
+    blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
     blur_age: int = 0  #: frames since that was measured
     blur_scale: float = 0.0  #: size in the image when that was measured [px]
 
@@ -237,12 +237,8 @@ class TemplateTracker:
             alignment=alignment,
         )
 
-    def _align(
-        self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray
-    ) -> Alignment:
-        return align(
-            track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur
-        )
+    def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
+        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
 
     def _with_blur(
         self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
@@ -252,15 +248,19 @@ class TemplateTracker:
         track.blur_age += 1
         if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
             return alignment
-        blur = matching_blur(
-            track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
-        )
         track.blur_age, track.blur_scale = 0, size
-        if blur == track.blur:
-            return alignment
-        track.blur = blur
-        again = self._align(track, grey, alignment.homography)
-        return again if again.valid else alignment
+        # A template of the wrong blur is aligned badly, which in turn misleads the next look.
+        for _ in range(3):
+            blur = matching_blur(
+                track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
+            )
+            if blur == track.blur:
+                break
+            track.blur = blur
+            again = self._align(track, grey, alignment.homography)
+            if again.valid:
+                alignment = again
+        return alignment
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
         """Corners continued with their last motion; the last place while lost."""
