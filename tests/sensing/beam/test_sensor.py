@@ -268,8 +268,6 @@ def test_agreeing_templates_pay_no_surcharge(bench):
     rng = np.random.default_rng(8)
     sensor = bench.sensor(rng)
     still = bench.templates([0, 1.0, 0, 0, 0, 0])
-    setup = np.array(
-        [np.sqrt(sensor.read(10 + k / 30, shaken(still, rng)).setup[1, 1]) for k in range(60)]
-    )
+    setup = np.array([np.sqrt(sensor.read(10 + k / 30, shaken(still, rng)).setup[1, 1]) for k in range(60)])
     # One frame in twenty may exceed it by chance.
     assert np.mean(setup > 1.05 * np.median(setup)) < 0.15
