@@ -35,6 +35,8 @@ CORE = (
     Library("yaml", "PyYAML", "", "configuration files"),
     Library("jaxtyping", "jaxtyping", "", "array types"),
     Library("rich", "rich", "", "progress bars"),
+    Library("shapely", "shapely", "", "footprints and regions", "shapely.box(0, 0, 1, 1).buffer(1.0)"),
+    Library("threadpoolctl", "threadpoolctl", "", "one thread where threads only wait for each other"),
 )
 
 OPTIONAL = (
@@ -59,6 +61,14 @@ OPTIONAL = (
         "m = mujoco.MjModel.from_xml_string('<mujoco/>'); mujoco.mj_step(m, mujoco.MjData(m))",
     ),
     Library("viser", "viser", "view", "the browser page"),
+    Library("trimesh", "trimesh", "geometry", "meshes in and out"),
+    Library("skimage", "scikit-image", "geometry", "surfaces of volumes", "import skimage.measure"),
+    Library("robust_laplacian", "robust-laplacian", "geometry", "distances on rough meshes"),
+    Library("small_gicp", "small-gicp", "geometry", "registration of point clouds"),
+    Library("embreex", "embreex", "geometry", "fast ray casting", "import embreex.rtcore_scene"),
+    Library("cholespy", "cholespy", "elastic", "fast solves with many loads"),
+    Library("skfem", "scikit-fem", "elastic", "solid elements"),
+    Library("collada", "pycollada", "elastic", "COLLADA meshes"),
 )
 
 

@@ -44,6 +44,7 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
     "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
+    "example beam": ("visuohaptic.cli.example_beam", "write a small recording to try the beam sensor on"),
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),

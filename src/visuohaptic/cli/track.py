@@ -9,6 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+
+    from ..camera import Frame
     from ..tracking.template_tracker import TemplatePose
 
 __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
@@ -38,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
     parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
     parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
+    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -59,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
                 start_s=args.start,
                 stop_s=args.stop,
                 rate_Hz=args.rate_Hz,
-                grey=True,
+                grey=not args.view,
             )
         )
         # A live camera must not wait for the detector; a recording must give the same result each time.
@@ -67,9 +73,19 @@ def run(args: Any) -> dict[str, Any]:
         tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=live))
         writer = stack.enter_context(MeasurementWriter(args.out, frame=camera.name)) if args.out else None
         table = stack.enter_context(_Table(args.csv)) if args.csv else None
+        page = None
+        if args.view:
+            from ..viewer import LivePage
+
+            page = stack.enter_context(LivePage(title="templates"))
+            args.report(f"live page: {page.url}")
+            page.show()
         for frame in args.progress(source, "tracking"):
             frames += 1
-            for pose in tracker.update(frame):
+            poses = tracker.update(frame)
+            if page is not None:
+                page.update(frame.t_s, frame_bgr=_drawn(frame, poses))
+            for pose in poses:
                 seen[pose.name] += pose.valid
                 if table is not None:
                     table.write(pose)
@@ -94,6 +110,24 @@ def run(args: Any) -> dict[str, Any]:
         "out": str(args.out) if args.out else None,
         "csv": str(args.csv) if args.csv else None,
     }
+
+
+def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
+    """The picture with the templates' outlines and where they are."""
+    from ..experiments.annotation import FrameNotes, annotated_frame
+    from ..tracking.outline import template_outlines
+
+    lines = []
+    for pose in poses:
+        if pose.pose_camera_template is None:
+            lines.append(f"{pose.name}: {pose.reason}")
+        else:
+            x, y, z = 1e3 * pose.pose_camera_template.translation_m
+            depth_sigma = 1e3 * pose.covariance[2, 2] ** 0.5
+            lines.append(f"{pose.name}: {x:.2f} {y:.2f} {z:.2f} mm, depth +- {depth_sigma:.3f}")
+    return annotated_frame(
+        frame.image, FrameNotes(contacts_px=template_outlines(poses), lines=lines), split=False
+    )
 
 
 class _Table:

@@ -63,9 +63,9 @@ def write_example(
 
 
 def write_video(
-    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, rate_Hz: int = 30
+    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, rate_Hz: int = 30, crf: int = 10
 ) -> None:
-    """Write grey images as H.264 of high quality; sizes must be even."""
+    """Write grey images as H.264 of high quality (a small ``crf``); sizes must be even."""
     try:
         import av
     except ImportError as error:
@@ -80,7 +80,7 @@ def write_video(
                 stream.pix_fmt = "yuv420p"
                 stream.time_base = Fraction(1, rate_Hz)
                 # Grey levels stay as they are only in full range; 10 is close to lossless for noise.
-                stream.options = {"crf": "10", "preset": "fast", "x264-params": "fullrange=on"}
+                stream.options = {"crf": str(crf), "preset": "fast", "x264-params": "fullrange=on"}
                 stream.codec_context.color_range = 2
             frame = av.VideoFrame.from_ndarray(image, format="gray")
             for packet in stream.encode(frame.reformat(format="yuv420p", dst_color_range="JPEG")):

@@ -116,6 +116,24 @@ def _disc(radius: int) -> Bool[np.ndarray, "n n"]:
     return np.asarray(row * row + column * column <= radius * radius)
 
 
+def _box_size(ring_m: Float[np.ndarray, "k 2"]) -> tuple[float, float]:
+    """Longer and shorter side of the box round a closed hull.
+
+    Of two sides of a box a laser sees a right triangle, and the smallest box on its
+    hypotenuse has just the area of the one on its legs: among boxes of nearly the
+    smallest area the shortest is meant.
+    """
+    step = np.diff(ring_m, axis=0)
+    angle = np.arctan2(step[:, 1], step[:, 0])
+    axis = np.column_stack([np.cos(angle), np.sin(angle)])
+    along, across = ring_m @ axis.T, ring_m @ np.column_stack([-axis[:, 1], axis[:, 0]]).T
+    sides = np.sort(np.column_stack([np.ptp(along, axis=0), np.ptp(across, axis=0)]), axis=1)
+    area = sides.prod(axis=1)
+    small = sides[area <= 1.1 * area.min()]
+    shorter, longer = small[np.argmin(small[:, 1])]
+    return float(longer), float(shorter)
+
+
 def _footprint(
     grid: OccupancyMap, cells: Int32[np.ndarray, "k 2"], settings: FootprintSettings
 ) -> Footprint | None:
@@ -129,9 +147,7 @@ def _footprint(
         grid.world_from_cell(np.array([1, 1])) - grid.world_from_cell(np.array([0, 0]))
     )
     hull = MultiPoint(places).convex_hull
-    box = np.array(hull.minimum_rotated_rectangle.exterior.coords)
-    sides = np.hypot(*np.diff(box, axis=0).T)
-    size = (float(max(sides[0], sides[1])), float(min(sides[0], sides[1])))
+    size = _box_size(np.array(hull.exterior.coords))
     # Rounding of the rectangle must not decide about a size that is just right.
     if size[1] < settings.smallest_m - 1e-6 or size[0] > settings.largest_m + 1e-6:
         return None

@@ -47,11 +47,15 @@ POSE_NOISE: Mapping[float, PoseNoise] = {
 }
 
 
+#: A print that looks up along Z: its x along X, its y along -Y, its z (into the paper) along -Z.
+_FACE_UP = Pose(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+
+
 def _mounts() -> dict[str, tuple[float, Pose]]:
     # Not aligned well, and above the rod: the zero has to take care of both.
     return {
-        "middle": (0.5, Pose.from_rotation_vector([0.02, -0.03, 0.05], [0.001, -0.002, 0.006])),
-        "tip": (1.0, Pose.from_rotation_vector([-0.04, 0.02, -0.03], [-0.002, 0.001, 0.007])),
+        "middle": (0.5, Pose.from_rotation_vector([0.02, -0.03, 0.05], [0.001, -0.002, 0.006]) @ _FACE_UP),
+        "tip": (1.0, Pose.from_rotation_vector([-0.04, 0.02, -0.03], [-0.002, 0.001, 0.007]) @ _FACE_UP),
     }
 
 
@@ -65,7 +69,7 @@ class RodRig:
     reference: str = "reference"
     #: the reference template in the frame S of the sensor
     pose_sensor_reference: Pose = field(
-        default_factory=lambda: Pose.from_rotation_vector([0.0, 0.0, 0.1], [-0.04, 0.01, 0.004])
+        default_factory=lambda: Pose.from_rotation_vector([0.0, 0.0, 0.1], [-0.04, 0.01, 0.004]) @ _FACE_UP
     )
     distance_m: float = 0.3  #: from the camera to the middle of the rod
     tilt_rad: float = 0.0  #: of the camera about the rod's axis

@@ -67,6 +67,7 @@ def align(
     settings: EsmSettings | None = None,
     *,
     offset: Float32[np.ndarray, "2 R C"] | None = None,
+    blur: float | None = None,
 ) -> Alignment:
     """Align a template with an image, starting from a predicted homography.
 
@@ -83,6 +84,9 @@ def align(
     offset
         Added to the warped position of every template pixel on the finest level [px]:
         what lens distortion does beyond the homography.
+    blur
+        How much softer than the template the image is, as the variance of a Gaussian [template px^2]
+        (a usual camera's for sharp prints, none for pictures); see :func:`visuohaptic.tracking.esm_blur.matching_blur`.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def align(
     homography = homography / homography[2, 2]
     if not is_proper(homography, template.corners):
         return _lost(template, homography, "the prediction turns the template inside out")
-    work = Work(template, image, homography, settings, offset)
+    work = Work(template, image, homography, settings, offset, blur)
     if not work.enough:
         return _lost(template, homography, "outside the image")
 
@@ -165,10 +169,8 @@ def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[n
     reach = int(np.ceil(work.settings.search_px / 2.0**work.image_base / (relative * a))) + 1
     rows, columns = level.image.shape
     reach = min(reach, 2 * max(rows, columns))
-    block = 2.0**work.template_base
-    half = (block - 1) / 2
-    step = a * block
-    pixel_h = homography @ np.array([[step, 0, half], [0, step, half], [0, 0, 1.0]])
+    bx, by = work.block
+    pixel_h = homography @ np.array([[a * bx, 0, (bx - 1) / 2], [0, a * by, (by - 1) / 2], [0, 0, 1.0]])
     pixel_h[:2] *= 0.5**k
     start = pixel_h @ np.array([[1, 0, 1 - reach], [0, 1, 1 - reach], [0, 0, 1.0]])
     view = cv2.warpPerspective(
@@ -184,7 +186,7 @@ def _peaks(work: Work, k: int, homography: np.ndarray, count: int = 6) -> list[n
     result = []
     for v, u in zip(*np.unravel_index(order, scores.shape), strict=True):
         if local[v, u]:
-            shift = np.array([[1, 0, step * (u - reach)], [0, 1, step * (v - reach)], [0, 0, 1.0]])
+            shift = np.array([[1, 0, a * bx * (u - reach)], [0, 1, a * by * (v - reach)], [0, 0, 1.0]])
             result.append(homography @ shift)
     return result
 

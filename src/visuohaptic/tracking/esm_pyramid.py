@@ -28,6 +28,8 @@ class EsmSettings:
     cubic: bool = True  #: interpolate by a cubic spline in the last passes
 
 
+#: Largest pixel of the template's chain in pixels of the image, where a finer chain is there.
+_COARSER = 1.0
 #: All ten unknowns: eight of the homography, gain and bias.
 _ALL = np.ones(10, dtype=bool)
 #: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
@@ -47,6 +49,7 @@ class Work:
         homography: np.ndarray,
         settings: EsmSettings,
         offset: np.ndarray | None,
+        blur: float | None = None,
     ) -> None:
         import cv2
 
@@ -56,10 +59,16 @@ class Work:
         (ax, ay), (bx, by) = (corners[2] - corners[0]).tolist(), (corners[3] - corners[1]).tolist()
         width, height = (template.corners[2] - template.corners[0]).tolist()
         self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
-        octave = round(-np.log2(max(self.scale, 1e-6)))
-        self.template_base = min(max(octave, 0), len(template.chains) - 1)
-        self.levels = template.chains[self.template_base]
-        self.image_base = min(max(-octave, 0), 4)
+        # The chain whose pixels are nearest to the image's, but not larger: where
+        # the template is the coarser one, image pixels between its samples tell nothing.
+        halves = np.log2(max(self.scale, 1e-6))
+        chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
+        self.chain = min(max(chain, 0), len(template.chains) - 1)
+        self.block = template.blocks[self.chain]
+        self.blur = template.first_blur(self.chain) if blur is None else template.blur_index(self.chain, blur)
+        self.finest = template.finest(self.chain, self.blur)
+        self.levels = template.chains[self.chain]
+        self.image_base = min(max(round(halves), 0), 4)
         self.count = min(settings.levels, len(self.levels))
         step = 2 ** (self.image_base + self.count - 1)
         block = 2**self.image_base
@@ -100,15 +109,14 @@ class Work:
         """The offset at the pixels of the finest level, in pixels of the finest image."""
         import cv2
 
-        every = 2**self.template_base
         rows, columns = (size + 2 for size in self.levels[0].image.shape)
-        scaled = offset[:, : rows * every, : columns * every] * np.float32(0.5**self.image_base)
+        scaled = offset * np.float32(0.5**self.image_base)
         parts = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in scaled]
         return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
 
     def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
         """Template level, image level, and the centred homography between them."""
-        level = self.levels[k]
+        level = self.levels[k] if k else self.finest
         h = self.homography @ level.to_template
         h[:2] *= 0.5**k
         return level, self.images[k], h
@@ -211,7 +219,8 @@ class Work:
     @property
     def relative(self) -> float:
         """Pixels of the finest level of the image per pixel of the finest level of the template."""
-        return self.scale * 2.0 ** (self.template_base - self.image_base)
+        bx, by = self.block
+        return float(self.scale * np.sqrt(bx * by) * 0.5**self.image_base)
 
     @property
     def ncc(self) -> float:

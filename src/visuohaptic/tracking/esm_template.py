@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Float32, Int, UInt8
 
 from ..errors import InputError
 
-__all__ = ["MIN_SIDE_PX", "EsmTemplate", "Level"]
+__all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 
 #: Templates smaller than this on a side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
+
+#: Blurs that a template can be given to look like the camera's picture: variances of a Gaussian
+#: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
+BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
+#: Of a usual lens [px^2].
+_LENS = 0.45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,19 +47,19 @@ def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "
     return derivative
 
 
-def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: int) -> Level:
+def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[float, float]) -> Level:
     """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown.
 
-    ``every`` pixels of the chain's first level, each the mean of ``block`` x ``block``, make one here.
+    ``every`` pixels of the chain's first level, each the mean of ``block`` (x, y), make one here.
     """
     rows, columns = image.shape
     unit = 0.5 * max(rows, columns)
     centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
-    half = (block - 1) / 2
+    bx, by = block
     to_template = np.array(
         [
-            [unit * every * block, 0, centre_x * every * block + half],
-            [0, unit * every * block, centre_y * every * block + half],
+            [unit * every * bx, 0, centre_x * every * bx + (bx - 1) / 2],
+            [0, unit * every * by, centre_y * every * by + (by - 1) / 2],
             [0, 0, 1.0],
         ]
     )
@@ -84,17 +90,24 @@ def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: int) -
 class EsmTemplate:
     """A template with what the tracker precomputes from it.
 
-    ``chains[b]`` is a pyramid that begins at 1 / 2^b of the size, for templates that are
-    seen from afar. Its beginning is made of means of blocks, as a camera's pixels are;
+    ``chains[k]`` is a pyramid that begins at 1 / sqrt(2)^k of the size, for templates that are
+    seen from afar: one of them is hardly finer than the image, so that neither work nor
+    information is lost. Its beginning is made of means of blocks, as a camera's pixels are;
     further levels are smoothed, and the pixels of level k+1 lie on every second of level k.
     """
 
     chains: tuple[tuple[Level, ...], ...]
+    blocks: tuple[tuple[float, float], ...]  #: template pixels per pixel of each chain's beginning, x and y
+    starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: the beginnings, with their border
     corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
+    sharp: bool = False  #: made of steps, as tags are: any camera shows it softer
+    _blurred: dict[tuple[int, int], Level] = field(default_factory=dict, repr=False)
 
     @classmethod
-    def from_image(cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"]) -> EsmTemplate:
-        """Precompute pyramid and gradients of a grey image.
+    def from_image(
+        cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"], *, sharp: bool = False
+    ) -> EsmTemplate:
+        """Precompute pyramid and gradients of a grey image; ``sharp``: made of steps, as tags are.
 
         Raises
         ------
@@ -112,19 +125,81 @@ class EsmTemplate:
         if not (np.isfinite(level).all() and level.std() > 1.0):
             raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
         rows, columns = image.shape
-        chains = []
-        block = 1
-        while min(rows, columns) // block >= MIN_SIDE_PX:
-            size = (columns // block, rows // block)
-            start = level[: size[1] * block, : size[0] * block]
-            start = cv2.resize(start, size, interpolation=cv2.INTER_AREA)
-            chains.append(_chain(start, block))
-            block *= 2
+        chains, blocks, starts = [], [], []
+        for k in range(64):
+            shrink = 2.0 ** (-0.5 * k)
+            size = (round(columns * shrink), round(rows * shrink))
+            if min(size) < MIN_SIDE_PX:
+                break
+            start = level if k == 0 else cv2.resize(level, size, interpolation=cv2.INTER_AREA)
+            blocks.append((columns / size[0], rows / size[1]))
+            chains.append(_chain(start, blocks[-1]))
+            starts.append(start)
         x, y = columns - 1.0, rows - 1.0
-        return cls(tuple(chains), np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64))
+        corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+        return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp)
+
+    def variance(self, chain: int, blur: int) -> float:
+        """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
+
+        Means of blocks of b pixels blur by (b^2 - 1) / 12 already.
+        """
+        bx, by = self.blocks[chain]
+        return BLUR_VARIANCES[blur] * bx * by + (bx * by - 1) / 12
+
+    def blur_index(self, chain: int, variance: float) -> int:
+        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2]."""
+        off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
+        return int(np.argmin(off))
+
+    def first_blur(self, chain: int) -> int:
+        """The blur to begin with: that of a usual lens, half a pixel of variance, for sharp prints."""
+        return BLUR_VARIANCES.index(_LENS) if self.sharp else 0
+
+    def finest(self, chain: int, blur: int) -> Level:
+        """First level of a chain as a camera with this much blur sees it; an index of ``BLUR_VARIANCES``."""
+        if blur <= 0:
+            return self.chains[chain][0]
+        key = (chain, min(blur, len(BLUR_VARIANCES) - 1))
+        if key not in self._blurred:
+            self._blurred[key] = _sampled(
+                self.starts[0], self.chains[chain][0], self.blocks[chain], self.variance(*key)
+            )
+        return self._blurred[key]
 
 
-def _chain(image: Float32[np.ndarray, "rows columns"], block: int) -> tuple[Level, ...]:
+def _sampled(
+    image: Float32[np.ndarray, "R C"], like: Level, block: tuple[float, float], variance: float
+) -> Level:
+    """A level whose pixels and gradients are samples of the whole template behind a blur [px^2].
+
+    Both are taken where the template is finest: pixels as large as those of a camera do not resolve
+    its edges, and gradients made of them would bias the scale by 100 ppm.
+    """
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    soft = gaussian_filter(image.astype(np.float64), np.sqrt(variance), mode="reflect", truncate=5.0)
+    bx, by = block
+    rows, columns = like.image.shape
+    # The outermost pixels of a level are left out.
+    place = np.meshgrid(
+        (np.arange(rows) + 1) * by + (by - 1) / 2, (np.arange(columns) + 1) * bx + (bx - 1) / 2, indexing="ij"
+    )
+
+    def taken(values: np.ndarray) -> np.ndarray:
+        whole = bx == 1.0 and by == 1.0
+        found = values[1:-1, 1:-1] if whole else map_coordinates(values, place, order=3, mode="nearest")
+        return np.ascontiguousarray(found, dtype=np.float32)
+
+    return replace(
+        like,
+        image=taken(soft),
+        gradient_x=taken(_gradient(soft, 1) * (bx * like.unit)),
+        gradient_y=taken(_gradient(soft, 0) * (by * like.unit)),
+    )
+
+
+def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:
     """Pyramid of an image, as long as its levels are large enough."""
     import cv2
 

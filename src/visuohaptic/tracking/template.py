@@ -28,7 +28,7 @@ MAX_SIDE_PX = 400
 TAG_CELLS = 8
 
 #: Template pixels per cell of a tag, and white cells around it (half of the usual quiet zone).
-_TAG_CELL_PX = 20
+_TAG_CELL_PX = 40
 _TAG_MARGIN_CELLS = 0.5
 
 #: Tags in the family 36h11.
@@ -161,7 +161,7 @@ class Template:
             image,
             size_m / side,
             tag_id,
-            EsmTemplate.from_image(image),
+            EsmTemplate.from_image(image, sharp=True),
             np.zeros((0, 2)),
             np.zeros((0, 128), np.float32),
         )

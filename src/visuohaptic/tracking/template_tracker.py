@@ -22,6 +22,7 @@ from ..errors import InputError
 from ..objects import Reason
 from .detector import Detection, DetectorSettings, detect_templates
 from .esm import Alignment, EsmSettings, align
+from .esm_blur import matching_blur
 from .homography import apply_homography, estimate_homography
 from .plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
 from .template import Template
@@ -40,6 +41,7 @@ class TrackerSettings:
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     ncc_found: float = 0.7  #: a template is taken as found again only above this correlation
     region_tries: int = 3  #: detections near the last place before the whole image is searched
+    blur_frames: int = 30  #: after so many frames it is measured again how soft the image is
     flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the other tilt is believed
 
 
@@ -74,6 +76,13 @@ class _Track:
     advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
     offset: Float32[np.ndarray, "2 R C"] | None = None
     tries: int = 0  #: detections since it was lost
+    blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
+    blur_age: int = 0  #: frames since that was measured
+    blur_scale: float = 0.0  #: size in the image when that was measured [px]
+
+
+#: A lost template, the region to look in (None: everywhere), and its last homography.
+_Place = tuple[Template, tuple[int, int, int, int] | None, np.ndarray | None]
 
 
 class TemplateTracker:
@@ -172,13 +181,13 @@ class TemplateTracker:
         """Look for lost templates: at once, or in the thread, which then answers in a later frame."""
         if self._pending is not None:
             return {}
-        places: list[tuple[Template, tuple[int, int, int, int] | None]] = []
+        places: list[_Place] = []
         for track in lost:
             track.tries += 1
             region = None
             if track.last_seen is not None and track.tries <= self.settings.region_tries:
                 region = _region(track.last_seen, track.template)
-            places.append((track.template, region))
+            places.append((track.template, region, track.last_seen))
         if self._worker is None:
             return _detect(places, grey, self.settings.detector)
         # The thread gets copies only: nothing that it reads changes meanwhile.
@@ -194,18 +203,17 @@ class TemplateTracker:
         start = self._prediction(track)
         if start is None:
             return _no_pose(name, t_s, Reason.LOST, "not found yet", None)
-        alignment = align(track.template.esm, grey, start, self.settings.esm, offset=track.offset)
+        alignment = self._align(track, grey, start)
         if not alignment.valid and track.homography is not None and start is not track.homography:
             # The motion was not continued: try without it.
-            alignment = align(
-                track.template.esm, grey, track.homography, self.settings.esm, offset=track.offset
-            )
+            alignment = self._align(track, grey, track.homography)
         if alignment.valid and was_lost and alignment.ncc < self.settings.ncc_found:
             return self._loose(
                 track, t_s, f"correlation {alignment.ncc:.2f} is too low to begin with", alignment
             )
         if not alignment.valid:
             return self._loose(track, t_s, alignment.reason, alignment)
+        alignment = self._with_blur(track, grey, alignment)
         poses = self._poses(track, alignment)
         if poses and self.camera.distortion.any():
             alignment, poses = self._with_distortion(track, grey, alignment, poses)
@@ -228,6 +236,31 @@ class TemplateTracker:
             chi2=chosen.chi2,
             alignment=alignment,
         )
+
+    def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
+        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
+
+    def _with_blur(
+        self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
+    ) -> Alignment:
+        """Look now and then how soft the image is, and align once more if that changed."""
+        size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
+        track.blur_age += 1
+        if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
+            return alignment
+        track.blur_age, track.blur_scale = 0, size
+        # A template of the wrong blur is aligned badly, which in turn misleads the next look.
+        for _ in range(3):
+            blur = matching_blur(
+                track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
+            )
+            if blur == track.blur:
+                break
+            track.blur = blur
+            again = self._align(track, grey, alignment.homography)
+            if again.valid:
+                alignment = again
+        return alignment
 
     def _prediction(self, track: _Track) -> np.ndarray | None:
         """Corners continued with their last motion; the last place while lost."""
@@ -283,7 +316,7 @@ class TemplateTracker:
         # Below a two-hundredth of a pixel the change is far inside the noise.
         if np.abs(offset - old)[:, ::8, ::8].max() < 0.005:
             return alignment, poses
-        again = align(track.template.esm, grey, alignment.homography, self.settings.esm, offset=offset)
+        again = self._align(track, grey, alignment.homography)
         if not again.valid:
             return alignment, poses
         return again, self._poses(track, again)
@@ -322,16 +355,17 @@ class TemplateTracker:
 
 
 def _detect(
-    places: list[tuple[Template, tuple[int, int, int, int] | None]],
+    places: list[_Place],
     grey: UInt8[np.ndarray, "height width"],
     settings: DetectorSettings,
 ) -> dict[str, Detection]:
     """Templates with a region are looked for there, the others in the whole image, all in one go."""
     found: dict[str, Detection] = {}
-    for template, region in places:
+    for template, region, last_seen in places:
         if region is not None:
-            found |= detect_templates((template,), grey, settings, region=region)
-    everywhere = tuple(template for template, region in places if region is None)
+            hints = {} if last_seen is None else {template.name: last_seen}
+            found |= detect_templates((template,), grey, settings, region=region, last_seen=hints)
+    everywhere = tuple(template for template, region, _ in places if region is None)
     if everywhere:
         found |= detect_templates(everywhere, grey, settings)
     return found

@@ -242,3 +242,32 @@ def test_a_template_that_is_there_twice_is_refused():
     sensor = BeamSensor(BeamSetup({"tip": 1.0}, Pose.identity()))
     with pytest.raises(InputError, match="a name is there twice"):
         sensor.zero([(0.0, [TemplatePose.missing("tip")] * 2)])
+
+
+def test_a_template_that_comes_loose_by_any_amount_is_never_silently_wrong(make_bench, vector):
+    """From a tenth of a millimetre to centimetres: refused, or inside what is declared."""
+    bench, rng = make_bench(), np.random.default_rng(366)
+    zero = bench.sensor(rng).zero_reference
+    accepted = 0
+    for _ in range(150):
+        wrench = rng.uniform(-1, 1, 6) * [2, 1.5, 1.5, 0.05, 0.1, 0.1] * rng.choice([0.02, 1.0])
+        templates = shaken(bench.templates(wrench), rng)
+        victim, size = int(rng.integers(1, 3)), rng.choice([0.02, 0.1, 0.3, 1.0])
+        off = Pose.from_rotation_vector(rng.normal(0, 0.05 * size, 3), rng.normal(0, 5e-3 * size, 3))
+        hurt = templates[victim]
+        templates[victim] = TemplatePose(hurt.name, hurt.pose_camera_template @ off, hurt.covariance)
+        found = BeamSensor(bench.setup, zero).read(1.0, templates).wrench
+        if found.valid:
+            accepted += 1
+            sigma = np.sqrt(np.diag(found.covariance))
+            assert (np.abs(vector(found) - wrench) < 5 * sigma).all(), (victim, size)
+    assert 0 < accepted < 100
+
+
+def test_agreeing_templates_pay_no_surcharge(bench):
+    rng = np.random.default_rng(8)
+    sensor = bench.sensor(rng)
+    still = bench.templates([0, 1.0, 0, 0, 0, 0])
+    setup = np.array([np.sqrt(sensor.read(10 + k / 30, shaken(still, rng)).setup[1, 1]) for k in range(60)])
+    # One frame in twenty may exceed it by chance.
+    assert np.mean(setup > 1.05 * np.median(setup)) < 0.15

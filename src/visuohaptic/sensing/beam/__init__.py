@@ -10,6 +10,7 @@ from .records import LoadRecord, read_loads, read_template_poses, write_template
 from .reference import SteadyReference
 from .rod import RodShape, bend_rod, rod_from_base
 from .sensor import BeamReading, BeamSensor, BeamSetup
+from .tracked import TrackedBeam, TrackedReading
 from .zero import BeamDriftSettings, BeamZero, BeamZeroWatch
 
 __all__ = [
@@ -30,6 +31,8 @@ __all__ = [
     "SectionMotion",
     "SteadyReference",
     "TemplatePose",
+    "TrackedBeam",
+    "TrackedReading",
     "bend_rod",
     "calibrate_beam",
     "compliance",

@@ -110,6 +110,10 @@ class BeamSensorConfig(_Section):
                 stress_limit=config.stress_limit,
                 max_age_s=config.max_age_s,
                 zero_path=path.parent / config.zero,
+                camera_path=None if config.camera is None else path.parent / config.camera,
+                templates_path=None
+                if config.templates_folder is None
+                else path.parent / config.templates_folder,
             )
         except InputError as error:
             raise InputError(path, error.problem, field=error.field or error.where) from error

@@ -24,6 +24,8 @@ __all__ = ["BeamReading", "BeamSensor", "BeamSetup"]
 
 #: Chance that a good frame is refused because its templates disagree.
 _DISAGREEMENT = 1e-7
+#: Chance that a good frame's templates disagree by more than what is declared without a surcharge.
+_SURPRISE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +46,8 @@ class BeamSetup:
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
     zero_path: Path | None = None
+    camera_path: Path | None = None  #: needed to read from pictures
+    templates_path: Path | None = None  #: folder of the templates, for the same
 
     def __post_init__(self) -> None:
         if not self.xi:
@@ -219,6 +223,11 @@ class BeamSensor:
         wrench = wrench - self.watch.offset
         zero = zero + self.watch.covariance
         misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
+        # Templates that disagree, but not enough to be refused: one of them may have come loose. Noise
+        # explains that rarely, so that the reading is believed less by as much.
+        surprise = found.chi2 / _quantile(found.freedom, _SURPRISE)
+        if surprise > 1:
+            misplaced = misplaced + (surprise - 1) * (noise + zero + misplaced)
         result = Wrench(
             t_s, reason is Reason.OK, reason, wrench[:3], wrench[3:], noise + zero + misplaced + calibration
         )
@@ -239,13 +248,18 @@ class BeamSensor:
 
     def _disagree(self, found: BeamEstimate) -> bool:
         """Whether the templates contradict each other by more than noise and setup allow."""
-        if found.freedom <= 0:
-            return False
-        from scipy.special import chdtri
-
-        return found.chi2 > float(chdtri(found.freedom, _DISAGREEMENT))
+        return found.chi2 > _quantile(found.freedom, _DISAGREEMENT)
 
     def _nothing(self, t_s: float, reason: Reason) -> BeamReading:
         nothing, unknown = np.full(3, np.nan), np.full((6, 6), np.nan)
         wrench = Wrench(t_s, False, reason, nothing, nothing.copy(), unknown)
         return BeamReading(wrench, unknown, unknown, unknown, unknown, False, float("nan"), ())
+
+
+def _quantile(freedom: int, chance: float) -> float:
+    """chi^2 that is exceeded with this chance; nothing exceeds it where nothing can disagree."""
+    if freedom <= 0:
+        return float("inf")
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, chance))

@@ -1,0 +1,145 @@
+"""Frames in, wrenches out: the template tracker and the beam sensor joined (Alt 2016, Sec. 3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from ...camera import Camera, Frame
+from ...errors import CalibrationError, InputError
+from ...tracking.template import Template, load_templates
+from ...tracking.template_tracker import TemplatePose, TemplateTracker
+from .config import BeamSensorConfig
+from .sensor import BeamReading, BeamSensor, BeamSetup
+from .zero import BeamZero
+
+__all__ = ["TrackedBeam", "TrackedReading"]
+
+#: chi^2 of 2 degrees of freedom that one good pose in ten thousand exceeds.
+_GOOD_CHI2 = 18.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedReading:
+    """One frame: the wrench, and where the templates were seen."""
+
+    reading: BeamReading
+    templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons where lost
+
+
+class TrackedBeam:
+    """A beam sensor that looks at pictures.
+
+    Parameters
+    ----------
+    setup
+        Beam, places of the templates, correction.
+    templates
+        At least the reference and those of ``setup.xi``; others are ignored.
+    camera
+        Intrinsics and distortion.
+    zero
+        Resting poses; without them every reading is ``not_zeroed``.
+    threaded
+        Look for lost templates in a thread, so that a frame never waits (live use).
+
+    Examples
+    --------
+    ``TrackedBeam.load("sensor.yaml")`` reads camera, templates and zero from files.
+    """
+
+    def __init__(
+        self,
+        setup: BeamSetup,
+        templates: Iterable[Template],
+        camera: Camera,
+        zero: BeamZero | None = None,
+        *,
+        threaded: bool = False,
+    ) -> None:
+        by_name = {template.name: template for template in templates}
+        wanted = [setup.reference, *setup.xi]
+        missing = [name for name in wanted if name not in by_name]
+        if missing:
+            raise InputError(
+                "templates",
+                f"found {', '.join(sorted(by_name)) or 'none'}; {', '.join(missing)} is missing",
+                remedy="name the pictures, or the tags in tags.yaml, as in sensor.yaml",
+            )
+        self.sensor = BeamSensor(setup, zero)
+        self.camera = camera
+        self.tracker = TemplateTracker([by_name[name] for name in wanted], camera, threaded=threaded)
+
+    @classmethod
+    def load(cls, path: Path | str, *, threaded: bool = False) -> TrackedBeam:
+        """Read ``sensor.yaml`` and the files that it names; the zero where there is one.
+
+        Raises
+        ------
+        InputError
+            A file or field cannot be used, or the camera or the templates are not said.
+        """
+        setup = BeamSensorConfig.load(path)
+        for field, found in (("camera", setup.camera_path), ("templates_folder", setup.templates_path)):
+            if found is None:
+                raise InputError(
+                    path, "is needed to read from pictures", field=field, remedy="add it, or give --poses"
+                )
+        assert setup.camera_path is not None
+        assert setup.templates_path is not None
+        zero = None
+        if setup.zero_path is not None and setup.zero_path.is_file():
+            zero = BeamZero.load(setup.zero_path, list(setup.xi))
+        camera, templates = Camera.load(setup.camera_path), load_templates(setup.templates_path)
+        return cls(setup, templates, camera, zero, threaded=threaded)
+
+    def zero(self, frames: Iterable[Frame]) -> BeamZero:
+        """Take the zero from frames of a sensor that nothing touches.
+
+        Raises
+        ------
+        CalibrationError
+            Too little was seen, or the sensor moved meanwhile.
+        """
+        seen = [(frame.t_s, self.track(frame)) for frame in frames]
+        if not seen:
+            raise CalibrationError("zero", "there is no frame", remedy="give frames of the untouched sensor")
+        # What the tracker was still searching for at the start is no fault of the setup.
+        whole = [one for one in seen if all(pose.valid for pose in one[1])]
+        return self.sensor.zero(whole if 2 * len(whole) >= len(seen) else seen)
+
+    def track(self, frame: Frame) -> tuple[TemplatePose, ...]:
+        """Poses of the templates alone.
+
+        Where the four corners do not fit a pose, the model of the camera or the print is worse
+        than the noise of the picture: the covariance grows by as much.
+        """
+        return tuple(
+            replace(pose, covariance=pose.covariance * (pose.chi2 / _GOOD_CHI2))
+            if pose.valid and pose.chi2 > _GOOD_CHI2
+            else pose
+            for pose in self.tracker.update(frame)
+        )
+
+    def read(self, frame: Frame, *, now_s: float | None = None) -> TrackedReading:
+        """Wrench of one frame; ``now_s`` is the time at which it is read."""
+        templates = self.track(frame)
+        return TrackedReading(self.sensor.read(frame.t_s, templates, now_s=now_s), templates)
+
+    def close(self) -> None:
+        """End the tracker's thread."""
+        self.tracker.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
