@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 from .graph import NavigationGraph, _speeds, graph_from_lines
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
-from .regions import Regions, assign_regions, step_bounds
+from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
 
 __all__ = ["NavigationMap", "footprint_cells"]
@@ -257,7 +257,7 @@ class NavigationMap:
         lost = seeds[seed.ravel()[seeds] != seeds]
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, False)
+        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, SQUARE)
         self._seeds = seeds
         self.regions = Regions(potential, seed, layers.unit_s, layers, self.graph)
 
