@@ -125,17 +125,32 @@ def distance_window(
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def cells_near_changes(
-    before: np.ndarray, distance: np.ndarray, mark: np.ndarray, first_row: int, first_column: int
+    before: np.ndarray,
+    step_before: np.ndarray,
+    distance: np.ndarray,
+    step: np.ndarray,
+    mark: np.ndarray,
+    first_row: int,
+    first_column: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of a window whose distance changed, and those with their neighbours, which are queued for thinning."""
+    """Cells of a window whose step changed, and those whose distance did with their neighbours.
+
+    The second are queued for thinning.
+    """
     rows, columns = distance.shape
     changed = np.empty(before.size, np.int32)
+    dearer = np.empty(before.size, np.int32)
     count = 0
+    steps = 0
     for row in range(before.shape[0]):
         for column in range(before.shape[1]):
-            if before[row, column] != distance[first_row + row, first_column + column]:
-                changed[count] = (first_row + row) * columns + first_column + column
+            r, c = first_row + row, first_column + column
+            if before[row, column] != distance[r, c]:
+                changed[count] = r * columns + c
                 count += 1
+                if step_before[row, column] != step[r, c]:
+                    dearer[steps] = r * columns + c
+                    steps += 1
     near = np.empty(9 * count, np.int32)
     total = 0
     for place in range(count):
@@ -148,7 +163,7 @@ def cells_near_changes(
                 mark[r, c] |= _QUEUED
                 near[total] = r * columns + c
                 total += 1
-    return changed[:count].copy(), near[:total].copy()
+    return dearer[:steps].copy(), near[:total].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
