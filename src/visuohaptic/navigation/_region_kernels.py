@@ -157,13 +157,15 @@ def spread(
                         if r < 0 or r >= rows or c < 0 or c >= columns:
                             continue
                     other = cell + offsets[k]
+                    old = flat_potential[other]
+                    if old <= value:
+                        continue  # about half of them: where the way came from
                     cost = np.int64(flat_step[other])
                     if cost == 0:
                         continue
                     if k & 1:
                         cost = diagonal(cost)
                     reached = value + cost
-                    old = flat_potential[other]
                     if reached > old or (reached == old and origin >= flat_seed[other]):
                         continue
                     flat_potential[other] = reached

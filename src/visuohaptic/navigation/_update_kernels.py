@@ -180,6 +180,9 @@ def forget(
     flat_mark = mark.ravel()
     flat_potential = potential.ravel()
     flat_seed = seed.ravel()
+    offsets = np.empty(8, np.int32)
+    for k in range(8):
+        offsets[k] = ROW_STEP[k] * columns + COLUMN_STEP[k]
     gone = np.empty(max(1024, 2 * len(roots)), np.int32)
     count = 0
     for cell in roots:
@@ -195,20 +198,24 @@ def forget(
         if origin < 0:
             continue
         value = np.int64(flat_potential[cell])
-        row, column = cell // columns, cell % columns
+        row = cell // columns
+        column = cell - row * columns
+        inside = 0 < row < rows - 1 and 0 < column < columns - 1
+        if count + 8 > len(gone):
+            gone = _longer(gone)
         for k in range(8):
-            r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-            if r < 0 or r >= rows or c < 0 or c >= columns:
-                continue
-            other = r * columns + c
-            if flat_seed[other] != origin or flat_mark[other] & _FORGOTTEN:
+            if not inside:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+            other = cell + offsets[k]
+            more = flat_potential[other] - value
+            # Whoever got its value here is dearer and of the same node.
+            if more <= 0 or flat_seed[other] != origin:
                 continue
             cost = np.int64(flat_step[other])
-            cost = cost if k & 1 == 0 else diagonal(cost)
-            if value + cost == flat_potential[other]:
+            if more == (diagonal(cost) if k & 1 else cost) and not flat_mark[other] & _FORGOTTEN:
                 flat_mark[other] |= _FORGOTTEN
-                if count == len(gone):
-                    gone = _longer(gone)
                 gone[count] = other
                 count += 1
     for place in range(count):
@@ -218,16 +225,20 @@ def forget(
     total = 0
     for place in range(count):
         cell = gone[place]
-        row, column = cell // columns, cell % columns
+        row = cell // columns
+        column = cell - row * columns
+        inside = 0 < row < rows - 1 and 0 < column < columns - 1
+        if total + 8 > len(border):
+            border = _longer(border)
         for k in range(8):
-            r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-            if r < 0 or r >= rows or c < 0 or c >= columns:
-                continue
-            other = r * columns + c
+            if not inside:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+            other = cell + offsets[k]
+            # All that are forgotten have no node any more.
             if flat_seed[other] >= 0 and not flat_mark[other] & _FORGOTTEN:
                 flat_mark[other] |= _FORGOTTEN
-                if total == len(border):
-                    border = _longer(border)
                 border[total] = other
                 total += 1
     for place in range(count):

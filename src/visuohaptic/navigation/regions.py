@@ -13,8 +13,8 @@ from .grid import GridLayers
 
 __all__ = ["Regions", "assign_regions"]
 
-#: Edge of the squares that potentials are worked out in: ten bytes per cell stay in the second cache.
-SQUARE = 256
+#: Edge of the squares that potentials are worked out in: what is at work at a time stays in the cache.
+SQUARE = 512
 
 
 @dataclass(frozen=True, slots=True, eq=False)
