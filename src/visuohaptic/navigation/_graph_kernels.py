@@ -13,6 +13,7 @@ __all__ = ["keep_edges", "link_masks", "prune", "trace"]
 
 _ADJACENT = ADJACENT
 _SEEN = np.uint8(4)
+_SPECIAL = np.uint8(16)
 _BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
 
 
@@ -175,6 +176,7 @@ def trace(
         if _BITS[masks[k]] != 2:
             special[count] = cells[k]
             special_masks[count] = masks[k]
+            flat_mark[cells[k]] |= _SPECIAL
             count += 1
     owner, parent = _clusters(distance, special, special_masks, resolution_m)
 
@@ -194,8 +196,8 @@ def trace(
             cell = before + ROW_STEP[k] * columns + COLUMN_STEP[k]
             if flat_mark[cell] & _SEEN:
                 continue  # traced from its other end
-            last = _find(special, cell)
-            direct = last < count and special[last] == cell
+            direct = flat_mark[cell] & _SPECIAL != 0
+            last = _find(special, cell) if direct else -1
             if direct and (cell < before or parent[last] == first or parent[first] == last):
                 continue
             begin = size
@@ -223,9 +225,8 @@ def trace(
                             following = other
                 before = cell
                 cell = following
-                last = _find(special, cell)
-                direct = last < count and special[last] == cell
-            here = last
+                direct = flat_mark[cell] & _SPECIAL != 0
+            here = last = _find(special, cell)
             while here != -1:
                 if size + 1 >= len(path):
                     path = _longer(path)

@@ -125,17 +125,32 @@ def distance_window(
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def cells_near_changes(
-    before: np.ndarray, distance: np.ndarray, mark: np.ndarray, first_row: int, first_column: int
+    before: np.ndarray,
+    step_before: np.ndarray,
+    distance: np.ndarray,
+    step: np.ndarray,
+    mark: np.ndarray,
+    first_row: int,
+    first_column: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of a window whose distance changed, and those with their neighbours, which are queued for thinning."""
+    """Cells of a window whose step changed, and those whose distance did with their neighbours.
+
+    The second are queued for thinning.
+    """
     rows, columns = distance.shape
     changed = np.empty(before.size, np.int32)
+    dearer = np.empty(before.size, np.int32)
     count = 0
+    steps = 0
     for row in range(before.shape[0]):
         for column in range(before.shape[1]):
-            if before[row, column] != distance[first_row + row, first_column + column]:
-                changed[count] = (first_row + row) * columns + first_column + column
+            r, c = first_row + row, first_column + column
+            if before[row, column] != distance[r, c]:
+                changed[count] = r * columns + c
                 count += 1
+                if step_before[row, column] != step[r, c]:
+                    dearer[steps] = r * columns + c
+                    steps += 1
     near = np.empty(9 * count, np.int32)
     total = 0
     for place in range(count):
@@ -148,7 +163,7 @@ def cells_near_changes(
                 mark[r, c] |= _QUEUED
                 near[total] = r * columns + c
                 total += 1
-    return changed[:count].copy(), near[:total].copy()
+    return dearer[:steps].copy(), near[:total].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -165,6 +180,9 @@ def forget(
     flat_mark = mark.ravel()
     flat_potential = potential.ravel()
     flat_seed = seed.ravel()
+    offsets = np.empty(8, np.int32)
+    for k in range(8):
+        offsets[k] = ROW_STEP[k] * columns + COLUMN_STEP[k]
     gone = np.empty(max(1024, 2 * len(roots)), np.int32)
     count = 0
     for cell in roots:
@@ -180,20 +198,24 @@ def forget(
         if origin < 0:
             continue
         value = np.int64(flat_potential[cell])
-        row, column = cell // columns, cell % columns
+        row = cell // columns
+        column = cell - row * columns
+        inside = 0 < row < rows - 1 and 0 < column < columns - 1
+        if count + 8 > len(gone):
+            gone = _longer(gone)
         for k in range(8):
-            r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-            if r < 0 or r >= rows or c < 0 or c >= columns:
-                continue
-            other = r * columns + c
-            if flat_seed[other] != origin or flat_mark[other] & _FORGOTTEN:
+            if not inside:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+            other = cell + offsets[k]
+            more = flat_potential[other] - value
+            # Whoever got its value here is dearer and of the same node.
+            if more <= 0 or flat_seed[other] != origin:
                 continue
             cost = np.int64(flat_step[other])
-            cost = cost if k & 1 == 0 else diagonal(cost)
-            if value + cost == flat_potential[other]:
+            if more == (diagonal(cost) if k & 1 else cost) and not flat_mark[other] & _FORGOTTEN:
                 flat_mark[other] |= _FORGOTTEN
-                if count == len(gone):
-                    gone = _longer(gone)
                 gone[count] = other
                 count += 1
     for place in range(count):
@@ -203,16 +225,20 @@ def forget(
     total = 0
     for place in range(count):
         cell = gone[place]
-        row, column = cell // columns, cell % columns
+        row = cell // columns
+        column = cell - row * columns
+        inside = 0 < row < rows - 1 and 0 < column < columns - 1
+        if total + 8 > len(border):
+            border = _longer(border)
         for k in range(8):
-            r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-            if r < 0 or r >= rows or c < 0 or c >= columns:
-                continue
-            other = r * columns + c
+            if not inside:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+            other = cell + offsets[k]
+            # All that are forgotten have no node any more.
             if flat_seed[other] >= 0 and not flat_mark[other] & _FORGOTTEN:
                 flat_mark[other] |= _FORGOTTEN
-                if total == len(border):
-                    border = _longer(border)
                 border[total] = other
                 total += 1
     for place in range(count):

@@ -179,7 +179,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
         resolution_m, origin = float(grid["resolution_m"]), [float(value) for value in grid["origin"]]
         if rows < 1 or columns < 1 or rows * columns > 2**28 or len(origin) != 3:
             raise ValueError
-    except (TypeError, KeyError, ValueError) as error:
+    except (TypeError, KeyError, ValueError, OverflowError) as error:
         raise InputError(
             path,
             "found no grid of rows, columns, resolution_m and origin",

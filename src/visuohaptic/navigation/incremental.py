@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 from .graph import NavigationGraph, _speeds, graph_from_lines
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
-from .regions import Regions, assign_regions, step_bounds
+from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
 
 __all__ = ["NavigationMap", "footprint_cells"]
@@ -160,18 +160,18 @@ class NavigationMap:
         live[touched] = now
         if len(turned) == 0:
             return
-        changed = self._update_distance(turned)
-        if len(changed[0]) == 0:
+        dearer, near = self._update_distance(turned)
+        if len(near) == 0:
             return
-        self._update_skeleton(*changed)
-        self._update_regions(changed[0])
+        self._update_skeleton(near)
+        self._update_regions(dearer)
 
     def _blocks(self, values: np.ndarray) -> np.ndarray:
         blocked = values >= OBSTACLE_FROM
         return blocked if self.layers.unknown_is_free else blocked | (values < 0)
 
     def _update_distance(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances and steps; returns cells whose distance changed, and those with their neighbours."""
+        """Distances and steps; returns cells whose step changed, and those that have to be thinned again."""
         from ._distance_kernels import distance_rows, vertical_update
         from ._update_kernels import cells_near_changes, distance_window
 
@@ -184,18 +184,19 @@ class NavigationMap:
             vertical_update(
                 layers.map.cells, OBSTACLE_FROM, not layers.unknown_is_free, layers.vertical, *box
             )
-        before = [layers.distance_m[w[0] : w[1] + 1, w[2] : w[3] + 1].copy() for w in windows]
+        views = [(slice(w[0], w[1] + 1), slice(w[2], w[3] + 1)) for w in windows]
+        before = [(layers.distance_m[view].copy(), layers.step[view].copy()) for view in views]
         for window in windows:
             distance_rows(layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step)
         # Only now: the work on one window writes whole runs, which may reach into the other.
         found = [
-            cells_near_changes(old, layers.distance_m, self._mark, window[0], window[2])
+            cells_near_changes(*old, layers.distance_m, layers.step, self._mark, window[0], window[2])
             for old, window in zip(before, windows, strict=True)
         ]
         changed, near = zip(*found, strict=True)
         return np.concatenate(changed), np.concatenate(near)
 
-    def _update_skeleton(self, changed: np.ndarray, near: np.ndarray) -> None:
+    def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
         from ._graph_kernels import link_masks
         from ._skeleton_kernels import refine
@@ -257,7 +258,7 @@ class NavigationMap:
         lost = seeds[seed.ravel()[seeds] != seeds]
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, False)
+        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, SQUARE)
         self._seeds = seeds
         self.regions = Regions(potential, seed, layers.unit_s, layers, self.graph)
 

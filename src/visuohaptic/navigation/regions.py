@@ -13,6 +13,9 @@ from .grid import GridLayers
 
 __all__ = ["Regions", "assign_regions"]
 
+#: Edge of the squares that potentials are worked out in: what is at work at a time stays in the cache.
+SQUARE = 512
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
@@ -95,7 +98,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
     slowest, fastest = step_bounds(layers)
-    spread(layers.step, potential, seed, cells, slowest, fastest, True)
+    spread(layers.step, potential, seed, cells, slowest, fastest, SQUARE)
     return Regions(potential, seed, layers.unit_s, layers, graph)
 
 
