@@ -205,6 +205,13 @@ class ObstacleDetector:
                 "ObstacleDetector", f"found an image of {camera.height} rows", field="floor_view"
             )
 
+    @property
+    def sight_m(self) -> float:
+        """How far ahead of the foam the strip shows the floor, in the middle; inf = to the horizon."""
+        high = np.array([[0.5 * self.floor_view.camera.width, self.settings.least_height_px + 0.0]])
+        far = float(self.floor_view.cast(high)[0, 0]) - self.front_m
+        return far if np.isfinite(far) and far > 0 else float("inf")
+
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
         """Look at one frame, grey or colour."""
         import cv2

@@ -6,24 +6,30 @@ a contact, on the object's face above it; the upper strip of the image is watche
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..camera import Camera, Frame, PlaneView, Pose
 from ..errors import InputError
-from ..objects import Event, ForceProfile, Motion, Primitive
+from ..objects import Contact, Event, ForceProfile, Motion, Primitive, PrimitiveKind
 from ..robots import BaseState
-from ..tracking.flow import FlowSettings, PointTracker
+from ..tracking.flow import FlowSettings, FlowStep, PointTracker
 from .ego_motion import EgoMotionFilter, EgoMotionSettings
 from .floor_motion import FloorMotionSettings, FloorTracker
 from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker, contact_face
 from .obstacle_mask import MixtureSettings, Obstacle, ObstacleDetector
 
+if TYPE_CHECKING:
+    from .foam import FoamSetup
+
 __all__ = ["SceneReading", "SceneSettings", "SceneTracker"]
 
 FLOOR, OBJECT = 1, 2
+#: Edge of the cells in which it is remembered what is not floor, and what is not the object [px].
+_CELL_PX = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +49,8 @@ class SceneSettings:
     beside_m: float = 0.04  #: no floor is looked for so near beside the contact
     largest_width_px: int = 800  #: images wider than this are binned for the tracks
     lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
+    telling_px: float = 1.0  #: flow of the floor from which a point tells whether it is on the floor
+    widening: float = 1.6  #: a contact that has become wider by this factor shows its face better
 
     def __post_init__(self) -> None:
         if not (self.foam_half_m > 0 and self.object_height_m > 0 and self.largest_width_px >= 100):
@@ -100,8 +108,6 @@ class SceneTracker:
         settings: SceneSettings | None = None,
         rng: np.random.Generator | None = None,
     ) -> None:
-        from dataclasses import replace
-
         if not floor_below_m > 0:
             raise InputError("SceneTracker", f"found {floor_below_m} m, expected > 0", field="floor_below_m")
         self.settings = s = settings or SceneSettings()
@@ -116,8 +122,36 @@ class SceneTracker:
         self._object = ObjectTracker(camera, pose_camera_foam, s.object)
         self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
+        self._angle, self._angle_before = 0.0, 0.0
+        self._deflection_m = 0.0
+        # Where points have shown to be on something else, in cells of so many pixels, for a contact.
+        self._not_floor = np.zeros((-(-camera.height // _CELL_PX), -(-camera.width // _CELL_PX)), np.uint8)
+        self._not_object = self._not_floor.copy()
         self._last_t_s = float("nan")
         self._force_N = 0.0  # largest of the contact, slowly forgotten
+
+    @classmethod
+    def of_sensor(
+        cls,
+        setup: FoamSetup,
+        floor_below_m: float = 0.05,
+        settings: SceneSettings | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> Self:
+        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's."""
+        front = setup.geometry.front_m
+        fitted = replace(
+            settings or SceneSettings(),
+            front_m=float(front[:, 0].max()),
+            foam_half_m=float(np.abs(front[:, 1]).max())
+            + 0.5 * float(np.median(np.diff(setup.geometry.s_m))),
+        )
+        return cls(setup.camera, setup.pose_camera_foam, floor_below_m, fitted, rng)
+
+    @property
+    def sight_m(self) -> float:
+        """How far ahead of the foam an obstacle can be seen."""
+        return self._obstacles.sight_m
 
     def update(
         self,
@@ -149,10 +183,12 @@ class SceneTracker:
         obstacle = self._obstacles.update(frame.image)
         in_contact = self._follow_contact(profile, primitive)
         step = self._points.update(grey, self._regions(obstacle))
-        on_floor, on_object = step.of(FLOOR), step.of(OBJECT)
         expected = None
         if base_state is not None and np.isfinite(self.ego.velocity).all():
             expected = self._expected(base_state, t_s)
+        if expected is not None and self._pushes(profile, float(expected[0])):
+            step = self._sorted(step, expected)
+        on_floor, on_object = step.of(FLOOR), step.of(OBJECT)
         floor = self._floor.update(on_floor, t_s, expected=expected)
         motion = self.ego.update(t_s, floor=floor, odometry=base_state, gyroscope_rad_s=gyroscope_rad_s)
         self._last_t_s = t_s
@@ -161,9 +197,13 @@ class SceneTracker:
             self._force_N = max(profile.force_N, 0.97 * self._force_N)
             share = profile.force_N / self._force_N if self._force_N > 0 else 1.0
         moved, events = self._object.update(on_object, t_s, in_contact=in_contact, force_share=share)
+        self._points.drop(np.array(sorted(self._object.rejected), dtype=np.int64))
         # Once it leans, a turn about the vertical is no longer a turn on the floor.
         stands = moved.valid and moved.tilt_rad < 0.2
-        angle = moved.turn_rad + float(self.ego.pose[2]) - self._heading if stands else float("nan")
+        angle = float("nan")
+        if stands:
+            angle = self._angle_before + moved.turn_rad + float(self.ego.pose[2]) - self._heading
+            self._angle = angle
         return SceneReading(
             t_s, motion, floor, self.ego.pose.copy(), moved, angle, events, obstacle,
             len(on_floor.ids), len(on_object.ids),
@@ -186,6 +226,8 @@ class SceneTracker:
             if self._object.face is not None and self._without > self.settings.lost_contact_frames:
                 self._object.stop()
                 self._points.forget(OBJECT)
+                self._not_floor[:], self._not_object[:] = 0, 0
+                self._angle = self._angle_before = 0.0
             return False
         self._without = 0
         # Beside the object the foam is drawn along: only where it is pressed is there a face behind.
@@ -194,10 +236,18 @@ class SceneTracker:
         width = max(reach - self.settings.object_margin_m, 0.01)
         begins = self._object.face is None
         # The first touch is a narrow one: the contact's line is known better once the foam has given way.
-        wider = width > 1.6 * self._half_width_m and self._object.rests
+        wider = width > self.settings.widening * self._half_width_m and self._object.stands
         if (begins or wider) and len(contact.points_foam_m) >= 2:
-            self._object.start(contact_face(contact, primitive))
+            shape = primitive if primitive is not None else _shape_of(contact)
             self._half_width_m = width
+            # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
+            known = min(1.0, 0.02 / width)
+            sigmas = {"direction_sigma_rad": 0.01 + 0.15 * known, "curvature_sigma_per_m": 1.0 + 5.0 * known}
+            if not begins and self._object.follows:
+                self._object.improve(contact_face(contact, shape), _curvature(shape), **sigmas)
+                return True
+            self._object.start(contact_face(contact, shape), _curvature(shape), **sigmas)
+            self._angle_before = 0.0 if begins else self._angle
             # Points that were taken for floor may be on the object; all are chosen anew.
             self._points.forget(OBJECT)
             self._points.forget(FLOOR)
@@ -205,6 +255,37 @@ class SceneTracker:
             if begins:
                 self._force_N = contact.force_N
         return True
+
+    def _pushes(self, profile: ForceProfile | None, ahead_m: float) -> bool:
+        """Whether what is touched moves with the platform: the foam no longer gives way as it goes on."""
+        before = self._deflection_m
+        seen = profile is not None and profile.contacts
+        self._deflection_m = float(np.nanmax(profile.delta_m)) if profile is not None and seen else 0.0
+        return bool(seen) and before > 0.0 and self._deflection_m - before < 0.3 * ahead_m
+
+    def _sorted(self, step: FlowStep, expected: np.ndarray) -> FlowStep:
+        """Without the points that the platform's way shows to be on the other thing, floor or object.
+
+        What is pushed stands still in the picture while the floor passes.
+        """
+        floor = self.floor_view.cast(step.before_px)
+        c, s = np.cos(expected[2]), np.sin(expected[2])
+        passed = self.floor_view.project((floor - expected[:2]) @ np.array([[c, -s], [s, c]]))
+        flow = step.after_px - step.before_px
+        told = passed - step.before_px
+        way = np.linalg.norm(told, axis=1)
+        telling = np.isfinite(way) & (way > self.settings.telling_px)
+        still = telling & (np.linalg.norm(flow, axis=1) < 0.3 * way)
+        passes = telling & (np.linalg.norm(flow - told, axis=1) < 0.3 * way)
+        wrong_floor = still & (step.label == FLOOR)
+        # Few floor points may disagree with the wheels by chance, or the object be seen to start late.
+        wrong_object = passes & (step.label == OBJECT)
+        for wrong, cells in ((wrong_floor, self._not_floor), (wrong_object, self._not_object)):
+            at = np.clip(step.after_px[wrong] / _CELL_PX, 0, np.array(cells.shape[::-1]) - 1).astype(int)
+            cells[at[:, 1], at[:, 0]] = 1
+        if wrong_floor.any() or wrong_object.any():
+            self._points.drop(step.ids[wrong_floor | wrong_object])
+        return step.without(wrong_floor | wrong_object)
 
     def _static_regions(
         self,
@@ -254,6 +335,10 @@ class SceneTracker:
                 cv2.fillConvexPoly(above, whole, 1)
                 regions[above > 0] = 0
                 regions[(clear > 0) & ~self._hidden] = OBJECT
+            for label, cells in ((FLOOR, self._not_floor), (OBJECT, self._not_object)):
+                if cells.any():
+                    large = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), np.uint8))
+                    regions[(large[: regions.shape[0], : regions.shape[1]] > 0) & (regions == label)] = 0
         return regions
 
     def _face_polygon(self, height_m: float, beside_m: float = 0.0) -> np.ndarray | None:
@@ -268,3 +353,17 @@ class SceneTracker:
         if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
             return None
         return np.rint(pixels).astype(np.int32)
+
+
+def _shape_of(contact: Contact) -> Primitive | None:
+    """The primitive that fits the contact so far."""
+    from .primitives import fit_contact
+
+    return fit_contact(contact).best if len(contact.points_foam_m) >= 5 else None
+
+
+def _curvature(primitive: Primitive | None) -> float:
+    """Curvature of the face [1/m]; 0 unless the contact is round."""
+    if primitive is None or primitive.kind is not PrimitiveKind.CIRCLE:
+        return 0.0
+    return 1.0 / max(float(primitive.parameters[2]), 0.01)

@@ -72,8 +72,9 @@ def tag_from_push(
         phases = find_phases(record, settings=settings.events, events=usable)
     moved = bool(np.isfinite(phases.motion_s))
     fell = EventKind.FALL in kinds
-    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c).
-    fixed = False if moved or stopped_by == StopReason.PUSHED_FAR else None
+    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c);
+    # what falls is not fixed either.
+    fixed = False if moved or fell or stopped_by == StopReason.PUSHED_FAR else None
     if fixed is None and stopped_by in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
         fixed = True
     if not np.isfinite(phases.contact_s):

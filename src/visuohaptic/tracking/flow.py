@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from ..errors import InputError
 
@@ -76,6 +76,14 @@ class FlowStep:
             self.sigma_px[keep],
             {label: self.tried.get(label, 0)},
         )
+
+    def without(self, wrong: Bool[np.ndarray, "n"]) -> FlowStep:
+        """The points that are not ``wrong``."""
+        keep = ~wrong
+        return FlowStep(
+            self.ids[keep], self.label[keep], self.before_px[keep], self.after_px[keep], self.sigma_px[keep],
+            self.tried,
+        )  # fmt: skip
 
 
 def location_sigma_px(
@@ -150,6 +158,10 @@ class PointTracker:
     def forget(self, label: int) -> None:
         """Drop the points of a region."""
         self._keep(self._label != label)
+
+    def drop(self, ids: Int[np.ndarray, "k"]) -> None:
+        """Forget some points."""
+        self._keep(~np.isin(self._ids, ids))
 
     def update(
         self,
