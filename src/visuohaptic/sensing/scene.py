@@ -69,6 +69,7 @@ class SceneReading:
     motion: Motion  #: of frame F since the last frame, floor and odometry fused
     floor_motion: Motion  #: the part that the floor alone tells
     pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the begin [m, rad]
+    pose_covariance: Float[np.ndarray, "3 3"]  #: of ``pose``
     object_motion: ObjectMotion  #: since the contact began
     object_angle_rad: float  #: turn of the object in the world since then; NaN when it is not seen
     events: tuple[Event, ...]  #: FALL and SLIP
@@ -205,7 +206,7 @@ class SceneTracker:
             angle = self._angle_before + moved.turn_rad + float(self.ego.pose[2]) - self._heading
             self._angle = angle
         return SceneReading(
-            t_s, motion, floor, self.ego.pose.copy(), moved, angle, events, obstacle,
+            t_s, motion, floor, self.ego.pose.copy(), self.ego.pose_covariance.copy(), moved, angle, events, obstacle,
             len(on_floor.ids), len(on_object.ids),
         )  # fmt: skip
 

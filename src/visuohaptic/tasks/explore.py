@@ -49,7 +49,9 @@ class ExploreSettings:
     """How to explore."""
 
     approach_m_s: float = 0.05  #: where something may be touched at any time
-    cruise_m_s: float = 0.15  #: where the floor ahead is seen to be free; only with scene tracking
+    #: where the floor ahead is seen to be free, only with scene tracking; what looks like the floor is not
+    #: seen: faster than this the foam could not take up such a touch
+    cruise_m_s: float = 0.06
     brake_m_s2: float = 0.3  #: how hard the platform may brake before what it sees
     near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
     free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the begin
@@ -177,7 +179,10 @@ class _Ahead:
             return  # at the border it may be nearer than it looks: what was expected before holds
         if math.isnan(self.seen_m):
             self.seen_m = obstacle.proximity_m
-        self.expected_m = travel_m + obstacle.proximity_m - 2.0 * obstacle.proximity_sigma_m
+        expected = travel_m + obstacle.proximity_m
+        # Things do not go away before they are touched: the nearest that was seen counts.
+        passed = travel_m > self.expected_m + 2.0 * self.settings.near_m
+        self.expected_m = expected if passed or math.isnan(self.expected_m) else min(self.expected_m, expected)
 
     def speed_m_s(self, travel_m: float) -> float:
         """Largest speed that can still be braked to the slow one where something may be."""
