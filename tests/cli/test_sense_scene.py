@@ -96,9 +96,7 @@ def test_a_drive_towards_a_box(folder, capsys, wheels) -> None:
     assert told[-1].pose.pose.position.x == pytest.approx(result["pose"]["x_m"])
     assert math.sqrt(told[-1].pose.covariance[0]) == pytest.approx(result["pose_sigma"]["x_m"])
     assert told[-1].pose.covariance[35] > 0
-    masks = list(
-        read_ros2_messages(str(folder / "run.mcap"), topics=["/scene_obstacles/image/compressed"])
-    )
+    masks = list(read_ros2_messages(str(folder / "run.mcap"), topics=["/scene_obstacles/image/compressed"]))
     assert len(masks) == FRAMES
 
 

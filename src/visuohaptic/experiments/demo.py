@@ -199,16 +199,14 @@ class _Push:
         self.say(f"{path.obstacle.name}")
         self.say(_TABLE_HEAD)
         self.sensor.reset()
-        scene = SceneTracker.of_sensor(
+        tracker = SceneTracker.of_sensor(
             self.sensor.setup,
             world.config.floor_below_m,
             SceneSettings(ego=EgoMotionSettings(foam_ahead_m=world.config.radius_m)),
             np.random.default_rng(self.seed),
         )
         camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=60.0, seed=self.seed)
-        found = explore_obstacle(
-            world.base, camera, self.sensor, _EXPLORE, scene=scene, on_step=self._step
-        )
+        found = explore_obstacle(world.base, camera, self.sensor, _EXPLORE, scene=tracker, on_step=self._step)
         events = tuple(event for name, event in world.events if name == path.obstacle.name)
         place = (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
         if path.obstacle.movable:
@@ -259,9 +257,7 @@ class _Push:
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
             sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
             ahead = f"{1e3 * step.scene.proximity_m:5.0f} mm" if near and step.scene else " " * 8
-            self.say(
-                f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip()
-            )
+            self.say(f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
         strip = self.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
             self.best = (profile.force_N, self.world.scene(), strip)

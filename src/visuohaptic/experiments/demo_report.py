@@ -175,7 +175,9 @@ def _against_truth(result: DemoResult) -> list[dict[str, Any]]:
                 if tag.dynamic_friction_N
                 else None,
                 "dynamic friction, true [N]": None if fixed else obstacle.dynamic_friction_N,
-                "turn, felt [deg/m]": _degrees(tag.rotation_rad_per_m.value if tag.rotation_rad_per_m else None),
+                "turn, felt [deg/m]": _degrees(
+                    tag.rotation_rad_per_m.value if tag.rotation_rad_per_m else None
+                ),
                 "turn while pushed, seen [deg]": _degrees(_turn_seen(one)),
                 "turn while pushed, true [deg]": None if fixed else _degrees(one.turn_true_rad),
                 "falls, seen": tag.falls,

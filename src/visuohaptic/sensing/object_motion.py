@@ -124,6 +124,11 @@ def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.nda
     return middle, np.array([trust * slope, 1.0])
 
 
+def _angle(motion: Pose) -> float:
+    """By how much a motion turns [rad]."""
+    return math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(motion.rotation)) - 1.0))))
+
+
 def _upright(motion: Pose) -> Pose:
     """The nearest motion of an object that stands on the floor."""
     twist = 2.0 * math.atan2(*motion.quaternion_xyzw[2:])
@@ -154,6 +159,7 @@ class ObjectTracker:
         self._seen: dict[int, tuple[np.ndarray, Pose]] = {}  # ray in F and motion, where a point was chosen
         self.rejected: set[int] = set()  #: points that did not move with the body
         self._agree = 1.0
+        self._lean = np.eye(3)  # of the body where its face was looked at last
         self._tilts: list[tuple[float, float]] = []
         self._happened: set[EventKind] = set()
         self._covariance = np.full((6, 6), np.inf)
@@ -166,43 +172,26 @@ class ObjectTracker:
         *,
         direction_sigma_rad: float = 0.1,
         curvature_sigma_per_m: float = 2.0,
+        another: bool = True,
     ) -> None:
-        """Begin with an object whose surface is known as well as the contact tells it."""
+        """Begin with an object whose surface is known as well as the contact tells it.
+
+        ``another`` is False for the object of before, whose face is only known better now: it leans as
+        it did, and what has happened to it has happened.
+        """
+        lean = self._motion.rotation @ self._lean
+        keeps = not another and self.follows and bool(self._tilts)
+        self._lean = lean @ _upright(Pose(lean, np.zeros(3))).rotation.T if keeps else np.eye(3)
+        # What leans by now has a face that leans.
+        face = Pose(self._lean @ face.rotation, face.translation_m)
         self.face, self._motion = face, Pose.identity()
         self.curvature_per_m = float(curvature_per_m)
         self._shape_sigma = np.array([direction_sigma_rad, curvature_sigma_per_m])
         self._body, self._seen, self.rejected = {}, {}, set()
-        self._tilts, self._happened, self._points, self._agree = [], set(), 0, 1.0
-
-    def improve(
-        self,
-        face: Pose,
-        curvature_per_m: float = 0.0,
-        *,
-        direction_sigma_rad: float = 0.1,
-        curvature_sigma_per_m: float = 2.0,
-    ) -> None:
-        """Take the face as it is now seen to be, and go on with the motion of before."""
-        assert self.face is not None
-        moved = _upright(self._motion) if self.stands else self._motion
-        pivot = self.face.translation_m
-        # Where that face was at the begin, and the same motion about its own point.
-        turned = moved.rotation.T
-        start = turned @ (face.translation_m - pivot - moved.translation_m) + pivot
-        shift = moved.rotation @ (start - pivot) + pivot - start
-        seen = {}
-        for i, (ray, motion) in self._seen.items():
-            again = motion.rotation @ (start - pivot) + pivot - start
-            seen[i] = (ray, Pose(motion.rotation, motion.translation_m + again))
-        self._motion = Pose(self._motion.rotation, self._motion.translation_m + shift)
-        self.face, self.curvature_per_m = Pose(turned @ face.rotation, start), float(curvature_per_m)
-        self._shape_sigma = np.array([direction_sigma_rad, curvature_sigma_per_m])
-        poses: dict[int, Pose] = {}
-        # One object per motion, so that points chosen together are cast together.
-        self._seen = {
-            i: (ray, poses.setdefault(id(self._seen[i][1]), motion)) for i, (ray, motion) in seen.items()
-        }
-        self._recast_all()
+        if another:
+            self._happened = set()
+        self._tilts = self._tilts if keeps else []
+        self._points, self._agree = 0, 1.0
 
     def _recast_all(self) -> None:
         assert self.face is not None
@@ -216,12 +205,12 @@ class ObjectTracker:
     @property
     def follows(self) -> bool:
         """Whether most of the points agree with the motion that was found last."""
-        return self._agree > 0.5
+        return self._agree > 0.3
 
     @property
     def stands(self) -> bool:
         """Whether it is not seen to lean: then its face may be looked at afresh."""
-        return not self._tilts or self._tilts[-1][1] < self.settings.tilt_seen_rad
+        return not self._tilts or self._tilts[-1][1] < 0.5 * self.settings.tilt_seen_rad
 
     def stop(self) -> None:
         """Forget the object."""
@@ -267,9 +256,14 @@ class ObjectTracker:
                 self.rejected.add(ids[k])
             motion = self._reading(t_s)
             self._tilts = [*self._tilts[-5:], (t_s, motion.tilt_rad)]
-            known = self._body.keys() | self.rejected
-            new = np.array([k for k, i in enumerate(ids) if i not in known], int)
-            self._adopt(step.ids[new], step.after_px[new])
+            # Points that are chosen late inherit the error of this motion, and would outvote the first ones.
+            if (
+                _angle(self._motion) < self.settings.shape_turn_rad
+                or self._points < 3 * self.settings.least_points
+            ):
+                known = self._body.keys() | self.rejected
+                new = np.array([k for k, i in enumerate(ids) if i not in known], int)
+                self._adopt(step.ids[new], step.after_px[new])
         sudden = before >= 2 * self.settings.least_points and len(ids) < self.settings.sudden_share * tried
         return motion, self._events(motion, t_s, in_contact, force_share, sudden)
 
@@ -281,7 +275,7 @@ class ObjectTracker:
         rotation = self._motion.rotation
         z, w = self._motion.quaternion_xyzw[2:]
         turn = 2.0 * math.atan2(z, w)  # twist about the vertical
-        tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
+        tilt = math.acos(min(1.0, max(-1.0, float((rotation @ self._lean)[2, 2]))))
         shift = self._motion.translation_m.copy()
         return ObjectMotion(t_s, True, Reason.OK, shift, turn, tilt, self._covariance, self._points)
 
@@ -353,8 +347,7 @@ class ObjectTracker:
         """Correct the surface, too, where one that is known badly does not explain the motion."""
         s = self.settings
         start = best[0] if best is not None else self._motion
-        turned = math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(start.rotation)) - 1.0))))
-        if best is not None and (turned < s.shape_turn_rad or best[3] < 3.0 * len(ids)):
+        if best is not None and (_angle(start) < s.shape_turn_rad or best[3] < 3.0 * len(ids)):
             return best  # two numbers per point: the expected cost is 2
         assert self.face is not None
         known, found, cost = (self.face, self.curvature_per_m), None, np.inf

@@ -232,7 +232,9 @@ class ObstacleDetector:
             strip = np.asarray(cv2.resize(strip, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         mask = self.mixture.update(strip, self._held)
         # The majority of the bins around: removes joints of the floor, and holes inside of an obstacle.
-        mask = np.asarray(cv2.threshold(cv2.blur(mask, (_VOTE, _VOTE)), 127, 255, cv2.THRESH_BINARY)[1], np.uint8)
+        mask = np.asarray(
+            cv2.threshold(cv2.blur(mask, (_VOTE, _VOTE)), 127, 255, cv2.THRESH_BINARY)[1], np.uint8
+        )
         self._held = mask
         if self.mixture.settling:
             # Also after a change of the whole strip, be it a new floor or a wall: free would be a guess.

@@ -124,6 +124,7 @@ class SceneTracker:
         self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
         self._angle, self._angle_before = 0.0, 0.0
+        self._flat_angle = float("nan")  # direction of a flat face, less the turn that it had then
         self._deflection_m = 0.0
         # Where points have shown to be on something else, in cells of so many pixels, for a contact.
         self._not_floor = np.zeros((-(-camera.height // _CELL_PX), -(-camera.width // _CELL_PX)), np.uint8)
@@ -182,7 +183,7 @@ class SceneTracker:
             )
         grey, t_s = frame.grey, frame.t_s
         obstacle = self._obstacles.update(frame.image)
-        in_contact = self._follow_contact(profile, primitive)
+        in_contact, face = self._follow_contact(profile, primitive)
         step = self._points.update(grey, self._regions(obstacle))
         expected = None
         if base_state is not None and np.isfinite(self.ego.velocity).all():
@@ -205,6 +206,8 @@ class SceneTracker:
         if stands:
             angle = self._angle_before + moved.turn_rad + float(self.ego.pose[2]) - self._heading
             self._angle = angle
+        if face is not None:
+            self._look_afresh(*face, obstacle)
         return SceneReading(
             t_s, motion, floor, self.ego.pose.copy(), self.ego.pose_covariance.copy(), moved, angle, events, obstacle,
             len(on_floor.ids), len(on_object.ids),
@@ -217,8 +220,14 @@ class SceneTracker:
         ahead = self.settings.ego.foam_ahead_m
         return np.array([state.speed_m_s * dt, ahead * turn * dt, turn * dt])
 
-    def _follow_contact(self, profile: ForceProfile | None, primitive: Primitive | None) -> bool:
-        """Begin with a new object at its first contact, let go of one that has not been felt for long."""
+    def _follow_contact(
+        self, profile: ForceProfile | None, primitive: Primitive | None
+    ) -> tuple[bool, tuple[Contact, Primitive | None, float] | None]:
+        """Whether something is touched, and its contact, shape and half width where its face is to be looked at.
+
+        That is at the first contact, and again when it has become wider. Lets go of an object that
+        has not been felt for long.
+        """
         contact = None
         if profile is not None:
             contact = max((c for c in profile.contacts), key=lambda c: c.force_N, default=None)
@@ -229,7 +238,7 @@ class SceneTracker:
                 self._points.forget(OBJECT)
                 self._not_floor[:], self._not_object[:] = 0, 0
                 self._angle = self._angle_before = 0.0
-            return False
+            return False, None
         self._without = 0
         # Beside the object the foam is drawn along: only where it is pressed is there a face behind.
         pressed = contact.points_foam_m[contact.delta_m > 0.5 * np.max(contact.delta_m, initial=0.0)]
@@ -238,24 +247,42 @@ class SceneTracker:
         begins = self._object.face is None
         # The first touch is a narrow one: the contact's line is known better once the foam has given way.
         wider = width > self.settings.widening * self._half_width_m and self._object.stands
-        if (begins or wider) and len(contact.points_foam_m) >= 2:
-            shape = primitive if primitive is not None else _shape_of(contact)
-            self._half_width_m = width
-            # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
-            known = min(1.0, 0.02 / width)
-            sigmas = {"direction_sigma_rad": 0.01 + 0.15 * known, "curvature_sigma_per_m": 1.0 + 5.0 * known}
-            if not begins and self._object.follows:
-                self._object.improve(contact_face(contact, shape), _curvature(shape), **sigmas)
-                return True
-            self._object.start(contact_face(contact, shape), _curvature(shape), **sigmas)
-            self._angle_before = 0.0 if begins else self._angle
-            # Points that were taken for floor may be on the object; all are chosen anew.
-            self._points.forget(OBJECT)
-            self._points.forget(FLOOR)
-            self._heading = float(self.ego.pose[2])
-            if begins:
-                self._force_N = contact.force_N
-        return True
+        if not ((begins or wider) and len(contact.points_foam_m) >= 2):
+            return True, None
+        return True, (contact, primitive if primitive is not None else _shape_of(contact), width)
+
+    def _look_afresh(
+        self, contact: Contact, shape: Primitive | None, half_width_m: float, obstacle: Obstacle
+    ) -> None:
+        """Take the face as the contact shows it now, and choose points on it."""
+        begins = self._object.face is None
+        # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
+        known = min(1.0, 0.02 / half_width_m)
+        self._object.start(
+            contact_face(contact, shape),
+            _curvature(shape),
+            direction_sigma_rad=0.01 + 0.15 * known,
+            curvature_sigma_per_m=1.0 + 5.0 * known,
+            another=begins,
+        )
+        self._half_width_m = half_width_m
+        self._angle_before = 0.0 if begins else self._angle
+        self._heading = float(self.ego.pose[2])
+        self._flat_angle = float("nan") if begins else self._flat_angle
+        if shape is not None and shape.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
+            # A flat face that is felt twice tells the turn in between better than the texture.
+            along = contact_face(contact, shape).rotation[:, 0]
+            in_world = float(np.arctan2(along[0], -along[1])) + self._heading
+            if np.isfinite(self._flat_angle):
+                self._angle_before = in_world - self._flat_angle
+            self._flat_angle = in_world - self._angle_before
+        if begins:
+            self._force_N = contact.force_N
+        self._points.forget(OBJECT)
+        regions = self._regions(obstacle)
+        # Points that were taken for floor may be on the object.
+        self._points.forget(FLOOR, outside=regions)
+        self._points.choose(regions)
 
     def _pushes(self, profile: ForceProfile | None, ahead_m: float) -> bool:
         """Whether what is touched moves with the platform: the foam no longer gives way as it goes on."""

@@ -50,7 +50,9 @@ class SceneConfig(_Section):
     pose_camera_foam: PoseSection | None = None
     strip: StripSection = StripSection()
     floor_below_m: Positive = 0.05  #: height of the foam's visible edge above the floor
-    foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.17  #: from the platform's centre to F
+    foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
+        0.17  #: from the platform's centre to F
+    )
     strip_rows_px: Annotated[int, Field(ge=8)] = 300  #: the image's upper rows are watched for obstacles
 
     @model_validator(mode="after")

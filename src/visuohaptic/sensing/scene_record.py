@@ -89,9 +89,7 @@ def write_scene(
     pose = Pose.from_rotation_vector([0.0, 0.0, heading], [x, y, 0.0])
     recording.write_pose(pose, reading.t_s, f"/{name}/pose", frame="odom", covariance=covariance)
     values = _values(reading)
-    message = ros.diagnostics(
-        reading.t_s, "odom", name, values.pop("valid"), values.pop("reason"), values
-    )
+    message = ros.diagnostics(reading.t_s, "odom", name, values.pop("valid"), values.pop("reason"), values)
     recording.write(f"/{name}/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", reading.t_s, message)
     if mask:
         recording.write_frame(Frame(reading.mask, reading.t_s, 0), f"{name}_obstacles")

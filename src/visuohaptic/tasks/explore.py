@@ -182,7 +182,9 @@ class _Ahead:
         expected = travel_m + obstacle.proximity_m
         # Things do not go away before they are touched: the nearest that was seen counts.
         passed = travel_m > self.expected_m + 2.0 * self.settings.near_m
-        self.expected_m = expected if passed or math.isnan(self.expected_m) else min(self.expected_m, expected)
+        self.expected_m = (
+            expected if passed or math.isnan(self.expected_m) else min(self.expected_m, expected)
+        )
 
     def speed_m_s(self, travel_m: float) -> float:
         """Largest speed that can still be braked to the slow one where something may be."""

@@ -155,9 +155,20 @@ class PointTracker:
         self._moved = np.zeros((0, 2), np.float32)
         self._sigma = np.zeros(0)
 
-    def forget(self, label: int) -> None:
-        """Drop the points of a region."""
-        self._keep(self._label != label)
+    def forget(self, label: int, *, outside: UInt8[np.ndarray, "rows columns"] | None = None) -> None:
+        """Drop the points of a region; with ``outside`` only those that are not in it there."""
+        keep = self._label != label
+        if outside is not None and len(self._points):
+            where = self._binned(outside[slice(*(self._rows or (0, outside.shape[0])))], nearest=True)
+            at = np.clip(np.rint(self._points).astype(int), 0, np.array(where.shape[::-1]) - 1)
+            keep |= where[at[:, 1], at[:, 0]] == label
+        self._keep(keep)
+
+    def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
+        """Choose points in the newest picture where regions have become poor."""
+        if self._band is not None:
+            rows = slice(*(self._rows or (0, regions.shape[0])))
+            self._refill(self._band, self._binned(regions[rows], nearest=True))
 
     def drop(self, ids: Int[np.ndarray, "k"]) -> None:
         """Forget some points."""
