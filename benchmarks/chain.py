@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Frame
+from visuohaptic.camera import Frame
 from visuohaptic.experiments.virtual_sensor import VirtualSensor
 from visuohaptic.robots import BaseState
 from visuohaptic.sensing.foam import FoamSensor

@@ -498,7 +498,8 @@ class ObjectTracker:
                 return None
             turn = Pose.from_rotation_vector(change[:3], np.zeros(3))
             motion = Pose(turn.rotation @ motion.rotation, motion.translation_m + change[3:])
-            if np.abs(change).max() < 1e-7:
+            # A hundredth of what a good picture tells.
+            if np.abs(change).max() < 2e-6:
                 break
         cost = float(np.minimum(distance, s.gate_sigmas) @ np.minimum(distance, s.gate_sigmas))
         # A wide scale is for finding the way; in the end points agree by their own noise.
