@@ -20,6 +20,8 @@ from visuohaptic.simulation.rig import SensorRig
 from visuohaptic.tracking.flow import FlowSettings, FlowStep, PointTracker
 
 SEED = 20160606
+#: Number of the first push: nothing was developed or chosen on those from here on; on 0 to 199 it was.
+FIRST = 1000
 
 
 def _tests(name: str) -> Any:
@@ -94,10 +96,10 @@ def ego_motion(floor: str, wrong: float = 0.4, step_m: float = 0.005) -> tuple[f
     return float(np.hypot(*error[:2])), abs(math.degrees(error[2])), 1e3 * float(np.median(spent))
 
 
-def falls(count: int) -> list[dict[str, object]]:
+def falls(count: int, first: int = FIRST) -> list[dict[str, object]]:
     """Precision and recall of fall events, right within two frames."""
     pushes = _tests("fall_pushes")
-    found = [pushes.watch(i) for i in range(count)]
+    found = [pushes.watch(first + i) for i in range(count)]
     score = pushes.score(found)
     turns = [abs(w.turn_error_rad) for w in found if np.isfinite(w.turn_error_rad)]
     return [
@@ -107,6 +109,7 @@ def falls(count: int) -> list[dict[str, object]]:
             "unit": "1",
             "floor": 0.95,
             "aim": 0.99,
+            "note": f"{score['right']} of {score['true']} falls told within 2 frames, {score['told']} told",
         }
         for name in ("precision", "recall")
     ] + [
@@ -118,10 +121,10 @@ def falls(count: int) -> list[dict[str, object]]:
     ]
 
 
-def run(count: int = 12) -> list[dict[str, object]]:
-    """All rows; the fall campaign of 200 pushes is ``python -m benchmarks.scene --count 200``."""
+def run(count: int = 200) -> list[dict[str, object]]:
+    """All rows; the pushes take some minutes, ``python -m benchmarks.scene --count 12`` a few of them."""
     rows = obstacle_mask()
-    for floor in ("concrete", "carpet"):
+    for floor in ("concrete", "carpet", "wood"):
         way, heading, ms = ego_motion(floor)
         note = "40 % wrong tracks"
         rows += [

@@ -130,8 +130,7 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     until = int(np.searchsorted(record.t_s, phases.motion_s, side="right")) + 1
     begin = int(np.searchsorted(record.t_s, phases.contact_s))
     inside = valid[(valid >= begin) & (valid < until)]
-    # There at once with the full force: no phase (a), static friction was not seen.
-    if not np.any(inside < until - 2):
+    if len(inside) == 0:
         return None
     force = record.force_N[inside]
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
@@ -140,6 +139,9 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     if found is not None:
         value, random = found
         return Estimate(value, float(np.sqrt(sigma**2 + random**2 + (common * value) ** 2)))
+    # There at once with the full force: no phase (a), static friction was not seen.
+    if not np.any(inside < until - 2):
+        return None
     bias = 0.0
     for _ in range(5):
         rivals = int(np.sum(force > force.max() - bias - 2.0 * sigma))
