@@ -370,19 +370,20 @@ class _Run:
             ]
         )
         best = fit.best if fit is not None else None
-        angle = None
-        pushed = np.array([bool(profile.contacts) for profile in self.profiles])
-        texture = np.array(self.angles)
-        if np.isfinite(texture[pushed]).mean() > 0.5:
-            # Its texture tells the turn of a round object, too; a face only that of a flat one.
-            angle = texture
-        elif best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
-            angle = np.array(
+        flat = best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT)
+        face = None
+        if flat:
+            face = np.array(
                 [
                     _face_angle(profile) + state.heading_rad
                     for profile, state in zip(self.profiles, self.states, strict=True)
                 ]
             )
+        pushed = np.array([bool(profile.contacts) for profile in self.profiles])
+        texture = np.array(self.angles)
+        # Its texture tells the turn of a round object, too; a face only that of a flat one.
+        seen = bool(np.isfinite(texture[pushed]).mean() > 0.5)
+        angle = _joined(texture, face) if seen and face is not None else (texture if seen else face)
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
         if best is not None and best.kind is PrimitiveKind.SEGMENT:
             centre = 0.5 * float(best.parameters[1] + best.parameters[3])
@@ -393,6 +394,16 @@ class _Run:
             primitive=best,
             object_centre_m=centre,
         )
+
+
+def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
+    """Mean of two angles that differ by a constant; where one is missing, the other."""
+    both = np.isfinite(texture_rad) & np.isfinite(face_rad)
+    if not both.any():
+        return texture_rad
+    shifted = face_rad - np.median(face_rad[both] - texture_rad[both])
+    one = np.where(np.isfinite(texture_rad), texture_rad, shifted)
+    return np.where(both, 0.5 * (texture_rad + shifted), one)
 
 
 def _face_angle(profile: ForceProfile) -> float:
