@@ -8,7 +8,8 @@ import pytest
 from visuohaptic.camera import Pose
 from visuohaptic.errors import InputError
 from visuohaptic.objects import Contact, ErrorBudget, EventKind, Primitive, PrimitiveKind, Reason
-from visuohaptic.sensing.object_motion import ObjectMotionSettings, ObjectTracker, contact_face
+from visuohaptic.sensing.object_face import contact_face
+from visuohaptic.sensing.object_motion import ObjectMotionSettings, ObjectTracker
 from visuohaptic.simulation.rig import SensorRig
 from visuohaptic.tracking.flow import FlowStep
 

@@ -26,20 +26,18 @@ from jaxtyping import Float
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ..objects import Contact, Event, EventKind, Primitive, PrimitiveKind, Reason
+from ..objects import Event, EventKind, Reason
 from ..tracking.flow import FlowStep
 from ..tracking.homography import decompose_homography, estimate_homography_robust, facing_motions
+from .object_face import cast_to_face
 
-__all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker", "contact_face"]
+__all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker"]
 
 
 #: Motion, covariance of (rotation vector, shift), points that agree, and robust cost.
 _Fit = tuple[Pose, np.ndarray, np.ndarray, float]
 #: Of (rotation vector, shift) what an object on the floor can do.
 _STANDING = np.array([2, 3, 4])
-
-#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
-NARROW_M = 0.04
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,45 +81,6 @@ class ObjectMotion:
     def turn_sigma_rad(self) -> float:
         """Standard deviation of ``turn_rad``."""
         return float(np.sqrt(self.covariance[2, 2]))
-
-
-def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
-    """Plane of the object's surface: ``pose_foam_face`` with x along the contact, y up, z to the robot.
-
-    From the fitted primitive, or without one from a line through the points that are pressed most.
-    A round object is taken by its tangent, a corner by its tip.
-    """
-    point, along = _contact_line(contact, primitive)
-    along = along / np.linalg.norm(along)
-    if along[1] > 0:
-        along = -along  # x along the contact to the right: then its normal points to the robot
-    rotation = np.array([[along[0], 0.0, along[1]], [along[1], 0.0, -along[0]], [0.0, 1.0, 0.0]])
-    return Pose(rotation, np.array([point[0], point[1], 0.0]))
-
-
-def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.ndarray, np.ndarray]:
-    across = np.array([0.0, 1.0])
-    if primitive is not None:
-        p = primitive.parameters
-        if primitive.kind == PrimitiveKind.CIRCLE:
-            return p[:2] - np.array([p[2], 0.0]), across
-        if primitive.kind == PrimitiveKind.SEGMENT:
-            return 0.5 * (p[:2] + p[2:]), p[2:] - p[:2]
-        if primitive.kind == PrimitiveKind.LINE:
-            return p[:2], np.array([math.cos(p[2]), math.sin(p[2])])
-        return p[:2], across
-    pressed = contact.delta_m > 0.6 * float(np.max(contact.delta_m, initial=0.0))
-    points = contact.points_foam_m[pressed]
-    if len(points) == 0:
-        raise InputError("contact_face", "found a contact without points, expected at least one")
-    middle = points.mean(axis=0)
-    span = float(np.ptp(points[:, 1]))
-    if span < 0.01:
-        return middle, across
-    slope = float(np.polyfit(points[:, 1] - middle[1], points[:, 0] - middle[0], 1)[0])
-    # A narrow contact shows the foam's flanks and the object's edge, not its face: then across is likelier.
-    trust = span**2 / (span**2 + NARROW_M**2)
-    return middle, np.array([trust * slope, 1.0])
 
 
 def _angle(motion: Pose) -> float:
@@ -296,22 +255,7 @@ class ObjectTracker:
                 self._body[i], self._seen[i] = point, (ray, self._motion)
 
     def _cast(self, rays: np.ndarray, motion: Pose, face: Pose, curvature: float) -> np.ndarray:
-        """Body points where rays meet the surface of a body that has moved; NaN where they miss it."""
-        pivot = face.translation_m
-        # In the coordinates of the face: x along it, y up, z to the robot.
-        frame = motion.rotation @ face.rotation
-        eye = (self._eye - pivot - motion.translation_m) @ frame
-        ray = rays @ frame
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = -eye[2] / ray[:, 2]
-            for _ in range(6 if curvature else 0):
-                x = eye[0] + depth * ray[:, 0]
-                # The circle's sag; beyond the quarter circle nothing is seen of it.
-                sag = curvature * x**2 / (1.0 + np.sqrt(1.0 - (curvature * x) ** 2))
-                depth = (-sag - eye[2]) / ray[:, 2]
-        points = (eye + depth[:, None] * ray) @ face.rotation.T + pivot
-        points[~((depth > 0) & (depth < 2.0))] = np.nan
-        return points
+        return cast_to_face(self._eye, rays, motion, face, curvature)
 
     def _recast(self, face: Pose, curvature: float, ids: list[int]) -> np.ndarray:
         """The body's points on another surface; those chosen later with the motion of their time."""

@@ -19,7 +19,8 @@ from ..robots import BaseState
 from ..tracking.flow import FlowSettings, FlowStep, PointTracker
 from .ego_motion import EgoMotionFilter, EgoMotionSettings
 from .floor_motion import FloorMotionSettings, FloorTracker
-from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker, contact_face
+from .object_face import contact_face, face_curvature
+from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker
 from .obstacle_mask import MixtureSettings, Obstacle, ObstacleDetector
 
 if TYPE_CHECKING:
@@ -260,7 +261,7 @@ class SceneTracker:
         known = min(1.0, 0.02 / half_width_m)
         self._object.start(
             contact_face(contact, shape),
-            _curvature(shape),
+            face_curvature(shape),
             direction_sigma_rad=0.01 + 0.15 * known,
             curvature_sigma_per_m=1.0 + 5.0 * known,
             another=begins,
@@ -388,10 +389,3 @@ def _shape_of(contact: Contact) -> Primitive | None:
     from .primitives import fit_contact
 
     return fit_contact(contact).best if len(contact.points_foam_m) >= 5 else None
-
-
-def _curvature(primitive: Primitive | None) -> float:
-    """Curvature of the face [1/m]; 0 unless the contact is round."""
-    if primitive is None or primitive.kind is not PrimitiveKind.CIRCLE:
-        return 0.0
-    return 1.0 / max(float(primitive.parameters[2]), 0.01)
