@@ -8,7 +8,8 @@ import pytest
 from visuohaptic.camera import Pose
 from visuohaptic.errors import InputError
 from visuohaptic.objects import Contact, ErrorBudget, EventKind, Primitive, PrimitiveKind, Reason
-from visuohaptic.sensing.object_motion import ObjectMotionSettings, ObjectTracker, contact_face
+from visuohaptic.sensing.object_face import contact_face
+from visuohaptic.sensing.object_motion import ObjectMotionSettings, ObjectTracker
 from visuohaptic.simulation.rig import SensorRig
 from visuohaptic.tracking.flow import FlowStep
 
@@ -107,6 +108,72 @@ def test_a_large_motion_in_one_step_needs_the_decomposition():
     pivot = FACE.translation_m
     np.testing.assert_allclose(guess.rotation, motion.rotation, atol=1e-5)
     np.testing.assert_allclose(guess.translation_m, motion.apply(pivot) - pivot, atol=1e-5)
+
+
+@pytest.mark.parametrize("turn", [-0.15, 0.1])
+def test_a_face_that_is_known_badly_is_told_by_the_motion(turn):
+    """The face points elsewhere by 0.12 rad than the contact said; it leans over its far edge."""
+    rng = np.random.default_rng(9)
+    wrong = Pose(
+        Pose.from_rotation_vector([0, 0, 0.12], np.zeros(3)).rotation @ FACE.rotation, FACE.translation_m
+    )
+    points = face_points(rng, 80)
+    tracker = ObjectTracker(CAMERA, VIEW)
+    tracker.start(wrong, direction_sigma_rad=0.15)
+    before = look(points)
+    for i in range(1, 13):
+        motion = about(np.array([0.065, 0.0, -0.05]), [0.0, 0.03 * i, 0.0], [0, 0, 0])
+        twist = about(FACE.translation_m, [0, 0, turn * i / 12], [0, 0, 0])
+        after = look((motion @ twist).apply(points)) + rng.normal(0, 0.1, (len(points), 2))
+        found, _ = tracker.update(step_of(before, after), i / 30)
+        before = after
+        assert found.valid
+        # Six parameters of the motion and two of the face from 80 points: a few per cent of the tilt.
+        assert found.tilt_rad == pytest.approx(0.03 * i, abs=0.012 + 0.05 * 0.03 * i)
+    assert found.points > 60
+    true = FACE.rotation[:, 0]
+    assert np.degrees(np.arccos(tracker.face.rotation[:, 0] @ true)) < 2.0
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_cylinder_that_turns_is_seen_by_its_texture(known):
+    """Radius 6 cm; with the radius unknown the motion has to tell that it is round."""
+    rng = np.random.default_rng(10)
+    radius, axis = 0.06, FACE.translation_m + np.array([0.06, 0.0, 0.0])
+    angle = rng.uniform(-0.7, 0.7, 90)
+    round_ones = np.column_stack([-radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 0.1, 90)])
+    tracker = ObjectTracker(CAMERA, VIEW)
+    tracker.start(FACE, 1 / radius if known else 8.0, curvature_sigma_per_m=1.0 if known else 8.0)
+    before = look(axis + round_ones)
+    for i in range(1, 11):
+        turned = Pose.from_rotation_vector([0, 0, 0.02 * i], axis).apply(round_ones)
+        after = look(turned) + rng.normal(0, 0.1, (90, 2))
+        found, _ = tracker.update(step_of(before, after), i / 30)
+        before = after
+    assert found.valid
+    assert found.tilt_rad < 0.02
+    assert found.turn_rad == pytest.approx(0.2, abs=0.01 if known else 0.03)
+
+
+def test_what_leans_goes_on_leaning_when_its_face_is_looked_at_again():
+    rng, points, far = (
+        np.random.default_rng(11),
+        face_points(np.random.default_rng(11), 80),
+        [0.065, 0.0, -0.05],
+    )
+    tracker = ObjectTracker(CAMERA, VIEW)
+    tracker.start(FACE)
+    before = look(points)
+    for i in range(1, 11):
+        after = look(about(np.array(far), [0.0, 0.02 * i, 0.0], [0, 0, 0]).apply(points))
+        after += rng.normal(0, 0.1, after.shape)
+        found, _ = tracker.update(step_of(before, after), i / 30)
+        before = after
+        if i == 3:
+            # The face as it is now at the height of the foam, upright as a contact tells it.
+            moved = tracker.moved(FACE.translation_m[None])[0]
+            tracker.start(Pose(FACE.rotation, np.array([*moved[:2], 0.0])), another=False)
+    assert found.tilt_rad == pytest.approx(0.2, abs=0.02)
 
 
 def test_jacobian_against_finite_differences():

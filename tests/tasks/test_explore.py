@@ -13,7 +13,7 @@ import pytest
 
 from visuohaptic.camera import Frame
 from visuohaptic.errors import InputError
-from visuohaptic.objects import Contact, ErrorBudget, EventKind, ForceProfile, Reason
+from visuohaptic.objects import Contact, ErrorBudget, Event, EventKind, ForceProfile, Reason
 from visuohaptic.robots import BaseState, MobileBase
 from visuohaptic.sensing.push import StopReason
 from visuohaptic.tasks.explore import ExploreSettings, Outcome, explore_obstacle
@@ -193,6 +193,82 @@ def test_source_ended() -> None:
     assert found.outcome is Outcome.SOURCE_ENDED
     assert len(found.profiles) == 0
     assert found.fit is None
+
+
+class FakeScene:
+    """Sees the obstacle from 12 cm on, and what happens to it when it is told so."""
+
+    sight_m = 0.15
+
+    def __init__(self, base: FakeBase, obstacle: Obstacle, fall_at_s: float = math.inf) -> None:
+        self.base, self.obstacle, self.fall_at_s = base, obstacle, fall_at_s
+
+    def update(self, frame: Frame, profile: ForceProfile, state: BaseState) -> Any:
+        gap = self.obstacle.x_m - self.base.x_m
+        seen = SimpleNamespace(
+            valid=frame.index >= 3,
+            proximity_m=gap if gap < 0.12 else math.inf,
+            proximity_sigma_m=0.001,
+            at_border=gap < 0.05,
+        )
+        falls = self.fall_at_s <= frame.t_s < self.fall_at_s + FRAME_S
+        events = (Event(EventKind.FALL, frame.t_s),) if falls else ()
+        angle = 0.4 * self.base.x_m if gap <= 0.0 else math.nan
+        return SimpleNamespace(obstacle=seen, events=events, object_angle_rad=angle)
+
+
+def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:
+    """Cruising speed in the open, slow before the obstacle and where nothing is known."""
+    speeds: list[tuple[float, float]] = []
+    base, obstacle = FakeBase(), Obstacle(0.4, 4.0)
+    found = explore_obstacle(
+        base,
+        frames(base, 3000),  # type: ignore[arg-type]
+        FakeSensor(base, obstacle),  # type: ignore[arg-type]
+        ExploreSettings(approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.2, free_ahead_m=0.15, brake_m_s2=0.3),
+        scene=FakeScene(base, obstacle),  # type: ignore[arg-type]
+        on_step=lambda step: speeds.append((step.travel_m, base.speed_m_s)),
+    )
+    assert found.outcome is Outcome.TAGGED
+    assert max(speed for _, speed in speeds) == pytest.approx(0.2)
+    # Never faster than it can brake to the slow speed 2 cm before the obstacle; a frame late.
+    for travel, speed in speeds:
+        gap = max(0.4 - travel + 0.2 * FRAME_S - 0.02, 0.0)
+        assert speed <= math.sqrt(0.03**2 + 2 * 0.3 * gap) + 1e-9 or travel > 0.4
+    assert found.seen_ahead_m == pytest.approx(0.12, abs=0.2 * FRAME_S)
+    # Travel counts from the first frame, before which the base has moved once.
+    assert found.expected_m == pytest.approx(0.4 - 0.03 * FRAME_S, abs=1e-6)
+    # 0.4 rad per metre, told by the scene; the flat face does not turn: both count the same.
+    assert found.tag.rotation_rad_per_m.value == pytest.approx(0.2, rel=1e-3)
+
+
+def test_what_stood_in_view_at_the_begin_is_approached_slowly() -> None:
+    base, obstacle, speeds = FakeBase(), Obstacle(0.06, 4.0), [0.0]
+    explore_obstacle(
+        base,
+        frames(base, 2000),  # type: ignore[arg-type]
+        FakeSensor(base, obstacle),  # type: ignore[arg-type]
+        ExploreSettings(approach_m_s=0.03, cruise_m_s=0.2),
+        scene=FakeScene(base, Obstacle(9.0, 4.0)),  # type: ignore[arg-type]
+        on_step=lambda step: speeds.append(base.speed_m_s if step.phase == "approach" else 0.0),
+    )
+    assert max(speeds) == pytest.approx(0.03)
+
+
+def test_what_falls_is_not_pushed_on() -> None:
+    base, obstacle = FakeBase(), Obstacle(0.05, 4.0)
+    found = explore_obstacle(
+        base,
+        frames(base, 2000),  # type: ignore[arg-type]
+        FakeSensor(base, obstacle),  # type: ignore[arg-type]
+        scene=FakeScene(base, obstacle, fall_at_s=1.8),  # type: ignore[arg-type]
+    )
+    assert found.outcome is Outcome.TAGGED
+    assert found.stopped_by is StopReason.FELL
+    assert EventKind.FALL in [event.kind for event in found.events]
+    assert found.tag.falls is True
+    assert found.tag.failed == 1
+    assert found.tag.fixed is False
 
 
 def test_bad_settings_are_refused() -> None:

@@ -68,7 +68,7 @@ OPTIONAL = (
     Library("embreex", "embreex", "geometry", "fast ray casting", "import embreex.rtcore_scene"),
     Library("cholespy", "cholespy", "elastic", "fast solves with many loads"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
-    Library("collada", "pycollada", "elastic", "COLLADA meshes"),
+    Library("collada", "pycollada", "geometry", "COLLADA meshes"),
 )
 
 

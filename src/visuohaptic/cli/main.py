@@ -32,6 +32,10 @@ __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 VERBS: Mapping[str, tuple[str, str]] = {
     "demo": ("visuohaptic.cli.demo", "drive a simulated robot at three obstacles and read the force"),
     "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
+    "sense scene": (
+        "visuohaptic.cli.sense_scene",
+        "track obstacles ahead, the floor that passes and the object that is pushed",
+    ),
     "track": ("visuohaptic.cli.track", "find and track printed templates and tags, and read their 6D poses"),
     "template check": (
         "visuohaptic.cli.template_check",

@@ -26,6 +26,8 @@ WARMUPS = (
     "visuohaptic.sensing._warmup:warmup",
     "visuohaptic.sensing.foam._warmup:warmup",
     "visuohaptic.sensing.beam._warmup:warmup",
+    "visuohaptic.navigation._graph_warmup:warmup",
+    "visuohaptic.navigation._warmup_mapper:warmup",
     "visuohaptic.deformation._warmup:warmup",
     "visuohaptic.simulation._warmup:warmup",
 )
@@ -42,7 +44,7 @@ def run(args: Arguments) -> dict[str, Any]:
     seconds: dict[str, float] = {}
     for entry in WARMUPS:
         module_name, _, function = entry.partition(":")
-        package = module_name.removesuffix("._warmup")
+        package = module_name.rpartition(".")[0]
         started_s = time.perf_counter()
         try:
             module = importlib.import_module(module_name)

@@ -14,8 +14,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..errors import InputError
-from ..objects import Event, HapticTag
+from ..objects import Event, EventKind, HapticTag
 from ..recording import MeasurementWriter, OccupancyMap, TableWriter
+from ..sensing.ego_motion import EgoMotionSettings
+from ..sensing.scene import SceneSettings, SceneTracker
+from ..sensing.scene_record import write_scene
 from ..simulation.look import Look
 from ..simulation.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.platform import PlatformConfig
@@ -36,14 +39,13 @@ log = logging.getLogger(__name__)
 
 #: The table shows every so many frames while something is touched.
 _TABLE_FRAMES = 6
-#: Gap between foam and obstacle where the slow approach begins.
-_SLOW_GAP_M = 0.02
-_DRIVE_M_S = 0.3
-
 #: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion.
-_EXPLORE = ExploreSettings(approach_m_s=0.03, push_m_s=0.02)
+#: The platform begins on free floor, a little more than the camera's view.
+_EXPLORE = ExploreSettings(
+    approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
+)
 
-_TABLE_HEAD = f"{'time':>9}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
+_TABLE_HEAD = f"{'time':>9}  {'ahead':>8}  {'true force':>11}  {'measured':>11}  {'sigma':>9}   event"
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +72,8 @@ class DemoObject:
     strip: ObservedStrip | None  #: what the sensor saw in it
     true_events: tuple[Event, ...]
     end_pose: tuple[float, float, float]  #: of the obstacle in the world after the push
+    touch_error_m: float = math.nan  #: by how much later than the scene expected it was touched
+    turn_true_rad: float = math.nan  #: of the obstacle in the world from touch to stand
 
     @property
     def tag(self) -> HapticTag:
@@ -185,6 +189,7 @@ class _Push:
         self.samples: list[DemoSample] = []
         self.best: tuple[float, FoamScene, ObservedStrip] | None = None
         self.touching = False
+        self.yaw_rad: list[float] = []  # of a movable obstacle, from its touch on
 
     def explore(self) -> DemoObject:
         world, path = self.world, self.path
@@ -192,11 +197,16 @@ class _Push:
         world.forget_events()
         self.say("")
         self.say(f"{path.obstacle.name}")
-        self._drive_near()
         self.say(_TABLE_HEAD)
         self.sensor.reset()
-        camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=40.0, seed=self.seed)
-        found = explore_obstacle(world.base, camera, self.sensor, _EXPLORE, on_step=self._step)
+        tracker = SceneTracker.of_sensor(
+            self.sensor.setup,
+            world.config.floor_below_m,
+            SceneSettings(ego=EgoMotionSettings(foam_ahead_m=world.config.radius_m)),
+            np.random.default_rng(self.seed),
+        )
+        camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=60.0, seed=self.seed)
+        found = explore_obstacle(world.base, camera, self.sensor, _EXPLORE, scene=tracker, on_step=self._step)
         events = tuple(event for name, event in world.events if name == path.obstacle.name)
         place = (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
         if path.obstacle.movable:
@@ -206,29 +216,17 @@ class _Push:
         if self.best is not None:
             _, scene, strip = self.best
             picture = self._photograph(scene)
-        return DemoObject(path.obstacle.name, path, found, tuple(self.samples), picture, strip, events, place)
-
-    def _drive_near(self) -> None:
-        """At driving speed to just before the obstacle; nothing to see for the sensor yet."""
-        world, path = self.world, self.path
-        config = world.config
-        reach = 0.5 * path.obstacle.length_m
-        way = path.distance_m - reach - config.radius_m - config.strip.width_m - _SLOW_GAP_M
-        start = world.platform_pose()
-        world.base.drive(_DRIVE_M_S, 0.0)
-        for _ in range(600):
-            x, y, _ = world.platform_pose()
-            self.track.append((x, y))
-            gone = math.hypot(x - start[0], y - start[1])
-            # Brake in time: v^2 / 2a.
-            if gone >= way - _DRIVE_M_S**2 / (2 * config.largest_acceleration_m_s2):
-                break
-            world.step(0.02)
-        world.base.stop()
-        for _ in range(40):
-            world.step(0.02)
-            if self.page is not None:
-                self.page.update(pose_world_foam=world.scene().pose_world_foam)
+        turn = self.yaw_rad[-1] - self.yaw_rad[0] if self.yaw_rad else math.nan
+        touched = next((e.t_s for e in found.events if e.kind is EventKind.CONTACT), math.nan)
+        times = [profile.t_s for profile in found.profiles]
+        late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
+        if math.isfinite(found.seen_ahead_m):
+            self.say(
+                f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, touched {1e3 * late:+.1f} mm from where expected"
+            )
+        return DemoObject(
+            path.obstacle.name, path, found, tuple(self.samples), picture, strip, events, place, late, turn
+        )
 
     def _step(self, step: ExploreStep) -> None:
         profile, truth = step.profile, self.world.truth.load_N
@@ -246,14 +244,20 @@ class _Push:
         self.track.append((x, y))
         self.recording.write_force(profile)
         self.table.write(profile)
+        if step.scene is not None:
+            write_scene(self.recording, step.scene)
         for event in step.events:
             self.recording.write_event(event)
         self.touching = bool(profile.contacts)
-        if step.events or (self.touching and len(self.samples) % _TABLE_FRAMES == 0):
+        if self.path.obstacle.movable and self.touching and step.phase in ("push", "halt"):
+            self.yaw_rad.append(self.world.truth.body(self.path.obstacle.name).yaw_rad)
+        near = step.scene is not None and np.isfinite(step.scene.proximity_m) and step.phase == "approach"
+        if step.events or ((self.touching or near) and len(self.samples) % _TABLE_FRAMES == 0):
             names = ", ".join(event.kind.value for event in step.events)
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
             sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
-            self.say(f"{profile.t_s:7.2f} s  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
+            ahead = f"{1e3 * step.scene.proximity_m:5.0f} mm" if near and step.scene else " " * 8
+            self.say(f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
         strip = self.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
             self.best = (profile.force_N, self.world.scene(), strip)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..camera import PlaneView
+from ..objects import EventKind
 from ..simulation.obstacles import Obstacle, ObstacleKind
 from .annotation import FrameNotes, annotated_frame, primitive_outline
 from .plots import (
@@ -174,11 +175,34 @@ def _against_truth(result: DemoResult) -> list[dict[str, Any]]:
                 if tag.dynamic_friction_N
                 else None,
                 "dynamic friction, true [N]": None if fixed else obstacle.dynamic_friction_N,
+                "turn, felt [deg/m]": _degrees(
+                    tag.rotation_rad_per_m.value if tag.rotation_rad_per_m else None
+                ),
+                "turn while pushed, seen [deg]": _degrees(_turn_seen(one)),
+                "turn while pushed, true [deg]": None if fixed else _degrees(one.turn_true_rad),
+                "falls, seen": tag.falls,
+                "falls, true": any(event.kind is EventKind.FALL for event in one.true_events),
+                "seen ahead of the foam [mm]": _millimetres(one.exploration.seen_ahead_m),
+                "touched later than expected [mm]": _millimetres(one.touch_error_m),
                 "shape, fitted": primitive_text(tag.primitive),
                 "shape, true": _true_shape(obstacle),
             }
         )
     return rows
+
+
+def _turn_seen(one: DemoObject) -> float | None:
+    angles = one.exploration.object_angle_rad
+    angles = angles[np.isfinite(angles)]
+    return float(angles[-1] - angles[0]) if len(angles) > 1 else None
+
+
+def _degrees(value: float | None) -> float | None:
+    return float(np.degrees(value)) if value is not None and np.isfinite(value) else None
+
+
+def _millimetres(value: float) -> float | None:
+    return 1e3 * value if np.isfinite(value) else None
 
 
 def _true_shape(obstacle: Obstacle) -> str:

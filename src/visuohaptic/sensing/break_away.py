@@ -33,6 +33,9 @@ TIMES, MASSES, STEPS = 48, 24, 40
 #: exp(0.5) (one sigma) for other coefficients and for bodies that turn.
 FRICTION, LOG_MASS_SIGMA = 0.4, 0.5
 GRAVITY_M_S2 = 9.81
+#: By how much static friction exceeds the dynamic one, as a part of it: most dry pairs of materials stay below
+#: 1.4. Without this a static friction near the dynamic one is always read too high, since it cannot be lower.
+STATIC_EXCESS = 0.2
 #: Foam that is released is stiffer than foam that is compressed, by about this factor.
 RELEASED = 1.5
 #: Error of the modelled way, by that way: foam on its way back, frictions that change with speed.
@@ -111,6 +114,8 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     misfit = np.sum(((model - y) / sigma) ** 2, axis=-1) + (log_mass / LOG_MASS_SIGMA) ** 2
     weight = np.exp(-0.5 * (misfit - misfit.min())).sum(axis=1)
     weight[static < dynamic_N] = 0.0  # Coulomb: it takes at least as much to start as to go on
+    if dynamic_N > 0:
+        weight *= np.exp(-0.5 * ((static / dynamic_N - 1.0) / STATIC_EXCESS) ** 2)
     if not weight.sum() > 0:
         return None
     weight /= weight.sum()

@@ -1,7 +1,10 @@
 """Motion of the object that is pushed, and whether it falls or slips (Alt 2016, Sec. 3.5).
 
 The surface that the camera sees is taken as a plane through the contact line, perpendicular to the
-floor. Tracked points are cast to it once; from then on they are points of a rigid body. Between the
+floor, or as the cylinder that the fitted circle is the section of. Tracked points are cast to it once;
+from then on they are points of a rigid body. A first touch tells the direction and the curvature of the
+surface badly: both are unknowns with a prior, and the motion itself decides, since points on a wrong surface do
+not move like one rigid body. Between the
 first and the newest picture the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
 estimated by consensus and decomposed; of its solutions that one counts whose plane is the known one. Its motion
 is then refined on the pixels, with the plane and its distance known, and compared with
@@ -19,19 +22,22 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ..objects import Contact, Event, EventKind, Primitive, PrimitiveKind, Reason
+from ..objects import Event, EventKind, Reason
 from ..tracking.flow import FlowStep
 from ..tracking.homography import decompose_homography, estimate_homography_robust, facing_motions
+from .object_face import cast_to_face
 
-__all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker", "contact_face"]
+__all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker"]
 
 
-#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
-NARROW_M = 0.04
+#: Motion, covariance of (rotation vector, shift), points that agree, and robust cost.
+_Fit = tuple[Pose, np.ndarray, np.ndarray, float]
+#: Of (rotation vector, shift) what an object on the floor can do.
+_STANDING = np.array([2, 3, 4])
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +53,7 @@ class ObjectMotionSettings:
     coast_s: float = 0.6  #: for so long
     sudden_share: float = 0.4  #: fewer tracks than this part of those before are a sudden loss
     slip_m: float = 0.006  #: shift of the contact along the foam that counts as slip
+    shape_turn_rad: float = 0.03  #: once it has turned by so much the motion tells the surface, too
 
     def __post_init__(self) -> None:
         if not (self.least_points >= 4 and 0 < self.least_share < 1 and self.fall_tilt_rad > 0):
@@ -76,43 +83,15 @@ class ObjectMotion:
         return float(np.sqrt(self.covariance[2, 2]))
 
 
-def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
-    """Plane of the object's surface: ``pose_foam_face`` with x along the contact, y up, z to the robot.
-
-    From the fitted primitive, or without one from a line through the points that are pressed most.
-    A round object is taken by its tangent, a corner by its tip.
-    """
-    point, along = _contact_line(contact, primitive)
-    along = along / np.linalg.norm(along)
-    if along[1] > 0:
-        along = -along  # x along the contact to the right: then its normal points to the robot
-    rotation = np.array([[along[0], 0.0, along[1]], [along[1], 0.0, -along[0]], [0.0, 1.0, 0.0]])
-    return Pose(rotation, np.array([point[0], point[1], 0.0]))
+def _angle(motion: Pose) -> float:
+    """By how much a motion turns [rad]."""
+    return math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(motion.rotation)) - 1.0))))
 
 
-def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.ndarray, np.ndarray]:
-    across = np.array([0.0, 1.0])
-    if primitive is not None:
-        p = primitive.parameters
-        if primitive.kind == PrimitiveKind.CIRCLE:
-            return p[:2] - np.array([p[2], 0.0]), across
-        if primitive.kind == PrimitiveKind.SEGMENT:
-            return 0.5 * (p[:2] + p[2:]), p[2:] - p[:2]
-        if primitive.kind == PrimitiveKind.LINE:
-            return p[:2], np.array([math.cos(p[2]), math.sin(p[2])])
-        return p[:2], across
-    pressed = contact.delta_m > 0.6 * float(np.max(contact.delta_m, initial=0.0))
-    points = contact.points_foam_m[pressed]
-    if len(points) == 0:
-        raise InputError("contact_face", "found a contact without points, expected at least one")
-    middle = points.mean(axis=0)
-    span = float(np.ptp(points[:, 1]))
-    if span < 0.01:
-        return middle, across
-    slope = float(np.polyfit(points[:, 1] - middle[1], points[:, 0] - middle[0], 1)[0])
-    # A narrow contact shows the foam's flanks and the object's edge, not its face: then across is likelier.
-    trust = span**2 / (span**2 + NARROW_M**2)
-    return middle, np.array([trust * slope, 1.0])
+def _upright(motion: Pose) -> Pose:
+    """The nearest motion of an object that stands on the floor."""
+    twist = 2.0 * math.atan2(*motion.quaternion_xyzw[2:])
+    return Pose.from_rotation_vector([0.0, 0.0, twist], [*motion.translation_m[:2], 0.0])
 
 
 class ObjectTracker:
@@ -130,23 +109,67 @@ class ObjectTracker:
         self.camera, self.pose_camera_foam = camera, pose_camera_foam
         self.settings = settings or ObjectMotionSettings()
         self.face: Pose | None = None  #: at the begin; None: nothing is tracked
+        self.curvature_per_m = 0.0  #: of the face's section with the floor; 0 = plane
+        self._shape_sigma = np.array([0.1, 2.0])  # of the face's direction [rad] and curvature [1/m]
+        self._eye = pose_camera_foam.inverse().translation_m
+        self._to_foam = pose_camera_foam.inverse().rotation
         self._motion = Pose.identity()  # of the body about the contact point
         self._body: dict[int, np.ndarray] = {}
+        self._seen: dict[int, tuple[np.ndarray, Pose]] = {}  # ray in F and motion, where a point was chosen
+        self.rejected: set[int] = set()  #: points that did not move with the body
+        self._agree = 1.0
+        self._lean = np.eye(3)  # of the body where its face was looked at last
         self._tilts: list[tuple[float, float]] = []
         self._happened: set[EventKind] = set()
         self._covariance = np.full((6, 6), np.inf)
         self._points = 0
 
-    def start(self, face: Pose) -> None:
-        """Begin with an object whose surface is known."""
+    def start(
+        self,
+        face: Pose,
+        curvature_per_m: float = 0.0,
+        *,
+        direction_sigma_rad: float = 0.1,
+        curvature_sigma_per_m: float = 2.0,
+        another: bool = True,
+    ) -> None:
+        """Begin with an object whose surface is known as well as the contact tells it.
+
+        ``another`` is False for the object of before, whose face is only known better now: it leans as
+        it did, and what has happened to it has happened.
+        """
+        lean = self._motion.rotation @ self._lean
+        keeps = not another and self.follows and bool(self._tilts)
+        self._lean = lean @ _upright(Pose(lean, np.zeros(3))).rotation.T if keeps else np.eye(3)
+        # What leans by now has a face that leans.
+        face = Pose(self._lean @ face.rotation, face.translation_m)
         self.face, self._motion = face, Pose.identity()
-        self._body, self._tilts, self._happened, self._points = {}, [], set(), 0
+        self.curvature_per_m = float(curvature_per_m)
+        self._shape_sigma = np.array([direction_sigma_rad, curvature_sigma_per_m])
+        self._body, self._seen, self.rejected = {}, {}, set()
+        if another:
+            self._happened = set()
+        self._tilts = self._tilts if keeps else []
+        self._points, self._agree = 0, 1.0
+
+    def _recast_all(self) -> None:
+        assert self.face is not None
+        everyone = list(self._body)
+        for i, point in zip(everyone, self._recast(self.face, self.curvature_per_m, everyone), strict=True):
+            if np.isfinite(point).all():
+                self._body[i] = point
+            else:
+                del self._body[i]
 
     @property
-    def rests(self) -> bool:
-        """Whether the object has hardly moved since the begin: the plane may still be chosen better."""
-        turn = float(np.arccos(np.clip(0.5 * (np.trace(self._motion.rotation) - 1.0), -1.0, 1.0)))
-        return turn < 0.012 and float(np.linalg.norm(self._motion.translation_m)) < 0.0015
+    def follows(self) -> bool:
+        """Whether most of the points agree with the motion that was found last."""
+        return self._agree > 0.3
+
+    @property
+    def stands(self) -> bool:
+        """Whether it is not seen to lean: then its face may be looked at afresh."""
+        return not self._tilts or self._tilts[-1][1] < 0.5 * self.settings.tilt_seen_rad
 
     def stop(self) -> None:
         """Forget the object."""
@@ -181,17 +204,25 @@ class ObjectTracker:
         before = self._points
         if fit is None:
             motion, self._points = self._nothing(t_s, Reason.LOST), 0
+            self._agree = 0.0 if len(chosen) >= self.settings.least_points else self._agree
         else:
-            self._motion, self._covariance, inliers = fit
+            self._motion, self._covariance, inliers, _ = fit
             self._points = int(np.count_nonzero(inliers))
+            self._agree = self._points / len(chosen)
             for k in chosen[~inliers]:
+                # Chosen anew with the motion of this frame it would only agree with its own error.
                 self._body.pop(ids[k])
+                self.rejected.add(ids[k])
             motion = self._reading(t_s)
             self._tilts = [*self._tilts[-5:], (t_s, motion.tilt_rad)]
-            new = np.array(
-                [k for k, i in enumerate(ids) if i not in self._body and k not in set(chosen)], int
-            )
-            self._adopt(step.ids[new], step.after_px[new])
+            # Points that are chosen late inherit the error of this motion, and would outvote the first ones.
+            if (
+                _angle(self._motion) < self.settings.shape_turn_rad
+                or self._points < 3 * self.settings.least_points
+            ):
+                known = self._body.keys() | self.rejected
+                new = np.array([k for k, i in enumerate(ids) if i not in known], int)
+                self._adopt(step.ids[new], step.after_px[new])
         sudden = before >= 2 * self.settings.least_points and len(ids) < self.settings.sudden_share * tried
         return motion, self._events(motion, t_s, in_contact, force_share, sudden)
 
@@ -203,7 +234,7 @@ class ObjectTracker:
         rotation = self._motion.rotation
         z, w = self._motion.quaternion_xyzw[2:]
         turn = 2.0 * math.atan2(z, w)  # twist about the vertical
-        tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
+        tilt = math.acos(min(1.0, max(-1.0, float((rotation @ self._lean)[2, 2]))))
         shift = self._motion.translation_m.copy()
         return ObjectMotion(t_s, True, Reason.OK, shift, turn, tilt, self._covariance, self._points)
 
@@ -213,25 +244,31 @@ class ObjectTracker:
         return (points - pivot) @ motion.rotation.T + pivot + motion.translation_m
 
     def _adopt(self, ids: np.ndarray, pixels: np.ndarray) -> None:
-        """Points of the body from pixels that see its plane now."""
+        """Points of the body from pixels that see its surface now."""
         if len(ids) == 0:
             return
         assert self.face is not None
-        pivot, normal = self.face.translation_m, self._motion.rotation @ self.face.rotation[:, 2]
-        eye = self.pose_camera_foam.inverse()
-        rays = self.camera.rays(pixels) @ eye.rotation.T
-        through = pivot + self._motion.translation_m
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = ((through - eye.translation_m) @ normal) / (rays @ normal)
-        points = eye.translation_m + depth[:, None] * rays
-        body = (points - through) @ self._motion.rotation + pivot
-        for i, point, z in zip(ids.tolist(), body, depth, strict=True):
-            if np.isfinite(z) and 0 < z < 2.0:
-                self._body[i] = point
+        rays = self.camera.rays(pixels) @ self._to_foam.T
+        points = self._cast(rays, self._motion, self.face, self.curvature_per_m)
+        for i, ray, point in zip(ids.tolist(), rays, points, strict=True):
+            if np.isfinite(point).all():
+                self._body[i], self._seen[i] = point, (ray, self._motion)
 
-    def _fit(
-        self, step: FlowStep, ids: list[int], chosen: np.ndarray
-    ) -> tuple[Pose, np.ndarray, Bool[np.ndarray, "n"]] | None:
+    def _cast(self, rays: np.ndarray, motion: Pose, face: Pose, curvature: float) -> np.ndarray:
+        return cast_to_face(self._eye, rays, motion, face, curvature)
+
+    def _recast(self, face: Pose, curvature: float, ids: list[int]) -> np.ndarray:
+        """The body's points on another surface; those chosen later with the motion of their time."""
+        body = np.empty((len(ids), 3))
+        groups: dict[int, list[int]] = {}
+        for k, i in enumerate(ids):
+            groups.setdefault(id(self._seen[i][1]), []).append(k)
+        for members in groups.values():
+            rays = np.array([self._seen[ids[k]][0] for k in members])
+            body[members] = self._cast(rays, self._seen[ids[members[0]]][1], face, curvature)
+        return body
+
+    def _fit(self, step: FlowStep, ids: list[int], chosen: np.ndarray) -> _Fit | None:
         s = self.settings
         if len(chosen) < s.least_points:
             return None
@@ -243,9 +280,100 @@ class ObjectTracker:
             other = None if guess is None else self._refined(guess, body, pixels, sigma)
             if other is not None and (best is None or other[2].sum() > best[2].sum()):
                 best = other
+        best = self._with_shape(best, [ids[k] for k in chosen], pixels, sigma)
         if best is None or best[2].sum() < max(s.least_points, s.least_share * len(chosen)):
             return None
         return best
+
+    def _with_shape(
+        self, best: _Fit | None, ids: list[int], pixels: np.ndarray, sigma: np.ndarray
+    ) -> _Fit | None:
+        """Correct the surface, too, where one that is known badly does not explain the motion."""
+        s = self.settings
+        start = best[0] if best is not None else self._motion
+        if best is not None and (_angle(start) < s.shape_turn_rad or best[3] < 3.0 * len(ids)):
+            return best  # two numbers per point: the expected cost is 2
+        assert self.face is not None
+        known, found, cost = (self.face, self.curvature_per_m), None, np.inf
+        if best is not None:
+            found, cost = (*known, self._shape_sigma, best), best[3] - 2.0 * math.log(2.0 * len(ids)) - 10.0
+        for active in (_STANDING, np.arange(6)):
+            shape = self._fit_shape(start, ids, pixels, sigma, active)
+            if shape is None:
+                continue
+            body = self._recast(*shape[:2], ids)
+            if not np.isfinite(body).all():
+                continue
+            self.face, self.curvature_per_m = shape[:2]
+            again = self._refined(start, body, pixels, sigma)
+            if again is not None and again[3] < cost:
+                found, cost = (*shape, again), again[3]
+        self.face, self.curvature_per_m = known
+        if found is None or found[3] is best:
+            return best
+        # Every frame shares the noise of the first one: what is known grows slower than by independent ones.
+        self._shape_sigma = np.maximum(np.sqrt(2.0) * found[2], 1e-3 * self._shape_sigma)
+        self.face, self.curvature_per_m = found[:2]
+        self._recast_all()
+        return found[3]
+
+    def _fit_shape(
+        self, motion: Pose, ids: list[int], pixels: np.ndarray, sigma: np.ndarray, active: np.ndarray
+    ) -> tuple[Pose, float, np.ndarray] | None:
+        """Face, curvature, and their standard deviations, by least squares together with the motion."""
+        assert self.face is not None
+        s, shape, prior = self.settings, np.zeros(2), self._shape_sigma
+        spread = prior
+        steps, free = np.array([1e-4, 1e-2]), np.array([*active, 6, 7])
+        if len(active) < 6:
+            motion = _upright(motion)
+
+        def surface(change: np.ndarray) -> tuple[Pose, float]:
+            assert self.face is not None
+            turn = Pose.from_rotation_vector([0.0, 0.0, change[0]], np.zeros(3))
+            return Pose(turn.rotation @ self.face.rotation, self.face.translation_m), float(
+                self.curvature_per_m + change[1]
+            )
+
+        for iteration in range(6):
+            body = self._recast(*surface(shape), ids)
+            residual = (self._project(motion, body) - pixels) / sigma[:, None]
+            distance = np.linalg.norm(residual, axis=1)
+            seen = np.isfinite(distance)
+            if np.count_nonzero(seen) < s.least_points:
+                return None
+            scale = max(1.0, float(np.median(distance[seen])) / 1.177)
+            gate = s.gate_sigmas * scale
+            weight = np.where(seen & (distance < gate), (1 - (distance / gate) ** 2) ** 2, 0.0)
+            jacobian = np.zeros((len(ids), 2, 8))
+            jacobian[:, :, :6] = self._jacobian(motion, body, np.arange(6))
+            for k in range(2):
+                ahead = self._recast(*surface(shape + steps[k] * np.eye(2)[k]), ids)
+                jacobian[:, :, 6 + k] = (self._project(motion, ahead) - self._project(motion, body)) / steps[
+                    k
+                ]
+            jacobian /= sigma[:, None, None]
+            used = (weight > 0) & np.isfinite(jacobian).all(axis=(1, 2))
+            flat = jacobian[used].reshape(-1, 8)[:, free]
+            weighted = np.repeat(weight[used], 2)[:, None] * flat / scale**2
+            information = weighted.T @ flat
+            information += 1e-9 * np.trace(information) * np.eye(len(free))
+            information[-2:, -2:] += np.diag(1.0 / prior**2)
+            gradient = weighted.T @ residual[used].ravel()
+            gradient[-2:] += shape / prior**2
+            change = np.zeros(8)
+            change[free] = -np.linalg.solve(information, gradient)
+            if not np.abs(change[:7]).max() < 1.0:
+                return None
+            turn = Pose.from_rotation_vector(change[:3], np.zeros(3))
+            motion = Pose(turn.rotation @ motion.rotation, motion.translation_m + change[3:6])
+            shape = shape + change[6:]
+            spread = np.sqrt(np.diag(np.linalg.inv(information))[-2:])
+            if iteration > 1 and np.abs(change[:6]).max() < 1e-5:
+                break
+        if np.any(np.abs(shape) > 4.0 * prior):
+            return None
+        return (*surface(shape), spread)
 
     def _by_homography(self, body: np.ndarray, pixels: np.ndarray) -> Pose | None:
         """Motion by decomposition of the homography of the known plane."""
@@ -273,25 +401,18 @@ class ObjectTracker:
         pivot = self.face.translation_m
         return Pose(in_foam.rotation, in_foam.apply(pivot) - pivot)
 
-    def _refined(
-        self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray
-    ) -> tuple[Pose, np.ndarray, np.ndarray] | None:
+    def _refined(self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray) -> _Fit | None:
         """The standing motion if the pixels allow it, else the free one."""
         free = self._least_squares(start, body, pixels, sigma, np.arange(6))
         if free is None:
             return None
-        upright = Pose.from_rotation_vector(
-            [0.0, 0.0, 2 * math.atan2(*start.quaternion_xyzw[2:])], [*start.translation_m[:2], 0.0]
-        )
-        stands = self._least_squares(upright, body, pixels, sigma, np.array([2, 3, 4]))
+        stands = self._least_squares(_upright(start), body, pixels, sigma, _STANDING)
         price = 3.0 * math.log(2.0 * len(body)) + 10.0
-        if stands is not None and stands[3] < free[3] + price:
-            return stands[:3]
-        return free[:3]
+        return stands if stands is not None and stands[3] < free[3] + price else free
 
     def _least_squares(
         self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray, active: np.ndarray
-    ) -> tuple[Pose, np.ndarray, np.ndarray, float] | None:
+    ) -> _Fit | None:
         """Gauss-Newton on the pixels with Tukey's weights; (rotation vector, shift) in F, those ``active``."""
         s, motion = self.settings, start
         inliers, cost, scale = np.zeros(len(body), dtype=bool), np.inf, 1.0
@@ -321,7 +442,8 @@ class ObjectTracker:
                 return None
             turn = Pose.from_rotation_vector(change[:3], np.zeros(3))
             motion = Pose(turn.rotation @ motion.rotation, motion.translation_m + change[3:])
-            if np.abs(change).max() < 1e-7:
+            # A hundredth of what a good picture tells.
+            if np.abs(change).max() < 2e-6:
                 break
         cost = float(np.minimum(distance, s.gate_sigmas) @ np.minimum(distance, s.gate_sigmas))
         # A wide scale is for finding the way; in the end points agree by their own noise.

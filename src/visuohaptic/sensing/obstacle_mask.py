@@ -29,6 +29,9 @@ from ..objects import Reason
 
 __all__ = ["FloorMixture", "MixtureSettings", "Obstacle", "ObstacleDetector"]
 
+#: Edge of the square of bins that vote on each.
+_VOTE = 9
+
 
 @dataclass(frozen=True, slots=True)
 class MixtureSettings:
@@ -205,6 +208,13 @@ class ObstacleDetector:
                 "ObstacleDetector", f"found an image of {camera.height} rows", field="floor_view"
             )
 
+    @property
+    def sight_m(self) -> float:
+        """How far ahead of the foam the strip shows the floor, in the middle; inf = to the horizon."""
+        high = np.array([[0.5 * self.floor_view.camera.width, self.settings.least_height_px + 0.0]])
+        far = float(self.floor_view.cast(high)[0, 0]) - self.front_m
+        return far if np.isfinite(far) and far > 0 else float("inf")
+
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
         """Look at one frame, grey or colour."""
         import cv2
@@ -221,8 +231,10 @@ class ObstacleDetector:
             size = (self._columns // n, self._rows // n)
             strip = np.asarray(cv2.resize(strip, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
         mask = self.mixture.update(strip, self._held)
-        # The majority of 9 x 9 bins: removes joints of the floor, and holes inside of an obstacle.
-        mask = np.asarray(cv2.threshold(cv2.blur(mask, (9, 9)), 127, 255, cv2.THRESH_BINARY)[1], np.uint8)
+        # The majority of the bins around: removes joints of the floor, and holes inside of an obstacle.
+        mask = np.asarray(
+            cv2.threshold(cv2.blur(mask, (_VOTE, _VOTE)), 127, 255, cv2.THRESH_BINARY)[1], np.uint8
+        )
         self._held = mask
         if self.mixture.settling:
             # Also after a change of the whole strip, be it a new floor or a wall: free would be a guess.
@@ -253,5 +265,6 @@ class ObstacleDetector:
             return free
         at = int(np.argsort(distance)[needed // 2])
         sigma = abs(float(self.floor_view.jacobian(pixels[at])[0, 1])) * s.edge_sigma_px
-        border = bool(edge[at] >= mask.shape[0] - 2)
+        # The vote of the neighbours may take its last bins away.
+        border = bool(edge[at] >= mask.shape[0] - 2 - _VOTE // 2)
         return Obstacle(mask, n, True, Reason.OK, float(distance[at]), sigma, float(points[at, 1]), border)

@@ -22,6 +22,7 @@ class StopReason(StrEnum):
     DENSIFIED = "densified"  #: (a) the strain leaves the foam's working range: fixed
     TOO_HEAVY = "too_heavy"  #: (b) the force reaches what the platform can push: fixed
     PUSHED_FAR = "pushed_far"  #: (c) pushed by more than the sensor's width: movable
+    FELL = "fell"  #: it is seen to fall: nothing more to be felt, and nothing to be pushed on
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,8 +72,9 @@ def tag_from_push(
         phases = find_phases(record, settings=settings.events, events=usable)
     moved = bool(np.isfinite(phases.motion_s))
     fell = EventKind.FALL in kinds
-    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c).
-    fixed = False if moved or stopped_by == StopReason.PUSHED_FAR else None
+    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c);
+    # what falls is not fixed either.
+    fixed = False if moved or fell or stopped_by == StopReason.PUSHED_FAR else None
     if fixed is None and stopped_by in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
         fixed = True
     if not np.isfinite(phases.contact_s):
@@ -129,8 +130,7 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     until = int(np.searchsorted(record.t_s, phases.motion_s, side="right")) + 1
     begin = int(np.searchsorted(record.t_s, phases.contact_s))
     inside = valid[(valid >= begin) & (valid < until)]
-    # There at once with the full force: no phase (a), static friction was not seen.
-    if not np.any(inside < until - 2):
+    if len(inside) == 0:
         return None
     force = record.force_N[inside]
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
@@ -139,6 +139,9 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     if found is not None:
         value, random = found
         return Estimate(value, float(np.sqrt(sigma**2 + random**2 + (common * value) ** 2)))
+    # There at once with the full force: no phase (a), static friction was not seen.
+    if not np.any(inside < until - 2):
+        return None
     bias = 0.0
     for _ in range(5):
         rivals = int(np.sum(force > force.max() - bias - 2.0 * sigma))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +20,10 @@ from ..sensing.foam import FoamSensor
 from ..sensing.primitives import PrimitiveFit, fit_contact
 from ..sensing.push import StopLimits, StopReason, record_push, stop_reason
 from ..sensing.tag import tag_from_push
+from ._look_ahead import LookAhead
+
+if TYPE_CHECKING:
+    from ..sensing.scene import SceneReading, SceneTracker
 
 __all__ = ["Exploration", "ExploreSettings", "ExploreStep", "Outcome", "explore_obstacle"]
 
@@ -44,7 +49,13 @@ class _Phase(StrEnum):
 class ExploreSettings:
     """How to explore."""
 
-    approach_m_s: float = 0.05
+    approach_m_s: float = 0.05  #: where something may be touched at any time
+    #: where the floor ahead is seen to be free, only with scene tracking; what looks like the floor is not
+    #: seen: faster than this the foam could not take up such a touch
+    cruise_m_s: float = 0.06
+    brake_m_s2: float = 0.3  #: how hard the platform may brake before what it sees
+    near_m: float = 0.02  #: gap from foam to obstacle at which it is down to ``approach_m_s``
+    free_ahead_m: float = 0.0  #: floor before the foam that is known to be free at the begin
     push_m_s: float = 0.03
     back_off_m_s: float = 0.08
     search_m: float = 0.5  #: how far to drive without a contact
@@ -57,7 +68,16 @@ class ExploreSettings:
     timeout_s: float = 60.0
 
     def __post_init__(self) -> None:
-        for name in ("approach_m_s", "push_m_s", "back_off_m_s", "search_m", "push_m", "largest_force_N"):
+        for name in (
+            "approach_m_s",
+            "cruise_m_s",
+            "brake_m_s2",
+            "push_m_s",
+            "back_off_m_s",
+            "search_m",
+            "push_m",
+            "largest_force_N",
+        ):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise InputError("ExploreSettings", f"found {value}, expected more than 0", field=name)
@@ -73,6 +93,7 @@ class ExploreStep:
     phase: str
     travel_m: float  #: since the begin
     events: tuple[Event, ...]
+    scene: SceneReading | None = None  #: what else the frame shows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,6 +115,12 @@ class Exploration:
     travel_m: Float[np.ndarray, "N"]  #: along the direction in which the exploration began
     fit_state: BaseState | None = None  #: where the platform stood when the shape was fitted
     touched: bool = field(default=False)
+    seen_ahead_m: float = (
+        math.nan
+    )  #: how far from the foam the obstacle was when it was first seen; NaN: unseen
+    expected_m: float = math.nan  #: travel at which the scene expected the touch, as it was last seen before
+    #: turn of the object in the world since the touch, by its texture; NaN where it was not seen [rad]
+    object_angle_rad: Float[np.ndarray, "N"] = field(default_factory=lambda: np.zeros(0))
 
 
 def explore_obstacle(
@@ -102,23 +129,28 @@ def explore_obstacle(
     sensor: FoamSensor,
     settings: ExploreSettings | None = None,
     *,
+    scene: SceneTracker | None = None,
     on_step: Callable[[ExploreStep], None] | None = None,
 ) -> Exploration:
     """Drive straight on until something is touched, push it, stand still, back off.
 
     The platform stops when the foam reaches densification or the force reaches
-    what it can push (then the obstacle is fixed), or when the object has been
-    pushed by ``push_m`` (then it is movable).
+    what it can push (then the obstacle is fixed), when the object has been
+    pushed by ``push_m`` (then it is movable), or when it falls.
 
     Parameters
     ----------
     sensor
         With its zero reference taken.
+    scene
+        Looks at the rest of each frame: the platform is then fast where the floor ahead is seen to be
+        free and slow where it is not, falls and slips become events, and the object's turn is
+        that of its texture. Without it the approach is blind and slow.
     on_step
         Called once per frame.
     """
     settings = settings or ExploreSettings()
-    run = _Run(base, sensor, settings)
+    run = _Run(base, sensor, settings, scene)
     base.drive(settings.approach_m_s, 0.0)
     try:
         for frame in source:
@@ -135,8 +167,17 @@ def explore_obstacle(
 class _Run:
     """State of one exploration."""
 
-    def __init__(self, base: MobileBase, sensor: FoamSensor, settings: ExploreSettings) -> None:
+    def __init__(
+        self,
+        base: MobileBase,
+        sensor: FoamSensor,
+        settings: ExploreSettings,
+        scene: SceneTracker | None = None,
+    ) -> None:
         self.base, self.sensor, self.settings = base, sensor, settings
+        self.scene = scene
+        self.ahead = LookAhead(scene.sight_m, settings) if scene is not None else None
+        self.angles: list[float] = []
         material = sensor.setup.material
         self.limits = StopLimits(
             deflection_m=settings.strain_share * material.densification_strain * material.width_m,
@@ -162,18 +203,27 @@ class _Run:
         if self.start is None:
             self.start = state
         travel = self._travel(state)
-        found = self.detector.update(profile, travel_m=travel)
+        seen_now: SceneReading | None = None
+        if self.scene is not None:
+            seen_now = self.scene.update(frame, profile, state)
+        happened = () if seen_now is None else seen_now.events
+        # What falls or slips before it is touched, or after it was left, is none of this push.
+        happened = happened if self.phase in (_Phase.PUSH, _Phase.HALT) else ()
+        found = self.detector.update(profile, travel_m=travel, external=happened)
         self.events += found
+        if self.ahead is not None and seen_now is not None and not self.touched:
+            self.ahead.look(seen_now, travel)
         if self.phase is not _Phase.BACK_OFF:
             self.profiles.append(profile)
             self.states.append(state)
+            self.angles.append(seen_now.object_angle_rad if seen_now is not None else math.nan)
         for event in found:
             if event.kind is EventKind.MOTION and self.motion_travel is None:
                 self.motion_travel = self._travel_at(event.t_s)
         seen = profile.reason in (Reason.OK, Reason.UNLOADING, Reason.SATURATED)
         self.blind = 0 if seen else self.blind + 1
         self._decide(profile, state, travel)
-        return ExploreStep(frame, profile, state, self.phase.value, travel, tuple(found))
+        return ExploreStep(frame, profile, state, self.phase.value, travel, tuple(found), seen_now)
 
     def _travel(self, state: BaseState) -> float:
         assert self.start is not None
@@ -199,6 +249,8 @@ class _Run:
                 self.base.drive(settings.push_m_s, 0.0)
             elif travel > settings.search_m:
                 self._end(Outcome.NOTHING_FOUND)
+            elif self.ahead is not None:
+                self.base.drive(self.ahead.speed_m_s(travel), 0.0)
         elif self.phase is _Phase.PUSH:
             pushed = travel - self.motion_travel if self.motion_travel is not None else 0.0
             self.stopped_by = self._must_stop(profile, pushed)
@@ -220,6 +272,8 @@ class _Run:
             self._end(Outcome.TAGGED)
 
     def _must_stop(self, profile: ForceProfile, pushed_m: float) -> StopReason | None:
+        if any(event.kind is EventKind.FALL for event in self.events):
+            return StopReason.FELL
         if not np.isfinite(profile.delta_m).any():
             return None
         return stop_reason(
@@ -252,6 +306,9 @@ class _Run:
             travel,
             fit_state,
             self.touched,
+            self.ahead.seen_m if self.ahead is not None else math.nan,
+            self.ahead.expected_m if self.ahead is not None else math.nan,
+            np.array(self.angles),
         )
 
     def _shape(self) -> tuple[PrimitiveFit | None, BaseState | None]:
@@ -276,14 +333,20 @@ class _Run:
             ]
         )
         best = fit.best if fit is not None else None
-        angle = None
-        if best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
-            angle = np.array(
+        flat = best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT)
+        face = None
+        if flat:
+            face = np.array(
                 [
                     _face_angle(profile) + state.heading_rad
                     for profile, state in zip(self.profiles, self.states, strict=True)
                 ]
             )
+        pushed = np.array([bool(profile.contacts) for profile in self.profiles])
+        texture = np.array(self.angles)
+        # Its texture tells the turn of a round object, too; a face only that of a flat one.
+        seen = bool(np.isfinite(texture[pushed]).mean() > 0.5)
+        angle = _joined(texture, face) if seen and face is not None else (texture if seen else face)
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
         if best is not None and best.kind is PrimitiveKind.SEGMENT:
             centre = 0.5 * float(best.parameters[1] + best.parameters[3])
@@ -294,6 +357,16 @@ class _Run:
             primitive=best,
             object_centre_m=centre,
         )
+
+
+def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
+    """Mean of two angles that differ by a constant; where one is missing, the other."""
+    both = np.isfinite(texture_rad) & np.isfinite(face_rad)
+    if not both.any():
+        return texture_rad
+    shifted = face_rad - np.median(face_rad[both] - texture_rad[both])
+    one = np.where(np.isfinite(texture_rad), texture_rad, shifted)
+    return np.where(both, 0.5 * (texture_rad + shifted), one)
 
 
 def _face_angle(profile: ForceProfile) -> float:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from ..errors import InputError
 
@@ -76,6 +76,14 @@ class FlowStep:
             self.sigma_px[keep],
             {label: self.tried.get(label, 0)},
         )
+
+    def without(self, wrong: Bool[np.ndarray, "n"]) -> FlowStep:
+        """The points that are not ``wrong``."""
+        keep = ~wrong
+        return FlowStep(
+            self.ids[keep], self.label[keep], self.before_px[keep], self.after_px[keep], self.sigma_px[keep],
+            self.tried,
+        )  # fmt: skip
 
 
 def location_sigma_px(
@@ -147,9 +155,24 @@ class PointTracker:
         self._moved = np.zeros((0, 2), np.float32)
         self._sigma = np.zeros(0)
 
-    def forget(self, label: int) -> None:
-        """Drop the points of a region."""
-        self._keep(self._label != label)
+    def forget(self, label: int, *, outside: UInt8[np.ndarray, "rows columns"] | None = None) -> None:
+        """Drop the points of a region; with ``outside`` only those that are not in it there."""
+        keep = self._label != label
+        if outside is not None and len(self._points):
+            where = self._binned(outside[slice(*(self._rows or (0, outside.shape[0])))], nearest=True)
+            at = np.clip(np.rint(self._points).astype(int), 0, np.array(where.shape[::-1]) - 1)
+            keep |= where[at[:, 1], at[:, 0]] == label
+        self._keep(keep)
+
+    def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
+        """Choose points in the newest picture where regions have become poor."""
+        if self._band is not None:
+            rows = slice(*(self._rows or (0, regions.shape[0])))
+            self._refill(self._band, self._binned(regions[rows], nearest=True))
+
+    def drop(self, ids: Int[np.ndarray, "k"]) -> None:
+        """Forget some points."""
+        self._keep(~np.isin(self._ids, ids))
 
     def update(
         self,
