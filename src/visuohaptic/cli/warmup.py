@@ -26,8 +26,7 @@ WARMUPS = (
     "visuohaptic.sensing._warmup:warmup",
     "visuohaptic.sensing.foam._warmup:warmup",
     "visuohaptic.sensing.beam._warmup:warmup",
-    "visuohaptic.navigation._graph_warmup:warmup",
-    "visuohaptic.navigation._warmup_mapper:warmup",
+    "visuohaptic.navigation._warmup:warmup",
     "visuohaptic.deformation._warmup:warmup",
     "visuohaptic.simulation._warmup:warmup",
 )
