@@ -20,6 +20,8 @@ __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
 
 #: Scatter while zeroing by the declared sigma; more than this is motion, not noise.
 MAX_SCATTER = 4.0
+#: A slow wander by less than this many declared sigmas of a single frame is put into the covariance instead.
+MAX_CREEP = 2.5
 #: A scatter below these is good enough, whatever the tracker declares [m, rad].
 FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
 
@@ -100,6 +102,9 @@ class BeamZero:
             # Noise that the tracker does not declare must not make the zero look better than it is.
             seen_sigma = scatter.std(axis=0, ddof=1)
             covariance = covariance * max(1.0, float(np.mean(seen_sigma**2 / np.diag(covariance))))
+            # Nor errors that stay for many frames, as those of compressed video: they do not average out.
+            wander = 0.5 * _creep(scatter)
+            covariance = covariance * max(1.0, len(whole) * float(np.mean(wander**2 / np.diag(covariance))))
         mean_covariance = covariance / len(whole) + common
         return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever))
 
@@ -153,21 +158,32 @@ def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
     return Pose(mean, centre), offset
 
 
+def _creep(scatter: Float[np.ndarray, "frames n"]) -> Float[np.ndarray, "n"]:
+    """A slow creep hides in the scatter of single frames, but not in the means of the two halves."""
+    half = len(scatter) // 2
+    return np.abs(scatter[half:].mean(axis=0) - scatter[:half].mean(axis=0))
+
+
 def _refuse_motion(where: str, names: Sequence[str], scatter: np.ndarray, covariance: np.ndarray) -> None:
     sigma = np.sqrt(np.diag(covariance))
     limit = np.maximum(MAX_SCATTER * sigma, np.tile(FINE_SCATTER, len(names)))
     spread = scatter.std(axis=0, ddof=1)
-    # A slow creep hides in the scatter of single frames, but not in the means of the two halves.
-    half = len(scatter) // 2
-    creep = np.abs(scatter[half:].mean(axis=0) - scatter[:half].mean(axis=0))
-    allowed = np.maximum(5 * sigma * np.sqrt(4 / len(scatter)), np.tile(FINE_SCATTER, len(names)))
+    creep = _creep(scatter)
+    allowed = np.maximum(
+        max(5 * np.sqrt(4 / len(scatter)), MAX_CREEP) * sigma, np.tile(FINE_SCATTER, len(names))
+    )
     worst = int(np.argmax(np.maximum(spread / limit, creep / allowed)))
     if spread[worst] > limit[worst] or creep[worst] > allowed[worst]:
         unit, factor = ("um", 1e6) if worst % 6 < 3 else ("mdeg", 1e3 * 180 / np.pi)
+        shown = (
+            (spread, limit)
+            if spread[worst] / limit[worst] > creep[worst] / allowed[worst]
+            else (creep, allowed)
+        )
         raise CalibrationError(
             where,
-            f"template {names[worst // 6]} moved while zeroing: {factor * max(spread[worst], creep[worst]):.0f} "
-            f"{unit}, expected below {factor * limit[worst]:.0f} {unit}",
+            f"template {names[worst // 6]} moved while zeroing: {factor * shown[0][worst]:.0f} "
+            f"{unit}, expected below {factor * shown[1][worst]:.0f} {unit}",
             remedy="zero while nothing touches or shakes the sensor",
         )
 
