@@ -18,7 +18,8 @@ class OnsetWatch:
 
     A hand or a cable in front of the foam shows an edge that looks like a contact, but it is
     there from one frame to the next. A point that jumped stays suspect until it falls back.
-    Release may be as quick as it likes: foam springs back.
+    Release may be as quick as it likes: foam springs back. Points that are suspect for another
+    reason (:func:`~._flank.stepped_points`) stay so until they fall, too.
 
     Parameters
     ----------
@@ -33,6 +34,7 @@ class OnsetWatch:
         self._trusted_m = np.full(points, np.nan)
         self._since_s = np.full(points, np.nan)
         self._suspect = np.zeros(points, dtype=bool)
+        self._stepped = np.zeros(points, dtype=bool)
         self._last_m = np.full(points, np.nan)
         self._last_s = np.full(points, np.nan)
 
@@ -42,8 +44,12 @@ class OnsetWatch:
         delta_m: Float[np.ndarray, "K"],
         sigma_m: Float[np.ndarray, "K"],
         seen: Bool[np.ndarray, "K"],
+        stepped: Bool[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
-        """Suspect points of one frame; what is not suspect is what the next frame is compared with."""
+        """Suspect points of one frame; what is not suspect is what the next frame is compared with.
+
+        ``stepped`` are points that something else than their speed speaks against.
+        """
         # A contact may also come from the side: what a neighbour had is no surprise.
         before = _largest_of_three(self._trusted_m)
         known = seen & np.isfinite(before)
@@ -51,10 +57,15 @@ class OnsetWatch:
         reach = margin + self.speed_m_s * (t_s - self._since_s)
         rise = delta_m - before
         with np.errstate(invalid="ignore"):
-            fell = self._last_m - delta_m > margin + self.speed_m_s * (t_s - self._last_s)
+            # What jumped has to jump back; an edge that crept in may creep away.
+            pace = np.where(self._stepped, 0.0, self.speed_m_s)
+            fell = self._last_m - delta_m > margin + pace * (t_s - self._last_s)
             back = (rise <= margin) | (fell & (rise <= reach))
             jumped = np.where(self._suspect, ~back, rise > reach)
         suspect: Bool[np.ndarray, "K"] = known & jumped
+        if stepped is not None:
+            suspect |= seen & stepped
+            self._stepped = np.where(seen, stepped | (self._stepped & suspect), self._stepped)
         calm = seen & ~suspect
         self._trusted_m[calm], self._since_s[calm] = delta_m[calm], t_s
         self._last_m[seen], self._last_s[seen] = delta_m[seen], t_s

@@ -17,6 +17,7 @@ from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking import SHARED_NOISE, PointReason
 from ._appearance import covered_points
+from ._flank import stepped_points
 from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
@@ -211,10 +212,12 @@ class FoamSensor:
         # The error of the zero is the same in every frame: no noise of this image.
         doubt = scale * np.hypot(np.where(doubtful, _doubt(strip), 0.0), zero_sigma)
         seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
-        jumped = self._onset.check(strip.t_s, delta, np.hypot(sigma, doubt), seen)
+        total = np.hypot(sigma, doubt)
+        steps = stepped_points(geometry.s_m, delta, total, seen, geometry.width_m, geometry.end_cells_m)
+        jumped = self._onset.check(strip.t_s, delta, total, seen, steps)
         covered |= jumped
         seen &= ~jumped
-        rough = roughness(delta, np.hypot(sigma, doubt), seen)
+        rough = roughness(delta, total, seen)
         if rough > _ROUGH:
             doubt = np.hypot(doubt, rough * sigma)
         delta, sigma, bridged, gap = _bridge(geometry.s_m, delta, sigma, seen)
