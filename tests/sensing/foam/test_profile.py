@@ -105,6 +105,13 @@ def test_contacts_are_separate(material):
     assert found.budget.image_N == pytest.approx(np.hypot(*(p.image_N for p in parts)))
 
 
+def test_every_point_seen_may_be_a_contact_of_its_own(material):
+    seen = np.arange(K) % 5 == 0
+    found = read_profile(S, np.full(K, 0.003), SIGMA, seen, material)
+    assert len(found.contacts) == seen.sum()
+    assert not any(contact.valid for contact in found.contacts)
+
+
 def test_monte_carlo_image_and_zero(material):
     """Declared against true scatter: 4000 trials give the scatter to 1.1 %; 0.9 to 1.1 is asked."""
     rng = np.random.default_rng(1)
