@@ -16,7 +16,7 @@ from ...camera import Frame, PlaneView
 from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking import SHARED_NOISE, PointReason
-from ._appearance import covered_points
+from ._appearance import covered_points, other_surface
 from ._flank import stepped_points
 from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
@@ -129,6 +129,8 @@ class FoamSensor:
             np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
             np.array([strip.foam_grey for strip in seen]),
             doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
+            front_grey=np.array([strip.front_grey for strip in seen]),
+            contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
         )
         self._watch = ZeroWatch(zero)
         self._forget()
@@ -204,6 +206,7 @@ class FoamSensor:
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
+            covered |= _other_surface(strip, zero)
             covered |= thicker_than_at_rest(delta, np.hypot(sigma, scale * zero_sigma), geometry.width_m)
         step = np.abs(strip.front.contrast)
         faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
@@ -371,6 +374,19 @@ class FoamSensor:
 def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
     """What a width may be wrong by where the edge is no clean step [m]: grows with the misfit."""
     return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))
+
+
+def _other_surface(strip: ObservedStrip, zero: ZeroReference) -> Bool[np.ndarray, "K"]:
+    """Points with an edge of the object behind the foam instead of the foam's own."""
+    if zero.front_ratio is None or zero.contrast is None:
+        return np.zeros(len(strip.foam_grey), dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = strip.front_grey / strip.foam_grey
+        light = strip.foam_grey / zero.foam_grey
+        # Ten pixels or fewer, and the noise of the line that they are compared with.
+        noise = strip.front.noise_grey / strip.foam_grey / np.sqrt(6.0)
+    seen = strip.usable | strip.doubtful
+    return other_surface(near, zero.front_ratio, strip.front.contrast, light * zero.contrast, seen, noise)
 
 
 def _plausible(
