@@ -93,6 +93,18 @@ def test_points_that_are_not_seen_hide_no_step() -> None:
     assert np.flatnonzero(stepped(hand, seen=seen)).tolist() == list(range(20, 40))
 
 
+def test_texture_that_scatters_more_than_declared_is_no_step() -> None:
+    rng = np.random.default_rng(5)
+    plate = np.clip(0.02 * (S - 0.12), 0.0, None)
+    for scatter in (2e-5, 4e-5, 6e-5, 1e-4):  # up to five declared sigmas
+        alarms = [stepped(plate + scatter * rng.standard_normal(80)).any() for _ in range(200)]
+        # Less than one frame in a hundred is allowed; 200 draws of 1 % have 5 or fewer in 98 %.
+        assert np.sum(alarms) <= 5
+    hand = 1e-4 * rng.standard_normal(80)
+    hand[30:50] += 0.004
+    assert stepped(hand)[30:50].all(), "four millimetres are a step all the same"
+
+
 def test_what_is_uncertain_proves_nothing() -> None:
     hand = np.zeros(80)
     hand[20:40] = 0.001

@@ -51,6 +51,14 @@ def test_a_long_gap_stays_open() -> None:
     assert not doubt[10:13].any()
 
 
+def test_a_deflected_end_that_is_not_seen_may_hide_anything() -> None:
+    plate, seen = np.full(K, 0.004), np.ones(K, dtype=bool)
+    seen[-1] = False
+    assert bridged(S, plate, SIGMA, seen)[3]
+    assert bridged(S, plate, SIGMA, seen[::-1].copy())[3]
+    assert not bridged(S, 0 * plate, SIGMA, seen)[3]
+
+
 def test_a_doubtful_point_is_used_between_its_neighbours_only() -> None:
     good = np.ones(K, dtype=bool)
     good[[20, 40]] = False

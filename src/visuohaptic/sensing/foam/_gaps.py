@@ -10,6 +10,10 @@ __all__ = ["bridged", "plausible"]
 #: A gap of up to this many points between seen neighbours is bridged; a longer one may hide a contact.
 _BRIDGED_POINTS = 2
 
+#: At the end of the strip nothing lies on the other side of a gap: foam that is deflected by more than
+#: this before it may go on in any way [m].
+_FREE_END_M = 5e-4
+
 #: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
 #: part of the difference between these.
 _DOUBTFUL_POINTS = 3
@@ -85,7 +89,11 @@ def bridged(
             line, filled[k] = filled[k], value[first] ** (1.0 - part) * value[last] ** part
             doubt[k] = np.hypot(2.0 * filled_sigma[k], 0.5 * (line - filled[k]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
-    long = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > _BRIDGED_POINTS]
+    long = [
+        (a, b)
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        if b - a > _BRIDGED_POINTS or _open_end(value, a, b)
+    ]
     for a, b in long:
         filled[a:b] = np.nan
         filled_sigma[a:b] = np.nan
@@ -101,3 +109,10 @@ def _on_flank(value: Float[np.ndarray, "K"], first: int, last: int) -> bool:
         return False
     rise = value[high] - value[low]
     return bool(value[high] < _STEEPEST * value[low] and value[beyond] - value[high] > _RISES_ON * rise)
+
+
+def _open_end(value: Float[np.ndarray, "K"], first: int, stop: int) -> bool:
+    """Whether a gap reaches an end of the strip from where it is deflected."""
+    if first == 0:
+        return bool(value[stop] > _FREE_END_M)
+    return bool(stop == len(value) and value[first - 1] > _FREE_END_M)

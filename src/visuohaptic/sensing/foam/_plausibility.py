@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["FocusWatch", "OnsetWatch", "rest_offset", "roughness", "thicker_than_at_rest"]
+__all__ = [
+    "FocusWatch",
+    "OnsetWatch",
+    "local_roughness",
+    "rest_offset",
+    "roughness",
+    "thicker_than_at_rest",
+]
 
 #: Beside its noise a deflection may change by this much without a question [m].
 _MARGIN_M = 5e-4
+#: Fourth differences around a point that tell the scatter there, an odd number.
+_AROUND = 21
 #: Two blurs that differ by more than this fraction are a different focus.
 _BLUR_CHANGE = 0.12
 
@@ -105,6 +114,24 @@ def roughness(
     difference = windows(np.where(seen, delta_m, 0.0), 5)[complete] @ weight
     spread = windows(np.where(seen, sigma_m, 0.0) ** 2, 5)[complete] @ weight**2
     return float(np.median(np.abs(difference) / np.sqrt(np.maximum(spread, 1e-18)))) / 0.6745
+
+
+def local_roughness(
+    delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K"]:
+    """:func:`roughness` around each of K points that were seen.
+
+    Over 21 points, of which a step or a kink changes the fourth differences of eight at most.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view
+    if len(delta_m) < _AROUND + 4:
+        return np.full(len(delta_m), roughness(delta_m, sigma_m, np.ones(len(delta_m), dtype=bool)))
+    weight = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    spread = np.sqrt(np.maximum(windows(sigma_m**2, 5) @ weight**2, 1e-18))
+    scatter = np.abs(windows(delta_m, 5) @ weight) / spread
+    middle = np.median(windows(scatter, _AROUND), axis=1) / 0.6745
+    result: Float[np.ndarray, "K"] = np.pad(middle, (len(delta_m) - len(middle)) // 2, mode="edge")
+    return result
 
 
 def thicker_than_at_rest(
