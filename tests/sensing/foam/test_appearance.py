@@ -64,3 +64,14 @@ def test_covered_points_differ_from_their_neighbours() -> None:
     grey = np.full(K, 150.0) * (1.0 + 0.2 * s / s.max())  # light changes slowly
     grey[10:14] *= 0.7
     assert np.flatnonzero(covered_points(grey, np.full(K, 150.0), s)).tolist() == [10, 11, 12, 13]
+
+
+def test_a_hand_of_nearly_the_foams_grey_is_told_by_its_neighbours() -> None:
+    s, rng = 0.003 * np.arange(K), np.random.default_rng(6)
+    zero = 150.0 + 3.0 * rng.standard_normal(K)
+    plain = [covered_points(zero + 2.0 * rng.standard_normal(K), zero, s).any() for _ in range(300)]
+    assert not np.any(plain), "six sigmas of a mean"
+    hand = zero + 2.0 * rng.standard_normal(K)
+    hand[20:32] *= 0.93
+    found = np.flatnonzero(covered_points(hand, zero, s))
+    assert set(range(21, 31)) <= set(found.tolist()) <= set(range(20, 32))

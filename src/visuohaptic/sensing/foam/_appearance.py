@@ -22,6 +22,9 @@ _SAME_SURFACE, _SAME_SIGMAS = 0.015, 4.0
 #: differs from its neighbours' by more than this fraction.
 _TOLERANCE = 0.12
 
+#: So many neighbours that differ alike need less: this fraction, and so many sigmas of their mean.
+_TOGETHER, _TOLERANCE_TOGETHER, _SIGMAS_TOGETHER = 5, 0.045, 6.0
+
 
 @njit("float64[:](uint8[:,::1], float64[:,::1], float64[:,::1], float64[:])", cache=True)
 def interior_grey(image, origin_px, direction_px, extent_px):  # type: ignore[no-untyped-def]
@@ -122,7 +125,8 @@ def covered_points(
     """Points whose foam looks different from the zero reference.
 
     The light may change by a factor that varies slowly along the strip (a straight line in s,
-    fitted robustly); a local difference means that something covers the foam.
+    fitted robustly); a local difference means that something covers the foam. Neighbours that
+    differ alike are judged together.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = grey / zero_grey
@@ -141,5 +145,13 @@ def covered_points(
             break
         coefficients = np.linalg.lstsq(design[keep], ratio[keep], rcond=None)[0]
     light = design @ coefficients
-    covered: Bool[np.ndarray, "K"] = ~seen | (np.abs(ratio - light) > _TOLERANCE * np.abs(light))
+    change = np.where(seen, (ratio - light) / np.abs(light), 0.0)
+    covered: Bool[np.ndarray, "K"] = ~seen | (np.abs(change) > _TOLERANCE)
+    scatter = 1.4826 * float(np.median(np.abs(change[seen])))
+    limit = max(_TOLERANCE_TOGETHER, _SIGMAS_TOGETHER * scatter / np.sqrt(_TOGETHER))
+    # Something of nearly the foam's grey: a little, but the same on all points that it covers.
+    mean = np.convolve(change, np.full(_TOGETHER, 1.0 / _TOGETHER), mode="valid")
+    for first in np.flatnonzero(np.abs(mean) > limit):
+        run = slice(first, first + _TOGETHER)
+        covered[run] |= np.sign(mean[first]) * change[run] > 0.5 * limit
     return covered
