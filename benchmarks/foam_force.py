@@ -86,7 +86,7 @@ def run() -> list[dict]:
             "unit": "",
             "floor": "0.8-1.25",
             "aim": "0.9-1.1",
-            "note": "ruled by the few with a switching edge point under the 4 cm plate",
+            "note": "ruled by the kinks of the 4 cm plate beyond 8 mm",
         },
         {
             "name": "error by declared total sigma, root mean square",

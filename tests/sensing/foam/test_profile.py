@@ -105,6 +105,27 @@ def test_contacts_are_separate(material):
     assert found.budget.image_N == pytest.approx(np.hypot(*(p.image_N for p in parts)))
 
 
+def test_own_noise_is_image_noise_that_neighbours_do_not_share(material):
+    delta = bump()
+    k = int(delta.argmax())
+    own = 2e-4 * (np.arange(K) == k)
+    plain = read_profile(S, delta, SIGMA, SEEN, material, shared_noise=0.05)
+    found = read_profile(S, delta, SIGMA, SEEN, material, shared_noise=0.05, own_noise_m=own)
+    shift = [read_profile(S, delta + e * own, SIGMA, SEEN, material).force_N for e in (-0.05, 0.05)]
+    expected = np.hypot(plain.budget.image_N, (shift[1] - shift[0]) / 0.1)
+    assert found.budget.image_N == pytest.approx(expected, rel=0.01)
+    assert found.budget.model_N == pytest.approx(plain.budget.model_N)
+    with pytest.raises(InputError, match="own_noise_m: found shape"):
+        read_profile(S, delta, SIGMA, SEEN, material, own_noise_m=own[1:])
+
+
+def test_every_point_seen_may_be_a_contact_of_its_own(material):
+    seen = np.arange(K) % 5 == 0
+    found = read_profile(S, np.full(K, 0.003), SIGMA, seen, material)
+    assert len(found.contacts) == seen.sum()
+    assert not any(contact.valid for contact in found.contacts)
+
+
 def test_monte_carlo_image_and_zero(material):
     """Declared against true scatter: 4000 trials give the scatter to 1.1 %; 0.9 to 1.1 is asked."""
     rng = np.random.default_rng(1)

@@ -35,6 +35,21 @@ def test_file_round_trip(tmp_path) -> None:
         ZeroReference.load(tmp_path / "zero.yaml", 21)
 
 
+def test_file_keeps_the_look_of_the_front_if_it_is_known(tmp_path) -> None:
+    grey = np.full((10, K), 150.0)
+    contrast = np.full((10, K), -70.0)
+    contrast[:, 3] = np.nan  # never seen: like the others
+    zero = ZeroReference.from_samples(
+        1.0, 0 * grey, 0.02 + 0 * grey, grey, front_grey=0.9 * grey, contrast=contrast
+    )
+    zero.save(tmp_path / "zero.yaml")
+    back = ZeroReference.load(tmp_path / "zero.yaml", K)
+    assert back.front_ratio == pytest.approx(0.9)
+    assert back.contrast == pytest.approx(-70.0)
+    _zero(np.random.default_rng(0)).save(tmp_path / "old.yaml")
+    assert ZeroReference.load(tmp_path / "old.yaml", K).contrast is None
+
+
 def test_a_moving_front_is_refused() -> None:
     width = 0.02 - 1e-4 * np.arange(30)[:, None] * np.ones(K)
     with pytest.raises(CalibrationError, match=r"moved by .* mm while zeroing"):

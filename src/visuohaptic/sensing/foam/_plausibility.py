@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-__all__ = ["FocusWatch", "OnsetWatch", "rest_offset", "roughness", "thicker_than_at_rest"]
+__all__ = [
+    "FocusWatch",
+    "OnsetWatch",
+    "local_roughness",
+    "rest_offset",
+    "roughness",
+    "thicker_than_at_rest",
+]
 
 #: Beside its noise a deflection may change by this much without a question [m].
 _MARGIN_M = 5e-4
+#: Fourth differences around a point that tell the scatter there, an odd number.
+_AROUND = 21
 #: Two blurs that differ by more than this fraction are a different focus.
 _BLUR_CHANGE = 0.12
 
@@ -18,7 +27,8 @@ class OnsetWatch:
 
     A hand or a cable in front of the foam shows an edge that looks like a contact, but it is
     there from one frame to the next. A point that jumped stays suspect until it falls back.
-    Release may be as quick as it likes: foam springs back.
+    Release may be as quick as it likes: foam springs back. Points that are suspect for another
+    reason (:func:`~._flank.stepped_points`) stay so until they fall, too.
 
     Parameters
     ----------
@@ -33,6 +43,7 @@ class OnsetWatch:
         self._trusted_m = np.full(points, np.nan)
         self._since_s = np.full(points, np.nan)
         self._suspect = np.zeros(points, dtype=bool)
+        self._stepped = np.zeros(points, dtype=bool)
         self._last_m = np.full(points, np.nan)
         self._last_s = np.full(points, np.nan)
 
@@ -42,8 +53,12 @@ class OnsetWatch:
         delta_m: Float[np.ndarray, "K"],
         sigma_m: Float[np.ndarray, "K"],
         seen: Bool[np.ndarray, "K"],
+        stepped: Bool[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
-        """Suspect points of one frame; what is not suspect is what the next frame is compared with."""
+        """Suspect points of one frame; what is not suspect is what the next frame is compared with.
+
+        ``stepped`` are points that something else than their speed speaks against.
+        """
         # A contact may also come from the side: what a neighbour had is no surprise.
         before = _largest_of_three(self._trusted_m)
         known = seen & np.isfinite(before)
@@ -51,10 +66,15 @@ class OnsetWatch:
         reach = margin + self.speed_m_s * (t_s - self._since_s)
         rise = delta_m - before
         with np.errstate(invalid="ignore"):
-            fell = self._last_m - delta_m > margin + self.speed_m_s * (t_s - self._last_s)
+            # What jumped has to jump back; an edge that crept in may creep away.
+            pace = np.where(self._stepped, 0.0, self.speed_m_s)
+            fell = self._last_m - delta_m > margin + pace * (t_s - self._last_s)
             back = (rise <= margin) | (fell & (rise <= reach))
             jumped = np.where(self._suspect, ~back, rise > reach)
         suspect: Bool[np.ndarray, "K"] = known & jumped
+        if stepped is not None:
+            suspect |= seen & stepped
+            self._stepped = np.where(seen, stepped | (self._stepped & suspect), self._stepped)
         calm = seen & ~suspect
         self._trusted_m[calm], self._since_s[calm] = delta_m[calm], t_s
         self._last_m[seen], self._last_s[seen] = delta_m[seen], t_s
@@ -94,6 +114,24 @@ def roughness(
     difference = windows(np.where(seen, delta_m, 0.0), 5)[complete] @ weight
     spread = windows(np.where(seen, sigma_m, 0.0) ** 2, 5)[complete] @ weight**2
     return float(np.median(np.abs(difference) / np.sqrt(np.maximum(spread, 1e-18)))) / 0.6745
+
+
+def local_roughness(
+    delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"]
+) -> Float[np.ndarray, "K"]:
+    """:func:`roughness` around each of K points that were seen.
+
+    Over 21 points, of which a step or a kink changes the fourth differences of eight at most.
+    """
+    windows = np.lib.stride_tricks.sliding_window_view
+    if len(delta_m) < _AROUND + 4:
+        return np.full(len(delta_m), roughness(delta_m, sigma_m, np.ones(len(delta_m), dtype=bool)))
+    weight = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    spread = np.sqrt(np.maximum(windows(sigma_m**2, 5) @ weight**2, 1e-18))
+    scatter = np.abs(windows(delta_m, 5) @ weight) / spread
+    middle = np.median(windows(scatter, _AROUND), axis=1) / 0.6745
+    result: Float[np.ndarray, "K"] = np.pad(middle, (len(delta_m) - len(middle)) // 2, mode="edge")
+    return result
 
 
 def thicker_than_at_rest(

@@ -138,8 +138,9 @@ def integrate_regions(
         pressure_sigma[i] = (
             factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
         )
-    table = np.zeros((n // 2 + 1, 12))
-    sums = np.zeros((n // 2 + 1, terms))
+    # Every point may be a region of its own, when all have long gaps between them.
+    table = np.zeros((n, COLUMNS))
+    sums = np.zeros((n, terms))
     count = 0
     step = soft_end / (len(soft) - 1)
     gradient = np.zeros(n)

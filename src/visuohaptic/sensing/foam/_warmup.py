@@ -7,4 +7,4 @@ __all__ = ["warmup"]
 
 def warmup() -> None:
     """Import every module that has kernels."""
-    from . import _appearance, _profile_kernels  # noqa: F401
+    from . import _appearance, _flank_kernels, _profile_kernels  # noqa: F401

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from ...camera import Frame, PlaneView
 from ...errors import InputError
 from ...tracking import ConstraintLines, Contour, ContourSettings, ContourTracker, PointReason
-from ._appearance import interior_grey
+from ._appearance import front_grey, interior_grey
 from ._reference import ImageMotion, fit_motion, motion_basis
 from .config import TrackingSection
 from .geometry import StripGeometry
@@ -50,6 +50,7 @@ class ObservedStrip:
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
     width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
+    front_grey: Float[np.ndarray, "K"]  #: mean grey level just before the front
     usable: Bool[np.ndarray, "K"]
     doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
@@ -183,6 +184,7 @@ class StripOptics:
         sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
         noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
         finite = np.isfinite(width) & np.isfinite(sigma)
+        extent = np.nan_to_num(position, nan=-1.0)
         return ObservedStrip(
             frame.t_s,
             base.reference,
@@ -194,7 +196,8 @@ class StripOptics:
             width,
             sigma,
             noise,
-            interior_grey(grey, base_px, self._direction_px, np.nan_to_num(position, nan=-1.0)),
+            interior_grey(grey, base_px, self._direction_px, extent),
+            front_grey(grey, np.nan_to_num(front_px, nan=-1.0), self._direction_px, extent),
             front.valid & finite,
             ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
             base.motion,

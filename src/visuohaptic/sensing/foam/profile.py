@@ -80,6 +80,7 @@ def read_profile(
     memory: HysteresisState | None = None,
     doubt_m: Float[np.ndarray, "K"] | None = None,
     shared_noise: float = 0.0,
+    own_noise_m: Float[np.ndarray, "K"] | None = None,
     end_cells_m: tuple[float, float] = (0.0, 0.0),
 ) -> FoamReading:
     """Read pressures and forces from the deflection of the front contour.
@@ -103,6 +104,9 @@ def read_profile(
         Strain history of the points; changed by the call. None: always loading.
     shared_noise
         Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
+    own_noise_m
+        Noise of each deflection beside ``delta_sigma_m`` that neighbours don't share, e.g. of a fit at a
+        kink [m]; part of ``image_N``.
     doubt_m
         Systematic error of each deflection, e.g. where the contour has a kink [m]; the same
         in every frame, so that it goes to ``model_N``. Independent between points.
@@ -129,6 +133,8 @@ def read_profile(
         raise InputError("zero_sigma_m", f"found {zero_sigma_m}, expected a number >= 0")
     if doubt_m is not None and doubt_m.shape != s_m.shape:
         raise InputError("doubt_m", f"found shape {doubt_m.shape}, expected {s_m.shape}")
+    if own_noise_m is not None and own_noise_m.shape != s_m.shape:
+        raise InputError("own_noise_m", f"found shape {own_noise_m.shape}, expected {s_m.shape}")
     if not (np.all(np.isfinite(end_cells_m)) and min(end_cells_m) >= 0):
         raise InputError("end_cells_m", f"found {end_cells_m}, expected two lengths >= 0")
     seen = point_valid & np.isfinite(delta_m) & np.isfinite(delta_sigma_m) & (delta_sigma_m >= 0)
@@ -138,7 +144,8 @@ def read_profile(
         if len(index) < 2:
             return _nothing_seen(points)
         raise InputError("s_m", "positions must increase")
-    delta, sigma = delta_m[index].astype(np.float64), delta_sigma_m[index].astype(np.float64)
+    delta, common = delta_m[index].astype(np.float64), delta_sigma_m[index].astype(np.float64)
+    sigma = common if own_noise_m is None else np.hypot(common, np.nan_to_num(own_noise_m[index]))
     doubt = np.zeros(len(index)) if doubt_m is None else np.nan_to_num(doubt_m[index].astype(np.float64))
     strain = delta / material.width_m
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
@@ -185,7 +192,7 @@ def read_profile(
         uncertain = weight[inside] @ (factor_sigma[inside] * material.stress(strain[inside]))
         model2 += (material.height_m * float(uncertain)) ** 2
         calibration = float(np.sqrt(max(total @ material.covariance @ total, 0.0)))
-        alone = material.height_m * weight[inside] * factor[inside] * slope[inside] * sigma[inside]
+        alone = material.height_m * weight[inside] * factor[inside] * slope[inside] * common[inside]
         image2 = float(row[3]) + shared_noise * _shared_variance(alone)
         budget = ErrorBudget(
             image_N=float(np.sqrt(image2)),

@@ -16,7 +16,9 @@ from ...camera import Frame, PlaneView
 from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking import SHARED_NOISE, PointReason
-from ._appearance import covered_points
+from ._appearance import covered_points, other_surface
+from ._flank import stepped_points
+from ._gaps import bridged, plausible
 from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
@@ -29,16 +31,12 @@ __all__ = ["FoamSensor"]
 
 log = logging.getLogger(__name__)
 
-#: A gap of up to this many points between seen neighbours is bridged; a longer one may hide a contact.
-_BRIDGED_POINTS = 2
-
-#: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
-#: part of the difference between these.
-_DOUBTFUL_POINTS = 3
-_DOUBTFUL_MARGIN = 0.15
-
 #: So many images are remembered: mixed-up buffers of a camera show one of the last again.
 _REMEMBERED_IMAGES = 8
+
+#: What a point at a kink or a bridge scatters by from frame to frame, by its doubt: a third, from 0.1 to
+#: 0.6, over rendered plates. The rest is the same in all frames.
+_OWN_NOISE = 0.33
 
 #: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
 #: than that, or than this part of the foam's grey level, may be the wrong one of two.
@@ -128,6 +126,8 @@ class FoamSensor:
             np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
             np.array([strip.foam_grey for strip in seen]),
             doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
+            front_grey=np.array([strip.front_grey for strip in seen]),
+            contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
         )
         self._watch = ZeroWatch(zero)
         self._forget()
@@ -203,6 +203,7 @@ class FoamSensor:
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
             covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
+            covered |= _other_surface(strip, zero)
             covered |= thicker_than_at_rest(delta, np.hypot(sigma, scale * zero_sigma), geometry.width_m)
         step = np.abs(strip.front.contrast)
         faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
@@ -210,17 +211,22 @@ class FoamSensor:
         doubtful = strip.doubtful & ~covered & ~faint
         # The error of the zero is the same in every frame: no noise of this image.
         doubt = scale * np.hypot(np.where(doubtful, _doubt(strip), 0.0), zero_sigma)
-        seen = good | _plausible(delta, np.hypot(sigma, doubt), good, doubtful)
-        jumped = self._onset.check(strip.t_s, delta, np.hypot(sigma, doubt), seen)
+        seen = good | plausible(delta, np.hypot(sigma, doubt), good, doubtful)
+        total = np.hypot(sigma, doubt)
+        steps = stepped_points(geometry.s_m, delta, total, seen, geometry.width_m, geometry.end_cells_m)
+        jumped = self._onset.check(strip.t_s, delta, total, seen, steps)
         covered |= jumped
         seen &= ~jumped
-        rough = roughness(delta, np.hypot(sigma, doubt), seen)
+        rough = roughness(delta, total, seen)
         if rough > _ROUGH:
             doubt = np.hypot(doubt, rough * sigma)
-        delta, sigma, bridged, gap = _bridge(geometry.s_m, delta, sigma, seen)
-        sigma = np.hypot(sigma, np.where(seen, doubt, bridged))
-        # What changes from frame to frame is image noise; texture, kinks, bridges and the zero stay.
+        delta, sigma, unseen, gap = bridged(geometry.s_m, delta, sigma, seen)
+        sigma = np.hypot(sigma, np.where(seen, doubt, unseen))
+        # What changes from frame to frame is image noise; texture and the zero stay. Kinks do both, and
+        # so do bridges: a point is seen in one frame and not in the next.
         noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
+        own = _OWN_NOISE * np.where(seen, np.where(doubtful, scale * _doubt(strip), 0.0), unseen)
+        own = np.minimum(own, np.sqrt(sigma**2 - noise**2))
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
         reading = read_profile(
             geometry.s_m,
@@ -231,7 +237,8 @@ class FoamSensor:
             boundary=self.setup.config.boundary,
             zero_sigma_m=float(common),
             memory=self._memory,
-            doubt_m=np.sqrt(sigma**2 - noise**2),
+            own_noise_m=own,
+            doubt_m=np.sqrt(np.maximum(sigma**2 - noise**2 - own**2, 0.0)),
             end_cells_m=geometry.end_cells_m,
             shared_noise=SHARED_NOISE,
         )
@@ -370,68 +377,14 @@ def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
     return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))
 
 
-def _plausible(
-    delta: Float[np.ndarray, "K"],
-    sigma: Float[np.ndarray, "K"],
-    good: Bool[np.ndarray, "K"],
-    doubtful: Bool[np.ndarray, "K"],
-) -> Bool[np.ndarray, "K"]:
-    """Doubtful points that lie between their good neighbours, up to a few in a row.
-
-    At the edge of a plate the front is a kink, which is no blurred step; its fit is
-    still ten times closer than a line between the neighbours. What lies outside of
-    its neighbours is something else, and is not used.
-    """
-    usable = np.zeros_like(good)
-    known = np.flatnonzero(good)
-    for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
-        after = int(np.searchsorted(known, k))
-        if after == 0 or after == len(known) or known[after] - known[after - 1] > _DOUBTFUL_POINTS + 1:
-            continue
-        ends = delta[known[after - 1 : after + 1]]
-        margin = _DOUBTFUL_MARGIN * abs(ends[1] - ends[0]) + 5.0 * float(sigma[k])
-        usable[k] = ends.min() - margin <= delta[k] <= ends.max() + margin
-    return usable
-
-
-def _bridge(
-    s: Float[np.ndarray, "K"],
-    value: Float[np.ndarray, "K"],
-    sigma: Float[np.ndarray, "K"],
-    seen: Bool[np.ndarray, "K"],
-) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
-    """Fill gaps of a few points from their neighbours, with what that may be wrong by.
-
-    Returns
-    -------
-    value, sigma
-        With bridged points; NaN inside longer gaps.
-    doubt
-        Systematic error of the bridged points; 0 for the others.
-    gap
-        Whether a gap is left that could hide a contact.
-    """
-    if seen.all():
-        return value, sigma, np.zeros_like(sigma), False
-    known = np.flatnonzero(seen)
-    if len(known) < 2:
-        return np.full_like(value, np.nan), np.full_like(sigma, np.nan), np.zeros_like(sigma), True
-    filled, filled_sigma = value.copy(), sigma.copy()
-    left = np.searchsorted(known, np.arange(len(seen)), side="right") - 1
-    before = known[np.clip(left, 0, len(known) - 1)]
-    after = known[np.clip(left + 1, 0, len(known) - 1)]
-    missing = np.flatnonzero(~seen)
-    filled[missing] = np.interp(s[missing], s[known], value[known])
-    filled_sigma[missing] = np.maximum(sigma[before[missing]], sigma[after[missing]])
-    # Between two neighbours the contour may do what it does from one to the other.
-    doubt = np.zeros_like(sigma)
-    doubt[missing] = np.hypot(
-        2.0 * filled_sigma[missing], 0.5 * np.abs(value[after[missing]] - value[before[missing]])
-    )
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
-    long = [(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > _BRIDGED_POINTS]
-    for a, b in long:
-        filled[a:b] = np.nan
-        filled_sigma[a:b] = np.nan
-        doubt[a:b] = 0.0
-    return filled, filled_sigma, doubt, bool(long)
+def _other_surface(strip: ObservedStrip, zero: ZeroReference) -> Bool[np.ndarray, "K"]:
+    """Points with an edge of the object behind the foam instead of the foam's own."""
+    if zero.front_ratio is None or zero.contrast is None:
+        return np.zeros(len(strip.foam_grey), dtype=bool)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        near = strip.front_grey / strip.foam_grey
+        light = strip.foam_grey / zero.foam_grey
+        # Ten pixels or fewer, and the noise of the line that they are compared with.
+        noise = strip.front.noise_grey / strip.foam_grey / np.sqrt(6.0)
+    seen = strip.usable | strip.doubtful
+    return other_surface(near, zero.front_ratio, strip.front.contrast, light * zero.contrast, seen, noise)

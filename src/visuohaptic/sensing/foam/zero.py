@@ -19,6 +19,10 @@ __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch"]
 #: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
 _UNSEEN_SHARE, _UNSEEN_SIGMA = 0.04, 0.01
 
+#: Arrays of the file.
+_REQUIRED = ("reference_px", "width_m", "width_sigma_m", "foam_grey")
+_OPTIONAL = ("front_ratio", "contrast")
+
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
 
@@ -31,6 +35,8 @@ class _ZeroFile(BaseModel):
     width_m: Numbers
     width_sigma_m: Numbers
     foam_grey: Numbers
+    front_ratio: Numbers | None = None
+    contrast: Numbers | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +50,9 @@ class ZeroReference:
     width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level of the foam along each line
     gain: float = 1.0  #: mean of ``foam_grey``, for tests of the light
+    #: Grey level just before the front by ``foam_grey``; ``None`` in files of older versions.
+    front_ratio: Float[np.ndarray, "K"] | None = None
+    contrast: Float[np.ndarray, "K"] | None = None  #: step at the front, signed [grey levels]
 
     @classmethod
     def from_samples(
@@ -54,6 +63,8 @@ class ZeroReference:
         foam_grey: Float[np.ndarray, "n K"],
         *,
         doubt_m: Float[np.ndarray, "K"] | float = 0.0,
+        front_grey: Float[np.ndarray, "n K"] | None = None,
+        contrast: Float[np.ndarray, "n K"] | None = None,
         where: str = "zero",
     ) -> ZeroReference:
         """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
@@ -62,6 +73,8 @@ class ZeroReference:
         ----------
         doubt_m
             What each width may be wrong by in all frames alike, for example by texture at its edge.
+        front_grey, contrast
+            Grey level just before the front, and the step there.
 
         Raises
         ------
@@ -107,6 +120,8 @@ class ZeroReference:
             np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), doubt_m),
             np.nanmedian(foam_grey, axis=0),
             float(np.nanmean(foam_grey)),
+            _middle(front_grey / foam_grey) if front_grey is not None else None,
+            _middle(contrast) if contrast is not None else None,
         )
 
     def save(self, path: Path | str) -> None:
@@ -119,7 +134,8 @@ class ZeroReference:
                 "gain": self.gain,
                 **{
                     name: [float(f"{value:.9g}") for value in getattr(self, name)]
-                    for name in ("reference_px", "width_m", "width_sigma_m", "foam_grey")
+                    for name in (*_REQUIRED, *_OPTIONAL)
+                    if getattr(self, name) is not None
                 },
             },
         )
@@ -129,7 +145,7 @@ class ZeroReference:
         """Read a file of :meth:`save`; ``count`` is the number of contour points of the sensor."""
         data = load_yaml_model(path, _ZeroFile)
         arrays = {}
-        for name in ("reference_px", "width_m", "width_sigma_m", "foam_grey"):
+        for name in (*_REQUIRED, *(name for name in _OPTIONAL if getattr(data, name) is not None)):
             values = np.array(getattr(data, name))
             if len(values) != count:
                 raise InputError(
@@ -142,6 +158,16 @@ class ZeroReference:
         if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
             raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
         return cls(data.t_s, data.frames, **arrays, gain=data.gain)
+
+
+def _middle(values: Float[np.ndarray, "n K"]) -> Float[np.ndarray, "K"] | None:
+    """Median over the frames, the strip's median where nothing was seen; ``None`` without any value."""
+    if not np.isfinite(values).any():
+        return None
+    seen = np.isfinite(values).any(axis=0)
+    result: Float[np.ndarray, "K"] = np.full(values.shape[1], float(np.nanmedian(values)))
+    result[seen] = np.nanmedian(values[:, seen], axis=0)
+    return result
 
 
 def _filled(
