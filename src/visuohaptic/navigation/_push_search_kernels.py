@@ -281,6 +281,7 @@ def free_push_steps(
     polygon: np.ndarray,
     others: np.ndarray,
     other_start: np.ndarray,
+    other_points: np.ndarray,
     robot_x: float,
     robot_y: float,
     dir_x: float,
@@ -290,7 +291,8 @@ def free_push_steps(
 ) -> int:
     """How many whole cells an object and the robot behind it can move.
 
-    ``outline`` holds points along the object's edge. One that lies in an
+    ``outline`` holds points along the object's edge, a little inside; ``others`` the
+    polygons of the other objects one after the other, ``other_points`` such points of theirs. One that lies in an
     occupied cell at the start (the object leans on a wall) is not looked at, so
     that the object may slide along the wall. ``clearance`` is that without the object.
     """
@@ -321,8 +323,8 @@ def free_push_steps(
         for i in range(len(polygon)):
             moved[i, 0] = polygon[i, 0] + t * dir_x
             moved[i, 1] = polygon[i, 1] + t * dir_y
-        for o in range(other_start[count] if count >= 0 else 0):
-            if inside_polygon(others[o, 0], others[o, 1], moved):
+        for o in range(len(other_points)):
+            if inside_polygon(other_points[o, 0], other_points[o, 1], moved):
                 return (step - 1) // 2
     return limit
 

@@ -323,7 +323,7 @@ class _Search:
         shift = state.shifts[index]
         without: Float32[np.ndarray, "rows columns"] | None = None
         found: list[tuple[float, _State]] = []
-        others, other_start = self._others(state, index)
+        others: tuple[np.ndarray, ...] | None = None
         # The field of the new set of pushed bodies is computed for those children only that are taken.
         rest = self.rest(state.pushed)
         free = self.rest((1 << len(world.bodies)) - 1)
@@ -346,10 +346,11 @@ class _Search:
             approach = reach_cost(clearance, cost, stand[0], stand[1], world.radius, world.slow)
             if approach >= self.far or state.spent + approach + table[1] >= limit:
                 continue
-            if without is None:
+            if without is None or others is None:
                 without = world.clearance_with(state.shifts, index)
+                others = self._others(state, index)
             steps = free_push_steps(
-                world.occupied, without, body.samples + shift, body.outline + shift, others, other_start,
+                world.occupied, without, body.samples + shift, body.outline + shift, *others,
                 touch[0], touch[1], contact.direction[0], contact.direction[1], world.radius, len(table) - 1,
             )  # fmt: skip
             if not steps:
@@ -381,11 +382,16 @@ class _Search:
                 found.append((float(estimate[i]), child))
         return found
 
-    def _others(self, state: _State, index: int) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"]]:
-        """Outlines of the other bodies, one after the other, and where each begins."""
-        outlines = [body.outline + state.shifts[k] for k, body in enumerate(self.world.bodies) if k != index]
+    def _others(
+        self, state: _State, index: int
+    ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"], Float[np.ndarray, "k 2"]]:
+        """Outlines of the other bodies, one after the other, where each begins, and points inside their edges."""
+        others = [(body, state.shifts[k]) for k, body in enumerate(self.world.bodies) if k != index]
+        if not others:
+            return np.zeros((0, 2)), np.zeros(1, np.int32), np.zeros((0, 2))
+        outlines = [body.outline + shift for body, shift in others]
         starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-        return (np.concatenate(outlines) if outlines else np.zeros((0, 2))), starts
+        return np.concatenate(outlines), starts, np.concatenate([body.samples + shift for body, shift in others])
 
 
 def _steps(state: _State) -> tuple[PushStep, ...]:
