@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import reprlib
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +21,11 @@ __all__ = ["atomic_path", "load_yaml", "load_yaml_model", "save_yaml", "write_te
 
 #: YAML files larger than this are refused before they are parsed (bytes).
 MAX_YAML_BYTES = 16 * 1024 * 1024
+#: Mappings with more entries are refused: merge keys multiply what the file holds.
+MAX_YAML_ENTRIES = 100_000
+
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
 
 
 @contextmanager
@@ -83,8 +89,19 @@ def load_yaml(path: Path | str) -> Any:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except UnicodeDecodeError as error:
         raise InputError(path, f"is not UTF-8 text (byte {error.start})") from error
+
+    class Loader(yaml.SafeLoader):
+        """Safe, and no more entries by merged mappings than a file could hold."""
+
+        def flatten_mapping(self, node: Any) -> None:
+            super().flatten_mapping(node)
+            if len(node.value) > MAX_YAML_ENTRIES:
+                raise yaml.constructor.ConstructorError(
+                    None, None, f"a mapping of more than {MAX_YAML_ENTRIES} entries", node.start_mark
+                )
+
     try:
-        return yaml.safe_load(text)
+        return yaml.load(text, Loader)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         mark = getattr(error, "problem_mark", None)
         line = f"line {mark.line + 1}" if mark is not None else ""
@@ -113,7 +130,8 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
         texts = []
         for index, problem in enumerate(problems):
             place = ".".join(str(part) for part in problem["loc"]) or "file"
-            found = repr(problem["input"])
+            # Not repr: of nested aliases it would be as large as the memory.
+            found = _BRIEF.repr(problem["input"])
             found = found if len(found) <= 60 else found[:57] + "..."
             said = f"{problem['msg']} (found {found})"
             texts.append(said if index == 0 else f"{place}: {said}")

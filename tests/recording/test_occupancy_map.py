@@ -34,7 +34,7 @@ def test_trinary_by_hand(tmp_path: Path) -> None:
 def test_scale_and_raw_by_hand(tmp_path: Path) -> None:
     scale = OccupancyMap.load(write(tmp_path, LEVELS, mode="scale")).cells[0]
     part = (1 - 204 / 255 - 0.196) / (0.65 - 0.196)
-    assert scale[3] == 1 + int(98 * part)
+    assert scale[3] == round(100 * part), "Nav2; ROS 1 spread the values from 1 to 99"
     assert (scale[0], scale[7]) == (100, 0)
     raw = OccupancyMap.load(write(tmp_path, np.array([[0, 1, 50, 100, 101, 255]], np.uint8), mode="raw"))
     assert raw.cells.tolist() == [[0, 1, 50, 100, -1, -1]]
@@ -187,3 +187,55 @@ def test_all_real_maps(data: Path) -> None:
         # The whole picture against OpenCV's reading of it.
         grey = cv2.imread(str(path), cv2.IMREAD_COLOR).mean(axis=2)[::-1]
         np.testing.assert_array_equal(grid.occupied, 1 - grey / 255 > 0.65)
+
+
+def test_from_arrays() -> None:
+    np.testing.assert_array_equal(OccupancyMap(np.array([[True, False]]), 0.05).cells, [[100, 0]])
+    probability = np.array([[0.0, 0.196, 0.5, 0.65, 1.0, np.nan]])
+    assert OccupancyMap.from_probability(probability, 0.05).cells.tolist() == [[0, -1, -1, -1, 100, -1]]
+    with pytest.raises(InputError, match="expected rows x columns of 0..1 or NaN"):
+        OccupancyMap.from_probability(np.array([[1.5]]), 0.05)
+
+
+def test_a_cut_picture_is_refused_wherever_it_is_cut(tmp_path: Path) -> None:
+    # OpenCV fills what is missing of a PNG or JPEG with grey: that would be a map nobody made.
+    pixels = np.random.default_rng(0).integers(0, 255, (20, 30), np.uint8)
+    for suffix in (".png", ".bmp", ".jpg"):
+        whole = bytes(cv2.imencode(suffix, pixels)[1].tobytes())
+        (tmp_path / f"m{suffix}").write_bytes(whole)
+        assert OccupancyMap.from_image(tmp_path / f"m{suffix}", 0.05).shape == (20, 30)
+        for keep in range(0, len(whole) - 1, 7):
+            (tmp_path / f"m{suffix}").write_bytes(whole[:keep])
+            with pytest.raises(InputError):
+                OccupancyMap.from_image(tmp_path / f"m{suffix}", 0.05)
+
+
+@pytest.mark.parametrize(
+    "field", ["image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"]
+)
+def test_as_in_map_server_only_the_mode_may_be_left_out(tmp_path: Path, field: str) -> None:
+    path = write(tmp_path, LEVELS)
+    OccupancyMap.load(path)
+    lines = [line for line in path.read_text().splitlines() if not line.startswith(field)]
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError, match=f"{field}: Field required"):
+        OccupancyMap.load(path)
+
+
+def test_colour_netpbm(tmp_path: Path) -> None:
+    (tmp_path / "m.ppm").write_bytes(b"P6\n3 1\n255\n" + bytes([0, 0, 0, 255, 255, 255, 255, 255, 0]))
+    assert OccupancyMap.from_image(tmp_path / "m.ppm", 0.05).cells.tolist() == [[100, 0, -1]]
+
+
+@pytest.mark.data
+def test_the_stata_map_is_turned_by_its_origin(data: Path) -> None:
+    folder = data / "navigation" / "dev" / "maps" / "mit_stata"
+    grid = OccupancyMap.load(folder / "stata_basement.yaml")
+    assert grid.origin == (25.9, 48.5, 3.14)
+    # The far corner lies almost opposite: by hand, origin - size, and 1.6 mrad of rest of the half turn.
+    far = grid.world_from_cell(np.array(grid.shape) - 1)
+    width, height = grid.size_m
+    turn = np.array([[np.cos(3.14), -np.sin(3.14)], [np.sin(3.14), np.cos(3.14)]])
+    np.testing.assert_allclose(far, [25.9, 48.5] + turn @ (np.array([width, height]) - 0.5 * 0.0504))
+    assert far[0] < -61
+    assert far[1] < -17

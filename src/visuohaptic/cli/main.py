@@ -45,6 +45,8 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
     "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
+    "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
+    "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

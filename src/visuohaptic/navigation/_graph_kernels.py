@@ -196,10 +196,8 @@ def trace(
                 continue  # traced from its other end
             last = _find(special, cell)
             direct = last < count and special[last] == cell
-            if direct:
-                if cell < before or parent[last] == first or parent[first] == last:
-                    continue
-            # Worst case of what follows: both ways inside the clusters and all cells that are left.
+            if direct and (cell < before or parent[last] == first or parent[first] == last):
+                continue
             begin = size
             here = first
             while here != -1:

@@ -76,10 +76,9 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
         if row == 0 or row == rows - 1:
             for column in range(columns):
                 mark[row, column] = 0
-                if step[row, column] != 0:
-                    if _DELETABLE[_higher(distance, row, column)] == 0:
-                        mark[row, column] = KEPT
-                        kept += 1
+                if step[row, column] != 0 and _DELETABLE[_higher(distance, row, column)] == 0:
+                    mark[row, column] = KEPT
+                    kept += 1
             continue
         below, here, above = distance[row - 1], distance[row], distance[row + 1]
         for column in range(1, columns - 1):
@@ -97,7 +96,7 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
             masks[0] = _higher(distance, row, 0)
             masks[columns - 1] = _higher(distance, row, columns - 1)
         for column in range(columns):
-            keep = KEPT if step[row, column] != 0 and _DELETABLE[masks[column]] == 0 else np.uint8(0)
+            keep = step[row, column] != 0 and _DELETABLE[masks[column]] == 0
             mark[row, column] = keep
             kept += keep
     return kept

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, Int32, UInt8
@@ -32,7 +34,7 @@ class NavigationGraph:
     path_cells: Int32[np.ndarray, "p 2"]  #: (row, column), from the first node to the second
     component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
     components: int  #: connected parts
-    _searching: list[object] = field(default_factory=list, repr=False)  # CSR form, made by the first query
+    _searching: list[Any] = field(default_factory=list, repr=False)  # CSR form, made by the first query
 
     @property
     def nodes(self) -> int:
@@ -170,7 +172,7 @@ def _spaced(
                     taken.add(int(cells[cut]))
                     cuts.append(cut)
         cuts.append(len(cells) - 1)
-        pieces += [cells[a : b + 1] for a, b in zip(cuts[:-1], cuts[1:], strict=True)]
+        pieces += [cells[a : b + 1] for a, b in pairwise(cuts)]
     found = np.array(sorted(taken), dtype=np.int32)
     turned = [piece if piece[0] <= piece[-1] else piece[::-1] for piece in pieces]
     joined = np.array([(piece[0], piece[-1]) for piece in turned], dtype=np.int32).reshape(-1, 2)

@@ -19,7 +19,7 @@ UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OccupancyMap:
-    """A grid of cells on the floor.
+    """A grid of cells on the floor; made from an array of -1..100, or of truth values (true = occupied).
 
     Row 0 is at the bottom: cell (row, column) covers ``column..column + 1`` cells
     along the grid's x and ``row..row + 1`` cells along its y axis. ``origin``
@@ -32,6 +32,8 @@ class OccupancyMap:
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.cells)
+        if cells.dtype == bool:
+            cells = np.where(cells, np.int8(OCCUPIED), np.int8(FREE))
         if cells.ndim != 2 or cells.size == 0 or cells.size > MAX_PIXELS:
             raise InputError(
                 "OccupancyMap",
@@ -109,7 +111,8 @@ class OccupancyMap:
     def load(cls, path: Path | str) -> OccupancyMap:
         """Read a map_server YAML file with its image (PGM, PNG, BMP or JPEG).
 
-        Modes trinary, scale and raw, ``negate``, and both thresholds as in ROS.
+        Modes trinary, scale and raw, ``negate``, and both thresholds as in Nav2.
+        Of an alpha channel, what is not opaque is unknown.
         The image must be inside the folder of the YAML file; of an absolute
         path, left by another computer, the file name is looked for there.
 
@@ -134,10 +137,32 @@ class OccupancyMap:
         negate: bool = False,
     ) -> OccupancyMap:
         """Read an image that has no YAML file; dark is occupied unless ``negate``."""
-        from ._map_server import cells_from_shade, read_shade
+        from ._map_picture import read_picture
+        from ._map_server import cells_from_picture
 
-        shade, opaque = read_shade(Path(path))
-        cells = cells_from_shade(shade, opaque, "trinary", negate, occupied_thresh, free_thresh)
+        picture = read_picture(Path(path))
+        cells = cells_from_picture(picture, "trinary", negate, occupied_thresh, free_thresh)
+        return cls(cells, resolution_m, origin)
+
+    @classmethod
+    def from_probability(
+        cls,
+        probability: Float[np.ndarray, "rows columns"],
+        resolution_m: float,
+        *,
+        origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        occupied_thresh: float = 0.65,
+        free_thresh: float = 0.196,
+    ) -> OccupancyMap:
+        """From the probability that a cell is occupied, 0..1; NaN and what is between the thresholds is unknown."""
+        values = np.asarray(probability, dtype=np.float64)
+        if values.ndim != 2 or np.any((values < 0) | (values > 1)):
+            raise InputError(
+                "probability", f"found shape {values.shape}, expected rows x columns of 0..1 or NaN"
+            )
+        cells = np.full(values.shape, UNKNOWN, dtype=np.int8)
+        cells[values < free_thresh] = FREE
+        cells[values > occupied_thresh] = OCCUPIED
         return cls(cells, resolution_m, origin)
 
     def save(self, path: Path | str) -> None:

@@ -1,0 +1,87 @@
+"""Distances against SciPy's, costs against Eq. (4.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt
+
+from visuohaptic.errors import InputError
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.recording import OccupancyMap
+
+from .random_maps import RADII_M, random_map
+
+
+def test_distances_and_reachable_cells_are_those_of_scipy():
+    rng = np.random.default_rng(0)
+    for _ in range(300):
+        grid = random_map(rng)
+        limits = SpeedLimits(float(rng.choice(RADII_M)))
+        free = bool(rng.integers(2))
+        layers = grid_layers(grid, limits, unknown_is_free=free)
+        obstacle = (grid.cells >= 50) | ((grid.cells < 0) & (not free))
+        if not obstacle.any():
+            assert np.isinf(layers.distance_m).all()
+            assert layers.reachable.all()
+            continue
+        truth_m = distance_transform_edt(~obstacle) * grid.resolution_m
+        # Single precision: 2^-24 of up to 7 m.
+        np.testing.assert_allclose(layers.distance_m, truth_m, atol=5e-7)
+        clear = np.abs(truth_m - limits.radius_m) > 1e-9
+        np.testing.assert_array_equal(layers.reachable[clear], (truth_m >= limits.radius_m)[clear])
+
+
+def test_the_cost_is_equation_4_1():
+    limits = SpeedLimits(0.2, v_max_m_s=0.4, v_min_m_s=0.1)
+    cost = limits.cost_s_per_m(np.array([0.0, 0.199, 0.2, 0.4, 0.6, 5.0, np.inf]))
+    np.testing.assert_allclose(cost, [np.inf, np.inf, 10.0, 6.25, 2.5, 2.5, 2.5])
+
+
+def test_steps_are_the_cost_in_whole_units():
+    grid = random_map(np.random.default_rng(3))
+    layers = grid_layers(grid, SpeedLimits(0.2))
+    reachable = layers.reachable
+    cost = layers.cost_s_per_m
+    assert np.isinf(cost[~reachable]).all()
+    # Half a unit of 1/4096 of the fastest step.
+    np.testing.assert_allclose(
+        layers.step[reachable] * layers.unit_s, cost[reachable] * 0.1, atol=0.51 * layers.unit_s
+    )
+    np.testing.assert_allclose(layers.cost_at(np.argwhere(reachable)), cost[reachable], rtol=1e-6)
+
+
+def test_a_radius_of_whole_cells_reaches_cells_exactly_as_far():
+    cells = np.zeros((1, 30), np.int8)
+    cells[0, 0] = 100
+    for resolution_m in (0.05, 0.1, 0.02, 0.0504):
+        for count in range(1, 12):
+            limits = SpeedLimits(count * resolution_m)
+            reachable = grid_layers(OccupancyMap(cells, resolution_m), limits).reachable[0]
+            assert reachable.argmax() == count
+
+
+def test_a_long_column_without_obstacles_is_far_from_those_of_others():
+    cells = np.zeros((70_000, 2), np.int8)
+    cells[0, 0] = 100
+    layers = grid_layers(OccupancyMap(cells, 0.05), SpeedLimits(0.2))
+    np.testing.assert_allclose(layers.distance_m[60_000], 0.05 * np.hypot(60_000, [0, 1]), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "field"),
+    [
+        ({"radius_m": 0.0}, "radius_m"),
+        ({"radius_m": float("nan")}, "radius_m"),
+        ({"radius_m": 0.2, "v_min_m_s": -1.0}, "v_min_m_s"),
+        ({"radius_m": 0.2, "v_max_m_s": 0.01}, "v_max_m_s"),
+    ],
+)
+def test_limits_that_mean_nothing_are_refused(words, field):
+    with pytest.raises(InputError, match=field):
+        SpeedLimits(**words)
+
+
+def test_a_radius_of_thousands_of_cells_is_refused():
+    with pytest.raises(InputError, match="at most 666 cells"):
+        grid_layers(OccupancyMap(np.zeros((2, 2), np.int8), 0.001), SpeedLimits(5.0))

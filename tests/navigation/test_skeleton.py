@@ -1,0 +1,68 @@
+"""The skeleton against a plain one that deletes cell by cell, and its topology against labels."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import label
+
+from visuohaptic.navigation._skeleton_kernels import ADJACENT
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.skeleton import skeleton
+
+from .random_maps import RADII_M, random_map, topology
+
+EIGHT, FOUR = np.ones((3, 3)), np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]])
+
+
+def is_simple(near: np.ndarray) -> bool:
+    """Whether deleting the middle of 3 x 3 cells keeps components and holes: by definition."""
+    set_parts = near.copy()
+    set_parts[1, 1] = False
+    one_part = label(set_parts, EIGHT)[1] == 1
+    gaps = ~near
+    # Gaps that touch the middle by a side, connected inside the 3 x 3 cells by sides.
+    parts = label(gaps, FOUR)[0]
+    beside = {parts[0, 1], parts[1, 0], parts[1, 2], parts[2, 1]} - {0}
+    return one_part and len(beside) == 1
+
+
+def plain_skeleton(distance: np.ndarray, reachable: np.ndarray) -> np.ndarray:
+    """Delete cell after cell in the order of (distance, index), in one pass."""
+    kept = np.pad(reachable, 1)
+    for cell in np.lexsort((np.arange(distance.size), distance.ravel())):
+        row, column = divmod(int(cell), distance.shape[1])
+        near = kept[row : row + 3, column : column + 3]
+        if near[1, 1] and near.sum() > 2 and is_simple(near):
+            kept[row + 1, column + 1] = False
+    return kept[1:-1, 1:-1]
+
+
+def test_the_kernel_finds_the_skeleton_of_plain_sequential_deletion():
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        layers = grid_layers(random_map(rng, 24), SpeedLimits(float(rng.choice(RADII_M))))
+        truth = plain_skeleton(layers.distance_m, layers.reachable)
+        np.testing.assert_array_equal(skeleton(layers), truth)
+
+
+def test_components_and_holes_are_kept():
+    rng = np.random.default_rng(2)
+    for _ in range(300):
+        layers = grid_layers(random_map(rng), SpeedLimits(float(rng.choice(RADII_M))))
+        assert topology(skeleton(layers)) == topology(layers.reachable)
+
+
+def test_links_make_the_euler_number_of_any_set():
+    rng = np.random.default_rng(3)
+    for density in (0.1, 0.3, 0.5, 0.7, 0.9, 1.0):
+        for _ in range(20):
+            cells = rng.random((12, 15)) < density
+            padded = np.pad(cells, 1)
+            weights = np.array([[32, 64, 128], [16, 0, 1], [8, 4, 2]])
+            ends = 0
+            for row, column in np.argwhere(cells):
+                near = padded[row : row + 3, column : column + 3]
+                ends += int(ADJACENT[int((near * weights).sum())]).bit_count()
+            components, holes = topology(cells)
+            assert ends % 2 == 0  # every link is seen from both sides
+            assert cells.sum() - ends // 2 == components - holes
