@@ -85,7 +85,9 @@ def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
     )
 
 
-def random_scene(rng: np.random.Generator, objects: int, cells: int, resolution_m: float = 0.1) -> PlanningProblem:
+def random_scene(
+    rng: np.random.Generator, objects: int, cells: int, resolution_m: float = 0.1
+) -> PlanningProblem:
     """Two rooms with a door or two, boxes of 3 x 3 cells in or near the doors; robot of 1.5 cells."""
     grid = np.zeros((cells, cells), np.int8)
     grid[[0, -1]] = 100

@@ -81,7 +81,7 @@ def run(args: Any) -> dict[str, Any]:
         for name, plan in plans.items():
             args.report(f"{name:<18}{_line(plan)}")
     if args.prove:
-        result["proof"] = _prove(args, problem)
+        result["proof"] = _prove(args, problem, found)
     if args.plot:
         from ..navigation.plan_plots import plot_plan
 
@@ -110,9 +110,12 @@ def _report(args: Any, plan: Plan) -> None:
         args.report(f"  note: {note}")
 
 
-def _prove(args: Any, problem: PlanningProblem) -> dict[str, Any]:
+def _prove(args: Any, problem: PlanningProblem, found: Plan) -> dict[str, Any]:
     from ..navigation.oracle import prove
 
     proof = prove(problem)
-    args.report(f"oracle: {proof.text}")
-    return proof.to_json()
+    text = proof.text
+    if found.reachable and not proof.reachable:
+        text += "; the plan has what it does not look at: slanting pushes, which friction holds"
+    args.report(f"oracle: {text}")
+    return {**proof.to_json(), "text": text}

@@ -163,13 +163,35 @@ def product_search(
                 if goal_extra[robot] < NEVER:
                     best = min(best, level + goal_extra[robot])
                 here = cell_price(
-                    robot, at_rows, at_columns, clearance, near, near_low, shifts, p0, p1, bodies, radius, slow
+                    robot,
+                    at_rows,
+                    at_columns,
+                    clearance,
+                    near,
+                    near_low,
+                    shifts,
+                    p0,
+                    p1,
+                    bodies,
+                    radius,
+                    slow,
                 )
                 for i in range(move_start[robot], move_start[robot + 1]):
                     v = move_cells[i]
                     if denied[v] != stamp:
                         there = cell_price(
-                            v, at_rows, at_columns, clearance, near, near_low, shifts, p0, p1, bodies, radius, slow
+                            v,
+                            at_rows,
+                            at_columns,
+                            clearance,
+                            near,
+                            near_low,
+                            shifts,
+                            p0,
+                            p1,
+                            bodies,
+                            radius,
+                            slow,
                         )
                         found_state[number] = config * robots + v
                         found_cost[number] = int(0.5 * (here + there) * move_length[i] * units + 0.5)
@@ -237,4 +259,4 @@ def product_search(
                     heads[where] = entry
                     waiting += 1
         level += 1
-    return best, settled
+    return int(best), settled

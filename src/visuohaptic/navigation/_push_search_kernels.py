@@ -103,9 +103,7 @@ def reach_cost(
                 continue
             share = min((d / radius - 1.0) * 0.5, 1.0)
             length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
-            total = int(cost[rr * columns + cc]) + int(
-                length * (slow + share * (1.0 - slow)) * UNITS + 0.5
-            )
+            total = int(cost[rr * columns + cc]) + int(length * (slow + share * (1.0 - slow)) * UNITS + 0.5)
             best = min(best, total)
     return best
 
@@ -138,8 +136,9 @@ def travel_field(
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Cheapest travel from the seeds to every cell.
 
-    Bucket queue (Dial) over whole units; a step costs its length times the mean
-    of both cells' costs, Eq. (4.1), 1 far away and ``slow`` at the radius.
+    A step costs its length times the mean of both cells' costs, Eq. (4.1), 1 far
+    away and ``slow`` at the radius. Bucket queue over whole units; buckets are as
+    wide as the cheapest step, so that nothing in one can shorten another of it.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ def travel_field(
         top = max(top, charge[i])
     for i in range(len(seed_cost)):
         top = max(top, seed_cost[i])
-    count = int(slow * UNITS * 1.5) + top + 4
+    count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
     price = np.zeros(n, np.int32)  # of a cell [units], 0 where the robot does not fit
     for i in range(n):
         if flat[i] >= radius:
@@ -185,6 +184,7 @@ def travel_field(
     capacity = max(1024, n // 4)
     pool_cell = np.empty(capacity, np.int32)
     pool_next = np.empty(capacity, np.int32)
+    pool_cost = np.empty(capacity, np.int32)
     used = 0
     free = -1
     waiting = 0
@@ -192,8 +192,9 @@ def travel_field(
         s = seeds[i]
         if price[s] > 0 and seed_cost[i] < cost[s]:
             cost[s] = seed_cost[i]
-            slot = cost[s] % count
+            slot = (cost[s] // UNITS) % count
             pool_cell[used] = s
+            pool_cost[used] = cost[s]
             pool_next[used] = heads[slot]
             heads[slot] = used
             used += 1
@@ -209,9 +210,10 @@ def travel_field(
             free = entry
             waiting -= 1
             u = pool_cell[entry]
-            if cost[u] != level:
+            reached = cost[u]
+            if pool_cost[entry] != reached:
                 continue
-            if limited and level + rests[u] > bound:
+            if limited and reached + rests[u] > bound:
                 continue
             least = min(least, u)
             r, c = u // columns, u % columns
@@ -231,7 +233,7 @@ def travel_field(
                     step = (step * 512 if dr == 0 or dc == 0 else step * 724) >> 10
                     if charged and labels[u] > 0 and labels[v] == 0:
                         step += charge[labels[u]]
-                    total = level + step
+                    total = reached + step
                     if total < cost[v]:
                         cost[v] = total
                         came[v] = u
@@ -245,11 +247,15 @@ def travel_field(
                                 grown_next = np.empty(larger, np.int32)
                                 grown_cell[:capacity] = pool_cell
                                 grown_next[:capacity] = pool_next
-                                pool_cell, pool_next, capacity = grown_cell, grown_next, larger
+                                grown_cost = np.empty(larger, np.int32)
+                                grown_cost[:capacity] = pool_cost
+                                pool_cell, pool_next, pool_cost = grown_cell, grown_next, grown_cost
+                                capacity = larger
                             entry = used
                             used += 1
                         pool_cell[entry] = v
-                        slot_v = total % count
+                        pool_cost[entry] = total
+                        slot_v = (total // UNITS) % count
                         pool_next[entry] = heads[slot_v]
                         heads[slot_v] = entry
                         waiting += 1

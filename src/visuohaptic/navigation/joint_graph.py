@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import groupby, pairwise
 from typing import Protocol
 
 import numpy as np
@@ -15,11 +17,13 @@ from jaxtyping import Bool, Float, Int, Int32
 
 from ..errors import InputError
 from .graph import NavigationGraph
+from .grid import OBSTACLE_FROM
+from .plan import Plan
 from .problem import RobotModel
-from .push_world import OBSTACLE_FROM, grid_from_world
+from .push_world import grid_from_world
 from .regions import Regions
 
-__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "extend_graph"]
+__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "extend_graph", "with_regions"]
 
 #: Step 7: an edge stays when it shortens the way between two neighbours by at least this share.
 SIGNIFICANT = 0.05
@@ -118,13 +122,21 @@ class JointGraph:
         """After success: the node becomes one of navigation, its edges lose half the task each."""
         return self._with_task(id, 0.0)
 
+    def _worth(
+        self, left: dict[str, tuple[float, np.ndarray]], at: Float[np.ndarray, "2"], id: str
+    ) -> tuple[bool, float]:
+        """What exploring next is worth: opening something separate above all, then gain per way to go."""
+        gain_s, centre = left[id]
+        way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
+        if not np.isfinite(gain_s):
+            return True, 1.0 / (way_s + 1.0)
+        return False, (gain_s + 1.0) / (way_s + 1.0)
+
     def _with_task(self, id: str, task_s: float) -> JointGraph:
         self.node(id)
         return replace(
             self,
-            added=tuple(
-                replace(node, task_s=task_s) if node.kind.id == id else node for node in self.added
-            ),
+            added=tuple(replace(node, task_s=task_s) if node.kind.id == id else node for node in self.added),
             _scratch=[],
         )
 
@@ -175,9 +187,7 @@ class JointGraph:
             self._scratch.extend([None, None])
         slot = int(visual_only)
         if self._scratch[slot] is None:
-            ends, costs = (
-                (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
-            )
+            ends, costs = (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
             self._scratch[slot] = (*_rows(ends, self.visual.nodes + len(self.added)), costs)
         return self._scratch[slot]  # type: ignore[return-value]
 
@@ -202,14 +212,7 @@ class JointGraph:
         at = np.asarray(robot_m, dtype=np.float64)
         order: list[str] = []
         while left:
-            # A blockade of something separate is worth more than any detour, the nearest of these first.
-            def worth(id: str) -> tuple[bool, float]:
-                gain_s, centre = left[id]
-                way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
-                finite = np.isfinite(gain_s)
-                return not finite, (gain_s + 1.0) / (way_s + 1.0) if finite else 1.0 / (way_s + 1.0)
-
-            best = max(left, key=worth)
+            best = max(left, key=partial(self._worth, left, at))
             at = left.pop(best)[1]
             order.append(best)
         return order
@@ -248,12 +251,25 @@ def extend_graph(
         With every node; one that cannot be passed has no edges.
     """
     layers = regions.layers
-    blocked = (layers.map.cells >= OBSTACLE_FROM) | (
-        (layers.map.cells < 0) & (not layers.unknown_is_free)
-    )
+    blocked = (layers.map.cells >= OBSTACLE_FROM) | ((layers.map.cells < 0) & (not layers.unknown_is_free))
     builder = _Builder(visual, regions, robot, blocked)
     added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
     return JointGraph(visual, regions, robot, added)
+
+
+def with_regions(plan: Plan, regions: Regions) -> Plan:
+    """The plan with, for each task, the nodes whose regions its way crosses, in order."""
+    grid = regions.layers.map
+    tasks = []
+    for task in plan.tasks:
+        nodes: list[int] = []
+        for a, b in pairwise(task.path_m):
+            count = max(2, int(np.hypot(b[0] - a[0], b[1] - a[1]) / (0.5 * grid.resolution_m)) + 1)
+            points = np.linspace(a, b, count)
+            found = regions.node_at(grid.cell_from_world(points))
+            nodes += [int(node) for node in found if node >= 0]
+        tasks.append(replace(task, nodes=tuple(node for node, _ in groupby(nodes))))
+    return replace(plan, tasks=tuple(tasks))
 
 
 class _Builder:
@@ -378,7 +394,9 @@ class _Builder:
         if len(cells) and len(self.visual.path_cells):
             path = self.visual.path_cells[:, 0].astype(np.int64) * columns + self.visual.path_cells[:, 1]
             hit = np.flatnonzero(np.isin(path, cells))
-            closed = np.unique(np.searchsorted(self.visual.path_start, hit, side="right") - 1).astype(np.int32)
+            closed = np.unique(np.searchsorted(self.visual.path_start, hit, side="right") - 1).astype(
+                np.int32
+            )
         task_s = kind.task_s(self.robot)
         touching = np.unique(self.visual.edges[closed]).astype(np.int32)
         drive_s = np.zeros(0)

@@ -184,10 +184,10 @@ def _places(world: PushWorld, body: Body) -> _Places:
     leans = _hits(world, inner)
     size = high - low + 1
     index = np.full((max(int(size[1]), 1), max(int(size[0]), 1)), -1, np.int32)
-    shifts = []
+    shifts: list[tuple[int, int]] = []
     for dy in range(int(low[1]), int(high[1]) + 1):
         for dx in range(int(low[0]), int(high[0]) + 1):
-            hit = _hits(world, inner + (dx, dy)) & ~leans
+            hit = _hits(world, inner + np.array([dx, dy])) & ~leans
             if not hit.any() or (dx == 0 and dy == 0):
                 index[dy - low[1], dx - low[0]] = len(shifts)
                 shifts.append((dx, dy))

@@ -391,7 +391,11 @@ class _Search:
             return np.zeros((0, 2)), np.zeros(1, np.int32), np.zeros((0, 2))
         outlines = [body.outline + shift for body, shift in others]
         starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-        return np.concatenate(outlines), starts, np.concatenate([body.samples + shift for body, shift in others])
+        return (
+            np.concatenate(outlines),
+            starts,
+            np.concatenate([body.samples + shift for body, shift in others]),
+        )
 
 
 def _steps(state: _State) -> tuple[PushStep, ...]:

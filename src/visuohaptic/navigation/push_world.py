@@ -12,20 +12,26 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from ..recording import OccupancyMap
+from ..recording.occupancy_map import FREE, OCCUPIED
+from .grid import OBSTACLE_FROM, SpeedLimits, grid_layers
 from .node_costs import Manipulability, PushCosts, manipulability
 from .problem import MovableObject, PlanningProblem, RobotModel
 from .push_contacts import PushContact, push_contacts
 
-__all__ = ["Body", "PushWorld", "grid_from_world", "push_world", "world_from_grid"]
+__all__ = [
+    "Body",
+    "PushWorld",
+    "clear_cells",
+    "fill_cells",
+    "grid_from_world",
+    "push_world",
+    "world_from_grid",
+]
 
-#: From this occupancy on a cell is an obstacle; so are cells that were never seen.
-OBSTACLE_FROM = 50
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
 #: ... and so far inside the outline, so that an object flush with a wall may slide along it [cells].
 OUTLINE_INSET = 0.15
-#: Crumbs of an object's cells are looked for so far around its outline [cells].
-CRUMB_REACH = 1.5
 #: Distance patches that are kept.
 MAX_PATCHES = 5000
 
@@ -139,6 +145,7 @@ def push_world(
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
+    # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
     movable: list[Body] = []
     fixed: list[MovableObject] = []
@@ -164,28 +171,31 @@ def push_world(
             )
         )
     for outline in outlines:
-        _clear_cells(occupied, outline)
+        clear_cells(occupied, outline)
     for item in fixed:  # after the clearing: a fixed object beside a movable one keeps its cells
-        _fill_cells(occupied, grid_from_world(grid, item.footprint_m))
+        fill_cells(occupied, grid_from_world(grid, item.footprint_m))
     return PushWorld(
         grid,
         robot,
         radius * (1.0 - 1e-9),
         robot.v_max_m_s / robot.v_min_m_s,
         occupied,
-        _distance(occupied),
+        _distance(problem, occupied),
         tuple(movable),
         tuple(fixed),
         why,
     )
 
 
-def _distance(occupied: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
-    from scipy.ndimage import distance_transform_edt
-
-    if not occupied.any():
-        return np.full(occupied.shape, np.float32(np.inf))
-    return distance_transform_edt(~occupied).astype(np.float32)
+def _distance(
+    problem: PlanningProblem, occupied: Bool[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
+    """Distance to the nearest occupied cell [cells]."""
+    robot = problem.robot
+    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
+    limits = SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s)
+    layers = grid_layers(OccupancyMap(cells, problem.map.resolution_m), limits)
+    return layers.distance_m / np.float32(problem.map.resolution_m)
 
 
 def _samples(outline: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "k 2"]:
@@ -214,39 +224,29 @@ def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: flo
     )
 
 
-def _touched(
-    outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice], grow: float
-) -> Bool[np.ndarray, "r c"]:
-    """Cells of a window whose square meets the outline grown by ``grow`` [cells]."""
+def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
+    """Cells of a window whose square meets the outline's inside."""
     import shapely
 
-    rows, columns = window
-    r, c = np.mgrid[rows, columns]
-    body = shapely.Polygon(outline)
-    # A shade smaller: a square that the outline only touches is not its own.
-    body = body.buffer(grow if grow > 0 else -1e-6)
+    r, c = np.mgrid[window]
+    body = shapely.Polygon(outline).buffer(-1e-6)  # a square that the outline only touches is not its own
     shapely.prepare(body)
     return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
 
 
-def _clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Free an object's cells: those it covers, and crumbs beside it that belong to nothing else."""
-    from scipy.ndimage import label
+def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Free an object's cells in place: those it covers, and crumbs beside it that belong to nothing else."""
+    from ._joint_kernels import free_object
 
-    window = _window(occupied.shape, outline, CRUMB_REACH + 2)
-    part = occupied[window]
-    if part.size == 0:
-        return
-    part[_touched(outline, window, 0.0)] = False
-    near = _touched(outline, window, CRUMB_REACH - 1.0)
-    labels, count = label(part, structure=np.ones((3, 3)))
-    for index in range(1, count + 1):
-        crumb = labels == index
-        if not (crumb & ~near).any():
-            part[crumb] = False
+    window = _window(occupied.shape, outline, 4.0)
+    part = np.ascontiguousarray(occupied[window])
+    if part.size:
+        free_object(part, outline, window[0].start, window[1].start)
+        occupied[window] = part
 
 
-def _fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Occupy the cells that an object covers, in place."""
     window = _window(occupied.shape, outline, 1.0)
     if occupied[window].size:
-        occupied[window] |= _touched(outline, window, 0.0)
+        occupied[window] |= _touched(outline, window)
