@@ -188,6 +188,7 @@ def lattice_graph(side: int = 100) -> Any:
 def topology_errors(count: int, seed: int = _SEED) -> int:
     """Random maps whose graph has not exactly the components and loops of the reachable cells."""
     from tests.navigation.random_maps import RADII_M, random_map, topology
+
     from visuohaptic.navigation.graph import build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
@@ -227,6 +228,7 @@ def _fresh_peak() -> tuple[float, float]:
 def run() -> list[dict[str, Any]]:
     """Rows of the issue's table."""
     from tests.navigation.random_maps import topology
+
     from visuohaptic.navigation.query import shortest_path
 
     maps = real_maps()

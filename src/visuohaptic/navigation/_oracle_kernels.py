@@ -198,6 +198,9 @@ def product_search(
                         number += 1
                 for p in range(pushes):
                     place = p0 if push_body[p] == 0 else p1
+                    middle = link_cells[p, place, 0]
+                    if middle < 0 or denied[middle] == stamp:
+                        continue  # another body is where the robot would stand
                     for i in range(link_cells.shape[2]):
                         if link_cells[p, place, i] == robot:
                             found_state[number] = config * robots + cells + p

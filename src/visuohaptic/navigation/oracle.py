@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Float32, Int32
 from ..errors import InputError
 from .node_costs import PushCosts, push_cost
 from .problem import PlanningProblem
-from .push_search import STAND_OFF, SearchLimits, anchors, search_pushes
+from .push_search import STAND_OFF, STAND_SLACK, SearchLimits, anchors, search_pushes
 from .push_world import Body, PushWorld, grid_from_world, push_world
 
 __all__ = ["Oracle", "Proof", "ask_oracle", "prove"]
@@ -159,7 +159,9 @@ def ask_oracle(problem: PlanningProblem, costs: PushCosts | None = None) -> Orac
     if not at.size:
         at, extra = anchors(world.clearance_with(home), start, world.radius, world.slow, UNITS, reach=2)
         at = at[extra.argsort()][:1]
-    ends, end_cost = anchors(world.clearance, goal, world.radius, world.slow, UNITS)
+    ends, end_cost = anchors(world.clearance, goal, world.radius, world.slow, UNITS, reach=0)
+    if not ends.size:
+        ends, end_cost = anchors(world.clearance, goal, world.radius, world.slow, UNITS)
     if not at.size or not ends.size:
         return Oracle(False, float("inf"), 0)
     begin = np.array([int(place.index[-place.low[1], -place.low[0]]) for place in places], dtype=np.int64)
@@ -255,6 +257,12 @@ def _links(
     for k, shift in enumerate(place.shifts):
         touch = body.centre + shift + contact.robot
         stand = touch - STAND_OFF * contact.direction
+        x, y = shift + step - place.low
+        if 0 <= y < place.index.shape[0] and 0 <= x < place.index.shape[1]:
+            after[k] = place.index[y, x]
+        clear[k] = clearance_at(world.clearance, touch[0], touch[1]) >= world.radius - 0.05
+        if clearance_at(world.clearance, stand[0], stand[1]) < world.radius - STAND_SLACK:
+            continue  # nobody can stand there
         # With the body where it is: beside it the robot is slow. The other body's share is left out.
         patch, row, column = distance_patch(*world.clearance.shape, body.outline + shift, world.reach)
         layer = world.clearance.copy()
@@ -264,10 +272,6 @@ def _links(
         order = extra.argsort()  # the nearest first: it stands for the robot against the other body
         cells[k, : near.size] = number[near[order]]
         cost[k, : near.size] = extra[order]
-        clear[k] = clearance_at(world.clearance, touch[0], touch[1]) >= world.radius - 0.05
-        x, y = shift + step - place.low
-        if 0 <= y < place.index.shape[0] and 0 <= x < place.index.shape[1]:
-            after[k] = place.index[y, x]
     return cells, cost, after, clear
 
 

@@ -68,12 +68,13 @@ class Plan:
     @property
     def cost_s(self) -> float:
         """Sum over the tasks; infinite without a plan."""
-        return sum(task.cost_s for task in self.tasks) if self.reachable else float("inf")
+        # Of what is written, so that a reader's sum is the same.
+        return sum(round(task.cost_s, 6) for task in self.tasks) if self.reachable else float("inf")
 
     @property
     def length_m(self) -> float:
         """Way of the robot; infinite without a plan."""
-        return sum(task.length_m for task in self.tasks) if self.reachable else float("inf")
+        return sum(round(task.length_m, 6) for task in self.tasks) if self.reachable else float("inf")
 
     @property
     def pushes(self) -> tuple[Task, ...]:

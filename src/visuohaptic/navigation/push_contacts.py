@@ -15,6 +15,8 @@ STABLE_RAD = np.deg2rad(8.0)
 OBLIQUE_RAD = (np.deg2rad(12.0), np.deg2rad(24.0))
 #: A face is met at least this far from its ends, as a share of its length.
 FACE_MARGIN = 0.1
+#: Pushes that differ by less are one; round outlines have as many faces as somebody drew.
+FACE_SPACING_RAD, OBLIQUE_SPACING_RAD = np.deg2rad(1.0), np.deg2rad(6.0)
 #: Directions tried beside those of the faces, for round outlines.
 DIRECTIONS = 16
 
@@ -50,24 +52,26 @@ def push_contacts(
     hull = np.array(body.convex_hull.exterior.coords)[:-1]
     if not body.convex_hull.exterior.is_ccw:
         hull = hull[::-1]
-    candidates: list[tuple[float, bool]] = []  # angle, and whether it is a face's
+    candidates: list[tuple[float, float]] = []  # angle, and how far from others it must be
     for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True):
         edge = b - a
         length = float(np.hypot(*edge))
         along = -float(a @ edge) / length**2
         if FACE_MARGIN <= along <= 1.0 - FACE_MARGIN:
-            candidates.append((float(np.arctan2(edge[0], -edge[1])), True))  # inward normal
+            candidates.append((float(np.arctan2(edge[0], -edge[1])), FACE_SPACING_RAD))  # inward normal
     fan = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
-    candidates += [(float(angle), False) for angle in fan]
+    candidates += [(float(angle), np.pi / DIRECTIONS) for angle in fan]
     if oblique:
-        normals = [angle for angle, of_face in candidates if of_face]
-        candidates += [(angle + s * t, False) for angle in normals for t in OBLIQUE_RAD for s in (-1, 1)]
+        normals = [angle for angle, spacing in candidates if spacing == FACE_SPACING_RAD]
+        candidates += [
+            (angle + s * t, OBLIQUE_SPACING_RAD) for angle in normals for t in OBLIQUE_RAD for s in (-1, 1)
+        ]
     steepest = max(OBLIQUE_RAD) + np.deg2rad(0.5) if oblique else STABLE_RAD
     reach = float(np.abs(hull).max()) * 3 + 3 * radius
     found: list[PushContact] = []
     taken: list[float] = []
-    for angle, of_face in candidates:
-        spacing = np.deg2rad(1.0 if of_face else 6.0)
+    for angle, spacing in candidates:
+        of_face = spacing == FACE_SPACING_RAD
         if any(_apart(angle, other) < spacing for other in taken):
             continue
         direction = np.array([np.cos(angle), np.sin(angle)])

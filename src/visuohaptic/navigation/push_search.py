@@ -4,10 +4,15 @@ A state is where every body stands and where the robot is. A step drives to a
 stable contact and pushes straight by a whole number of cells; the last step
 drives to the goal. The estimate of the remaining cost is the cheapest way to
 the goal through a map without the bodies, on which entering the place of a
-body that was not pushed yet costs what its shortest push costs: never too
+body that was not pushed yet costs what its shortest push costs - the shortest
+that opens a way, where the body alone closes it, or two short ones: never too
 much, so the first solution taken from the queue is the cheapest of the model.
 A push that frees no cell beside the goal's component needs another one after
 it, and is charged for that at once.
+
+A first pass takes pushes that open nothing in lengths of 1, 2, 4 ... cells
+only; where it finds nothing in its budget others take all lengths and trade
+cost for speed.
 
 Completeness: of all sequences of straight pushes through the centre, from the
 contacts of :func:`~visuohaptic.navigation.push_contacts.push_contacts`, by
@@ -19,7 +24,7 @@ empty proves that there is none.
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
@@ -31,6 +36,10 @@ __all__ = ["PushStep", "SearchLimits", "SearchResult", "search_pushes"]
 
 #: The robot stands off by so many cells before and after a push.
 STAND_OFF = 0.6
+#: On the goal the robot may be nearer to an obstacle by so much, the rounding of cells [cells].
+GOAL_SLACK = 0.25
+#: ... and where it stands off an object.
+STAND_SLACK = 0.15
 #: More than this the lower bound does not charge for a body [s]: the queue of the field grows with it.
 MAX_CHARGE_S = 60.0
 
@@ -39,9 +48,11 @@ MAX_CHARGE_S = 60.0
 class SearchLimits:
     """How long to search, and for what."""
 
-    expansions: int = 3000  #: configurations looked at before giving up
+    expansions: int = 6000  #: configurations looked at before giving up
     pushes: int = 12  #: in one plan, at most
-    greed: float = 1.0  #: 1: cheapest plan; w: at most w times as dear, found sooner
+    first_expansions: int = 400  #: of the pass that looks for the cheapest plan
+    #: of the passes after it, which share the budget: at most so many times as dear, found the sooner
+    greed: tuple[float, ...] = (2.0, 8.0)
     work_cells: int = 400_000_000  #: cells of travel fields computed before giving up: half a minute
     memory_cells: int = 40_000_000  #: cells of travel fields kept to recognise detours
 
@@ -145,6 +156,7 @@ class _Search:
         costs: PushCosts,
         limits: SearchLimits,
     ) -> None:
+        self.fine, self.greed = True, 1.0
         from ._push_search_kernels import FAR, UNITS
 
         self.world, self.start, self.goal, self.costs, self.limits = world, start, goal, costs, limits
@@ -157,9 +169,8 @@ class _Search:
         self.no_charge = np.zeros(0, np.int32)
         self.leasts = [float(table.min()) for table in self.tables]
         self.least = min(self.leasts, default=float("inf"))
-        self.goal_cells, self.goal_costs = anchors(
-            world.clearance, goal, world.radius, world.slow, self.units
-        )
+        self.charges = [0.0] * len(world.bodies)
+        self.goal_cells, self.goal_costs = self._goal(world.clearance)
 
     def _table(self, body: Body, oblique: bool) -> Float[np.ndarray, "steps"]:
         """``t_mani`` [units] by whole cells, from 0; infinite beyond what is allowed."""
@@ -173,6 +184,42 @@ class _Search:
             table.append(cost.total_s * self.units_per_s)
         return np.array(table)
 
+    def _charges(self, start: Int32[np.ndarray, "k"]) -> list[float]:
+        """What crossing the place of a body costs at least [units], while it was not pushed."""
+        from ._push_search_kernels import flood, opening_steps
+
+        world = self.world
+        charges = list(self.leasts)
+        home = np.zeros((len(world.bodies), 2))
+        for index, body in enumerate(world.bodies):
+            if not np.isfinite(self.leasts[index]):
+                continue
+            alone = world.clearance_of(index, home[index])
+            beyond = flood(alone, world.radius, self.goal_cells)
+            if beyond[start].any():
+                continue
+            least = 2.0 * self.leasts[index]
+            for contact in body.contacts:
+                table = self.oblique_tables[index] if contact.oblique else self.tables[index]
+                opens = opening_steps(
+                    world.clearance, beyond, self.goal_cells, body.outline,
+                    contact.direction[0], contact.direction[1], world.radius, len(table) - 1,
+                )  # fmt: skip
+                if opens.any():
+                    least = min(least, float(table[int(opens.argmax())]))
+            charges[index] = max(least, self.leasts[index])
+        return charges
+
+    def _goal(
+        self, clearance: Float32[np.ndarray, "rows columns"]
+    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+        """Cells to reach the goal from; none when the robot does not fit on the goal itself."""
+        from ._push_search_kernels import clearance_at
+
+        if clearance_at(clearance, self.goal[0], self.goal[1]) < self.world.radius - GOAL_SLACK:
+            return np.zeros(0, np.int32), np.zeros(0, np.int32)
+        return anchors(clearance, self.goal, self.world.radius, self.world.slow, self.units)
+
     def rest(self, pushed: int) -> Int32[np.ndarray, "n"]:
         """Lower bound of what is left, from every cell [units]."""
         from ._push_search_kernels import mark_region, travel_field
@@ -182,12 +229,11 @@ class _Search:
             region = np.zeros(world.clearance.shape, np.int16)
             charge = np.zeros(len(world.bodies) + 1, np.int32)
             # Where places overlap the cheapest push counts: a bound must not be too high.
-            order = sorted(range(len(world.bodies)), key=lambda k: float(self.tables[k].min()))
+            order = sorted(range(len(world.bodies)), key=lambda k: self.charges[k])
             for index in order:
                 if not pushed >> index & 1:
                     mark_region(region, world.bodies[index].outline, world.radius, index + 1)
-                    least = float(self.tables[index].min())
-                    charge[index + 1] = int(min(least, MAX_CHARGE_S * self.units_per_s))
+                    charge[index + 1] = int(min(self.charges[index], MAX_CHARGE_S * self.units_per_s))
             blocked = [
                 i + 1 for i, t in enumerate(self.tables) if not np.isfinite(t.min()) and not pushed >> i & 1
             ]
@@ -201,7 +247,8 @@ class _Search:
             )[0]  # fmt: skip
         return self.rests[pushed]
 
-    def run(self) -> SearchResult:
+    def run(self, expansions: int) -> SearchResult:
+        """Search until the cheapest plan is taken from the queue, it runs empty, or the budget is spent."""
         world = self.world
         first = _State(0.0, self.start, np.zeros((len(world.bodies), 2)), 0)
         if not self.goal_cells.size:
@@ -211,6 +258,7 @@ class _Search:
         )
         if not cells.size:
             return SearchResult(False, exhausted=True, reason="the robot does not fit where it starts")
+        self.charges = self._charges(cells)
         if self.rest(0)[cells].min() >= self.far:
             return SearchResult(
                 False, exhausted=True, reason="walls separate start and goal, whatever is pushed"
@@ -226,12 +274,12 @@ class _Search:
                 return SearchResult(True, _steps(state), bound / self.units, expanded, exhausted=not cut)
             if not state.refined:
                 state.refined = True
-                estimate = state.spent + self._left(state) * self.limits.greed
+                estimate = state.spent + self._left(state) * self.greed
                 if estimate < best:
                     ticket += 1
                     heapq.heappush(queue, (estimate, ticket, state, False))
                 continue
-            if expanded >= self.limits.expansions or expanded * world.clearance.size > self.limits.work_cells:
+            if expanded >= expansions or expanded * world.clearance.size > self.limits.work_cells:
                 return SearchResult(
                     False, expanded=expanded, reason=f"no plan among {expanded} configurations, not proved"
                 )
@@ -291,7 +339,7 @@ class _Search:
             self.nothing, self.no_charge, rest if bounded else self.nothing.ravel(), bound,
         )  # fmt: skip
         seen.add(state, cost)
-        goal_cells, goal_costs = anchors(clearance, self.goal, world.radius, world.slow, self.units)
+        goal_cells, goal_costs = self._goal(clearance)
         finished = None
         if goal_cells.size:
             least = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
@@ -327,7 +375,7 @@ class _Search:
         # The field of the new set of pushed bodies is computed for those children only that are taken.
         rest = self.rest(state.pushed)
         free = self.rest((1 << len(world.bodies)) - 1)
-        relief = 0.0 if state.pushed >> index & 1 else self.leasts[index]
+        relief = 0.0 if state.pushed >> index & 1 else self.charges[index]
         columns = world.clearance.shape[1]
         for number, contact in enumerate(body.contacts):
             last = state.step
@@ -341,7 +389,7 @@ class _Search:
             table = self.oblique_tables[index] if contact.oblique else self.tables[index]
             touch = body.centre + shift + contact.robot
             stand = touch - STAND_OFF * contact.direction
-            if clearance_at(clearance, stand[0], stand[1]) < world.radius - 0.1:
+            if clearance_at(clearance, stand[0], stand[1]) < world.radius - STAND_SLACK:
                 continue
             approach = reach_cost(clearance, cost, stand[0], stand[1], world.radius, world.slow)
             if approach >= self.far or state.spent + approach + table[1] >= limit:
@@ -370,8 +418,11 @@ class _Search:
                 )  # fmt: skip
                 left = np.where(opens[1:], left, np.maximum(left, free[at] * ~near_wall + self.least))
             spent = state.spent + approach + table[1 : steps + 1]
-            estimate = spent + left * self.limits.greed
-            for i in np.flatnonzero((estimate < limit) & (left < self.far)):
+            estimate = spent + left * self.greed
+            wanted = (estimate < limit) & (left < self.far)
+            if not self.fine:
+                wanted &= opens[1:] | ((lengths & (lengths - 1)) == 0)
+            for i in np.flatnonzero(wanted):
                 after = state.shifts.copy()
                 after[index] = shift + lengths[i] * contact.direction
                 step = PushStep(index, number, int(lengths[i]), state.shifts, after, stand, touch, ends[i])
@@ -425,5 +476,18 @@ def search_pushes(
     costs, limits
         What a push costs; how long to search.
     """
-    search = _Search(world, start, goal, costs or PushCosts(), limits or SearchLimits())
-    return search.run()
+    limits = limits or SearchLimits()
+    search = _Search(world, start, goal, costs or PushCosts(), limits)
+    search.fine = False
+    first = search.run(min(limits.first_expansions, limits.expansions))
+    if first.found or not world.bodies:
+        return first
+    search.fine = True
+    expanded = first.expanded
+    for greed in limits.greed:
+        search.greed = greed
+        found = search.run(max(1, limits.expansions // len(limits.greed)))
+        expanded += found.expanded
+        if found.found or found.exhausted:
+            break
+    return replace(found, expanded=expanded)

@@ -83,6 +83,14 @@ class PushWorld:
                 np.minimum(part, patch, out=part)
         return layer
 
+    def clearance_of(self, index: int, shift: Float[np.ndarray, "2"]) -> Float32[np.ndarray, "rows columns"]:
+        """Distance to the nearest obstacle [cells] with one body alone."""
+        layer = self.clearance.copy()
+        patch, row, column = self._patch(index, shift)
+        part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
+        np.minimum(part, patch, out=part)
+        return layer
+
     def _patch(
         self, index: int, shift: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:

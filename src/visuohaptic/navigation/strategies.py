@@ -20,6 +20,8 @@ __all__ = ["alternatives", "make_plan", "without_pushing"]
 RELIABLE_RISK_S = 600.0
 #: Slanting pushes are searched with this share of the budget: they are a last resort.
 SLANTING_SHARE = 0.25
+#: ... of which little goes to the cheapest one: that there is one at all is what counts.
+SLANTING_FIRST, SLANTING_GREED = 60, (4.0,)
 #: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
 MOST_UNKNOWN = 5
 
@@ -95,7 +97,12 @@ def _planned(
         return found
     # Slanting pushes hold by friction alone: only where nothing else opens a way.
     world = push_world(problem, costs, unknown=unknown, oblique=True)
-    less = replace(limits, expansions=max(1, int(limits.expansions * SLANTING_SHARE)))
+    less = replace(
+        limits,
+        expansions=max(1, int(limits.expansions * SLANTING_SHARE)),
+        first_expansions=min(limits.first_expansions, SLANTING_FIRST),
+        greed=SLANTING_GREED,
+    )
     slanting = plan_world(problem, world, costs, less, told=told)
     return slanting if slanting.reachable or not slanting.proved else found
 
