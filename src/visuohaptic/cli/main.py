@@ -43,6 +43,7 @@ VERBS: Mapping[str, tuple[str, str]] = {
     ),
     "template sheet": ("visuohaptic.cli.template_sheet", "write a print-ready sheet of AprilTags 36h11"),
     "sense beam": ("visuohaptic.cli.sense_beam", "read force and moment, six axes, from a bending rod"),
+    "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
     "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
     "calibrate beam": ("visuohaptic.cli.calibrate_beam", "fit a beam sensor's compliance from known loads"),
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),

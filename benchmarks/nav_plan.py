@@ -1,0 +1,255 @@
+"""Plans: namosim's scenes, the exact oracle, figure 4.6, and 50 objects added to a graph.
+
+CPU time, one thread, after one warm run. ``python -m benchmarks.nav_plan oracle 200`` runs the whole
+comparison with the oracle, ``... scenes`` prints one line per scene of others.
+
+The peer's times are those that were measured before with namosim's own pinned versions on the same kind of
+machine (its first plan); it can't be installed beside this library.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.navigation.graph import build_graph
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.joint_graph import extend_graph
+from visuohaptic.navigation.node_types import ManipulationNode
+from visuohaptic.navigation.oracle import ask_oracle
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.navigation.push_search import search_pushes
+from visuohaptic.navigation.push_world import grid_from_world, push_world
+from visuohaptic.navigation.regions import assign_regions
+from visuohaptic.navigation.scenes import load_namosim
+from visuohaptic.navigation.strategies import alternatives, make_plan, without_pushing
+from visuohaptic.recording import OccupancyMap
+
+from .harness import cpu_seconds, median
+
+__all__ = ["run"]
+
+_SEED = 20261121
+#: namosim's median first plan over eleven of its scenes with obstacles [s].
+_NAMOSIM_S = 8.6
+
+
+def _data() -> Path | None:
+    from tests.conftest import data_folder
+
+    folder = data_folder()
+    return folder / "navigation" / "dev" if folder else None
+
+
+def _scenes(folder: Path) -> list[tuple[str, PlanningProblem]]:
+    paths = [*sorted((folder / "namo" / "namosim").glob("*.svg"))]
+    paths.append(folder / "namo" / "namosim" / "citi_ing_push_only" / "namo.yaml")
+    return [(path.stem, problem) for path in paths for problem in load_namosim(path).problems]
+
+
+def namosim_rows(folder: Path) -> list[dict[str, Any]]:
+    """All scenes: how many are solved, and the time of the whole plan."""
+    solved, times = 0, []
+    scenes = _scenes(folder)
+    slowest = ""
+    for name, problem in scenes:
+        solved += make_plan(problem).reachable
+        spent_s = cpu_seconds(lambda problem=problem: make_plan(problem), repeats=3, warm=0, least_s=0.0)
+        if not times or spent_s > max(times):
+            slowest = name
+        times.append(spent_s)
+    return [
+        {
+            "name": "namosim scenes solved",
+            "ours": 100.0 * solved / len(scenes),
+            "unit": "%",
+            "floor": 100.0,
+            "aim": 100.0,
+            "higher_is_better": True,
+            "note": f"{solved} of {len(scenes)} robots and goals",
+        },
+        {
+            "name": "namosim scenes, median plan",
+            "ours": median(times) * 1e3,
+            "unit": "ms",
+            "peer": _NAMOSIM_S * 1e3,
+            "peer_name": "namosim's first plan, median, measured before",
+            "floor": 1000.0,
+            "aim": 50.0,
+        },
+        {
+            "name": "namosim scenes, slowest plan",
+            "ours": max(times) * 1e3,
+            "unit": "ms",
+            "floor": 1000.0,
+            "aim": 50.0,
+            "note": slowest,
+        },
+    ]
+
+
+def oracle_rows(count: int) -> list[dict[str, Any]]:
+    """Random rooms with one or two boxes against the optimum over robot x obstacles."""
+    from tests.navigation.plan_check import faults
+    from tests.navigation.plan_scenes import random_scene
+
+    rng = np.random.default_rng(_SEED)
+    ratios: list[float] = []
+    times: list[float] = []
+    solvable = solved = impossible = proved = free = beyond = wrong = 0
+    for index in range(count):
+        problem = random_scene(rng, 1 + index % 2, 40 if index % 2 == 0 else 22)
+        oracle = ask_oracle(problem)
+        started_s = time.process_time()
+        plan = make_plan(problem)
+        times.append(time.process_time() - started_s)
+        free += without_pushing(problem).reachable
+        wrong += bool(plan.reachable and faults(problem, plan))
+        if oracle.reachable:
+            solvable += 1
+            if plan.reachable:
+                solved += 1
+                ratios.append(plan.cost_s / oracle.cost_s)
+            continue
+        impossible += 1
+        beyond += plan.reachable
+        start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
+        result = search_pushes(push_world(problem), start, goal)
+        proved += result.exhausted and not result.found
+    note = f"{count} scenes, push-free {free}"
+    return [
+        {
+            "name": "solved of the solvable (oracle)",
+            "ours": 100.0 * solved / max(solvable, 1),
+            "unit": "%",
+            "floor": 100.0,
+            "aim": 100.0,
+            "higher_is_better": True,
+            "note": f"{note}; {beyond} more by slanting pushes",
+        },
+        {"name": "cost / oracle, median", "ours": median(ratios), "unit": "", "floor": 1.2, "aim": 1.02},
+        {
+            "name": "cost / oracle, worst",
+            "ours": max(ratios),
+            "unit": "",
+            "aim": 1.1,
+            "note": "at most the aim",
+        },
+        {
+            "name": "no plan proved where there is none",
+            "ours": 100.0 * proved / max(impossible, 1),
+            "unit": "%",
+            "floor": 100.0,
+            "aim": 100.0,
+            "higher_is_better": True,
+            "note": f"{impossible} scenes, straight pushes",
+        },
+        {
+            "name": "plans with a fault when played",
+            "ours": float(wrong),
+            "unit": "",
+            "floor": 0.0,
+            "aim": 0.0,
+            "higher_is_better": False,
+        },
+        {"name": "plan, median", "ours": median(times) * 1e3, "unit": "ms"},
+    ]
+
+
+def office_rows() -> list[dict[str, Any]]:
+    """Figure 4.6 rebuilt."""
+    from tests.navigation.plan_scenes import office
+
+    plans = alternatives(office())
+    push, detour = plans["cheapest"], plans["no pushing"]
+    room = make_plan(office((5.3, 3.6)))
+    return [
+        {
+            "name": "figure 4.6, push way / detour",
+            "ours": push.length_m / detour.length_m,
+            "unit": "",
+            "floor": 0.35,
+            "note": f"{push.length_m:.2f} m of {detour.length_m:.2f} m",
+        },
+        {
+            "name": "figure 4.6, t_mani of the stool",
+            "ours": push.pushes[0].cost_s if push.pushes else float("nan"),
+            "unit": "s",
+            "floor": "6.9-7.1",
+        },
+        {
+            "name": "figure 4.6, detached room reached",
+            "ours": float(room.reachable),
+            "unit": "",
+            "floor": 1.0,
+            "higher_is_better": True,
+        },
+    ]
+
+
+def many_objects_row(folder: Path) -> dict[str, Any]:
+    """50 tagged objects added to the graph of a real map."""
+    from tests.navigation.plan_scenes import ROBOT, STOOL, box, with_objects
+
+    path = folder / "maps" / "willow_garage" / "willow-full-0.05.pgm"
+    grid = OccupancyMap.from_image(path, 0.05)
+    rng = np.random.default_rng(_SEED)
+    layers = grid_layers(grid, SpeedLimits(ROBOT.radius_m))
+    places = np.argwhere(layers.distance_m > 0.4)
+    objects = []
+    for index in range(50):
+        x, y = grid.world_from_cell(places[int(rng.integers(len(places)))])
+        outline = box(float(x), float(y), *rng.uniform(0.2, 0.5, 2), float(rng.uniform(0, 3)))
+        objects.append(MovableObject(f"object {index}", outline, STOOL))
+    layers = grid_layers(with_objects(grid, objects), SpeedLimits(ROBOT.radius_m))
+    graph = build_graph(layers)
+    regions = assign_regions(layers, graph)
+    kinds = [ManipulationNode(item) for item in objects]
+    spent_s = cpu_seconds(lambda: extend_graph(graph, regions, ROBOT, kinds))
+    return {
+        "name": "50 tagged objects added",
+        "ours": spent_s * 1e3,
+        "unit": "ms",
+        "floor": 20.0,
+        "aim": 5.0,
+        "note": f"{graph.nodes} nodes",
+    }
+
+
+def run(scenes: int = 60) -> list[dict[str, Any]]:
+    """All rows; those that need the data are left out where it is absent."""
+    rows = [*office_rows(), *oracle_rows(scenes)]
+    folder = _data()
+    if folder is not None:
+        rows += [*namosim_rows(folder), many_objects_row(folder)]
+    return rows
+
+
+def main() -> None:
+    """Campaigns by name."""
+    if sys.argv[1:2] == ["oracle"]:
+        for row in oracle_rows(int(sys.argv[2]) if len(sys.argv) > 2 else 200):
+            print(f"{row['name']:<40}{row['ours']:10.4g} {row['unit']:<4}{row.get('note', '')}")
+    elif sys.argv[1:2] == ["scenes"]:
+        folder = _data()
+        if folder is None:
+            raise SystemExit("scenes not found: set VISUOHAPTIC_DATA")
+        for name, problem in _scenes(folder):
+            make_plan(problem)
+            started_s = time.process_time()
+            plan = make_plan(problem)
+            spent_ms = (time.process_time() - started_s) * 1e3
+            pushed = ", ".join(task.object for task in plan.pushes) or "nothing"
+            print(
+                f"{name:<30}{spent_ms:8.1f} ms {plan.cost_s:8.1f} s {plan.length_m:7.2f} m  pushes {pushed}"
+            )
+    else:
+        raise SystemExit("expected: oracle [count] or scenes")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""Where a disc may touch an outline so that a straight push through the centre is stable (Alt 2016, Sec. 4.3.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["PushContact", "push_contacts"]
+
+#: The contact's normal and the push may differ by this; friction cones are wider than that.
+STABLE_RAD = np.deg2rad(8.0)
+#: Slanting pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most things.
+OBLIQUE_RAD = (np.deg2rad(12.0), np.deg2rad(24.0))
+#: A face is met at least this far from its ends, as a share of its length.
+FACE_MARGIN = 0.1
+#: Pushes that differ by less are one; round outlines have as many faces as somebody drew.
+FACE_SPACING_RAD, OBLIQUE_SPACING_RAD = np.deg2rad(1.0), np.deg2rad(6.0)
+#: Directions tried beside those of the faces, for round outlines.
+DIRECTIONS = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushContact:
+    """One stable straight push, relative to the object's centre."""
+
+    direction: Float[np.ndarray, "2"]  #: unit vector of the push
+    contact: Float[np.ndarray, "2"]  #: where disc and outline touch
+    robot: Float[np.ndarray, "2"]  #: centre of the disc when it touches
+    oblique: bool = False  #: slants against the face: holds by friction only
+
+
+def push_contacts(
+    outline: Float[np.ndarray, "p 2"], centre: Float[np.ndarray, "2"], radius: float, *, oblique: bool = False
+) -> tuple[PushContact, ...]:
+    """Stable pushes of an outline by a disc, sorted by direction.
+
+    The line of the push goes through the centre, and the normal at the contact
+    differs from it by at most ``STABLE_RAD``. Candidates are the
+    perpendiculars of the hull's faces through the centre - a disc that bridges
+    a dent touches twice, which is stable too - and, for round outlines, a fan
+    of directions. With ``oblique``, pushes that slant against
+    a face come on top. Any unit of length will do, the same for all arguments.
+    """
+    from shapely import Point, Polygon
+
+    from ._push_search_kernels import disc_touches_at
+
+    shape = np.ascontiguousarray(outline - centre)
+    body = Polygon(shape)
+    hull = np.array(body.convex_hull.exterior.coords)[:-1]
+    if not body.convex_hull.exterior.is_ccw:
+        hull = hull[::-1]
+    candidates: list[tuple[float, float]] = []  # angle, and how far from others it must be
+    for a, b in zip(hull, np.roll(hull, -1, axis=0), strict=True):
+        edge = b - a
+        length = float(np.hypot(*edge))
+        along = -float(a @ edge) / length**2
+        if FACE_MARGIN <= along <= 1.0 - FACE_MARGIN:
+            candidates.append((float(np.arctan2(edge[0], -edge[1])), FACE_SPACING_RAD))  # inward normal
+    fan = np.arange(DIRECTIONS) * 2 * np.pi / DIRECTIONS
+    candidates += [(float(angle), np.pi / DIRECTIONS) for angle in fan]
+    if oblique:
+        normals = [angle for angle, spacing in candidates if spacing == FACE_SPACING_RAD]
+        candidates += [
+            (angle + s * t, OBLIQUE_SPACING_RAD) for angle in normals for t in OBLIQUE_RAD for s in (-1, 1)
+        ]
+    steepest = max(OBLIQUE_RAD) + np.deg2rad(0.5) if oblique else STABLE_RAD
+    reach = float(np.abs(hull).max()) * 3 + 3 * radius
+    found: list[PushContact] = []
+    taken: list[float] = []
+    for angle, spacing in candidates:
+        of_face = spacing == FACE_SPACING_RAD
+        if any(_apart(angle, other) < spacing for other in taken):
+            continue
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        distance = disc_touches_at(shape, direction[0], direction[1], radius, reach)
+        if distance <= 0.0:
+            continue  # it passes, or ends in a dent beyond the centre
+        robot = -distance * direction
+        exterior = body.exterior
+        contact_point = exterior.interpolate(exterior.project(Point(*robot)))
+        contact = np.array([contact_point.x, contact_point.y])
+        tilt = _tilt(hull, contact, direction)
+        bridged = of_face and _touches_both_sides(body, robot, radius, direction)
+        if tilt <= steepest or bridged:
+            if bridged and tilt > STABLE_RAD:
+                contact = robot + radius * direction
+            found.append(PushContact(direction, contact, robot, bool(tilt > STABLE_RAD and not bridged)))
+            taken.append(angle)
+    return tuple(sorted(found, key=lambda push: float(np.arctan2(push.direction[1], push.direction[0]))))
+
+
+def _tilt(
+    hull: Float[np.ndarray, "h 2"], contact: Float[np.ndarray, "2"], direction: Float[np.ndarray, "2"]
+) -> float:
+    """Angle between a push and the inward normal of the face that it meets [rad].
+
+    Of a face, not of a corner: pushed at its tip, a box turns away.
+    """
+    edges = np.roll(hull, -1, axis=0) - hull
+    lengths = np.hypot(*edges.T)
+    edges, starts = edges[lengths > 0] / lengths[lengths > 0, None], hull[lengths > 0]
+    off = contact - starts
+    along = np.einsum("ij,ij->i", off, edges)
+    across = np.abs(edges[:, 0] * off[:, 1] - edges[:, 1] * off[:, 0])
+    tolerance = 1e-6 * float(np.abs(hull).max()) + 1e-9
+    length = lengths[lengths > 0]
+    meets = (across < tolerance) & (along > -tolerance) & (along < length + tolerance)
+    if not meets.any():
+        return float(np.pi)
+    inward = np.column_stack([-edges[:, 1], edges[:, 0]])[meets]
+    return float(np.arccos(np.clip((inward @ direction).max(), -1.0, 1.0)))
+
+
+def _apart(one: float, other: float) -> float:
+    return abs((one - other + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _touches_both_sides(body: object, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:
+    """Whether the disc touches the outline on both sides of the push's line."""
+    from shapely import Point, intersection
+
+    touching = intersection(body, Point(*robot).buffer(radius * 1.02))
+    if touching.is_empty:
+        return False
+    x0, y0, x1, y1 = touching.bounds
+    corners = [np.array(part.centroid.coords[0]) for part in getattr(touching, "geoms", [touching])]
+    if len(corners) < 2 or (x1 - x0) + (y1 - y0) == 0:
+        return False
+    sides = [float(direction[0] * (c - robot)[1] - direction[1] * (c - robot)[0]) for c in corners]
+    return min(sides) < 0 < max(sides)

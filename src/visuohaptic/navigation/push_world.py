@@ -1,0 +1,260 @@
+"""The world that the search over pushes moves in: what never moves, and where each object is.
+
+Everything here is in grid coordinates: cells, x along the columns and y along
+the rows of the map, so that a turned origin needs no thought further in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from ..recording import OccupancyMap
+from ..recording.occupancy_map import FREE, OCCUPIED
+from .grid import OBSTACLE_FROM, SpeedLimits, grid_layers
+from .node_costs import Manipulability, PushCosts, manipulability
+from .problem import MovableObject, PlanningProblem, RobotModel
+from .push_contacts import PushContact, push_contacts
+
+__all__ = [
+    "Body",
+    "PushWorld",
+    "clear_cells",
+    "fill_cells",
+    "grid_from_world",
+    "push_world",
+    "world_from_grid",
+]
+
+#: Outlines are looked at in steps of so many cells when they are pushed.
+OUTLINE_STEP = 0.45
+#: ... and so far inside the outline, so that an object flush with a wall may slide along it [cells].
+OUTLINE_INSET = 0.15
+#: Distance patches that are kept.
+MAX_PATCHES = 5000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """A pushable object in grid coordinates, where the map has it."""
+
+    item: MovableObject
+    outline: Float[np.ndarray, "p 2"]
+    samples: Float[np.ndarray, "k 2"]  #: points along the outline
+    centre: Float[np.ndarray, "2"]
+    contacts: tuple[PushContact, ...]
+    allowed: Manipulability
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushWorld:
+    """Static map and pushable bodies."""
+
+    map: OccupancyMap
+    robot: RobotModel
+    radius: float  #: of the robot [cells]
+    slow: float  #: v_max / v_min
+    occupied: Bool[np.ndarray, "rows columns"]  #: what never moves
+    clearance: Float32[np.ndarray, "rows columns"]  #: distance to that [cells]
+    bodies: tuple[Body, ...]
+    immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy: part of ``occupied``
+    why_immovable: dict[str, str]  #: reasons by id
+    #: distances around bodies, kept because most bodies stay where they are
+    patches: dict[tuple[int, float, float], tuple[Float32[np.ndarray, "r c"], int, int]] = field(
+        default_factory=dict, repr=False
+    )
+
+    @property
+    def reach(self) -> float:
+        """Beyond this clearance nothing is slowed down [cells]."""
+        return 3.0 * self.radius + 1.0
+
+    def clearance_with(
+        self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out."""
+        layer = self.clearance.copy()
+        for index in range(len(self.bodies)):
+            if index != without:
+                patch, row, column = self._patch(index, shifts[index])
+                part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
+                np.minimum(part, patch, out=part)
+        return layer
+
+    def clearance_of(self, index: int, shift: Float[np.ndarray, "2"]) -> Float32[np.ndarray, "rows columns"]:
+        """Distance to the nearest obstacle [cells] with one body alone."""
+        layer = self.clearance.copy()
+        patch, row, column = self._patch(index, shift)
+        part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
+        np.minimum(part, patch, out=part)
+        return layer
+
+    def _patch(
+        self, index: int, shift: Float[np.ndarray, "2"]
+    ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
+        from ._push_search_kernels import distance_patch
+
+        key = (index, float(shift[0]), float(shift[1]))
+        if key not in self.patches:
+            if len(self.patches) >= MAX_PATCHES:
+                self.patches.clear()
+            rows, columns = self.clearance.shape
+            self.patches[key] = distance_patch(rows, columns, self.bodies[index].outline + shift, self.reach)
+        return self.patches[key]
+
+    def seconds(self, cells_at_full_speed: float) -> float:
+        """Cost in seconds of a cost in cells at full speed."""
+        return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
+
+
+def grid_from_world(
+    map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Grid coordinates [cells] of points in the map frame."""
+    x, y, yaw = map.origin
+    c, s = np.cos(yaw), np.sin(yaw)
+    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ np.array([[c, -s], [s, c]]) / map.resolution_m
+
+
+def world_from_grid(
+    map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
+) -> Float[np.ndarray, "*batch 2"]:
+    """Points in the map frame [m] of grid coordinates."""
+    x, y, yaw = map.origin
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
+
+
+def push_world(
+    problem: PlanningProblem,
+    costs: PushCosts | None = None,
+    *,
+    pushes: bool = True,
+    unknown: bool = True,
+    oblique: bool = False,
+) -> PushWorld:
+    """Separate a map into what never moves and the bodies that may be pushed.
+
+    Parameters
+    ----------
+    problem
+        Map, objects and robot.
+    costs
+        Limits that decide what may be pushed.
+    pushes
+        ``False``: every object stays where it is.
+    unknown
+        Whether objects that were never touched may be pushed after exploration.
+    oblique
+        Whether pushes may slant against a face, which friction has to hold.
+    """
+    costs = costs or PushCosts()
+    grid, robot = problem.map, problem.robot
+    radius = robot.radius_m / grid.resolution_m
+    # Cells that were never seen are obstacles, too.
+    occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
+    movable: list[Body] = []
+    fixed: list[MovableObject] = []
+    why: dict[str, str] = {}
+    outlines: list[Float[np.ndarray, "p 2"]] = []
+    for item in problem.objects:
+        allowed = manipulability(item.tag, robot, costs)
+        if not pushes or not allowed.possible or (allowed.unknown and not unknown):
+            fixed.append(item)
+            why[item.id] = allowed.reason or "objects stay where they are"
+            continue
+        outline = grid_from_world(grid, item.footprint_m)
+        outlines.append(outline)
+        centre = grid_from_world(grid, item.centre_m)
+        movable.append(
+            Body(
+                item,
+                outline,
+                _samples(outline),
+                centre,
+                push_contacts(outline, centre, radius, oblique=oblique),
+                allowed,
+            )
+        )
+    for outline in outlines:
+        clear_cells(occupied, outline)
+    for item in fixed:  # after the clearing: a fixed object beside a movable one keeps its cells
+        fill_cells(occupied, grid_from_world(grid, item.footprint_m))
+    return PushWorld(
+        grid,
+        robot,
+        radius * (1.0 - 1e-9),
+        robot.v_max_m_s / robot.v_min_m_s,
+        occupied,
+        _distance(problem, occupied),
+        tuple(movable),
+        tuple(fixed),
+        why,
+    )
+
+
+def _distance(
+    problem: PlanningProblem, occupied: Bool[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
+    """Distance to the nearest occupied cell [cells]."""
+    robot = problem.robot
+    cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
+    limits = SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s)
+    layers = grid_layers(OccupancyMap(cells, problem.map.resolution_m), limits)
+    return layers.distance_m / np.float32(problem.map.resolution_m)
+
+
+def _samples(outline: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "k 2"]:
+    """Points along the outline, a little inside."""
+    import shapely
+
+    body = shapely.Polygon(outline)
+    inner = body.buffer(-OUTLINE_INSET, join_style="mitre")
+    rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
+        body.exterior
+    ]
+    points = []
+    for ring in rings:
+        corners = np.array(ring.coords)[:-1]
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
+            points.append(a + (b - a) * (np.arange(count) / count)[:, None])
+    return np.concatenate(points)
+
+
+def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:
+    c0, r0 = np.maximum(np.floor(outline.min(axis=0) - grow).astype(int), 0)
+    c1, r1 = np.ceil(outline.max(axis=0) + grow).astype(int)
+    return slice(min(r0, shape[0]), max(min(r1, shape[0]), 0)), slice(
+        min(c0, shape[1]), max(min(c1, shape[1]), 0)
+    )
+
+
+def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
+    """Cells of a window whose square meets the outline's inside."""
+    import shapely
+
+    r, c = np.mgrid[window]
+    body = shapely.Polygon(outline).buffer(-1e-6)  # a square that the outline only touches is not its own
+    shapely.prepare(body)
+    return np.asarray(shapely.intersects(body, shapely.box(c, r, c + 1, r + 1)))
+
+
+def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Free an object's cells in place: those it covers, and crumbs beside it that belong to nothing else."""
+    from ._joint_kernels import free_object
+
+    window = _window(occupied.shape, outline, 4.0)
+    part = np.ascontiguousarray(occupied[window])
+    if part.size:
+        free_object(part, outline, window[0].start, window[1].start)
+        occupied[window] = part
+
+
+def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
+    """Occupy the cells that an object covers, in place."""
+    window = _window(occupied.shape, outline, 1.0)
+    if occupied[window].size:
+        occupied[window] |= _touched(outline, window)

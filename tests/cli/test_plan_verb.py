@@ -1,0 +1,88 @@
+"""``visuohaptic plan``: the contract's JSON, the picture, and one line for what is wrong."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+from tests.navigation.plan_scenes import office
+
+from visuohaptic.cli.main import main
+
+ROBOT = "{radius_m: 0.17, v_max_m_s: 0.3, v_min_m_s: 0.05, v_push_m_s: 0.05, push_force_max_N: 20.0, setup_time_s: 4.0}"
+
+
+@pytest.fixture
+def files(tmp_path):
+    problem = office()
+    problem.map.save(tmp_path / "map.yaml")
+    objects = []
+    for item in problem.objects:
+        tag = {}
+        for name in ("static_friction_N", "dynamic_friction_N", "drift", "fixed", "explored"):
+            value = getattr(item.tag, name)
+            tag[name] = getattr(value, "value", value)
+        objects.append({"id": item.id, "footprint_m": item.footprint_m.tolist(), "haptic_tag": tag})
+    (tmp_path / "objects.yaml").write_text(yaml.safe_dump({"objects": objects}))
+    (tmp_path / "robot.yaml").write_text(ROBOT)
+    return tmp_path
+
+
+def run(folder, *more, start=("1.5", "0.9"), goal=("2.45", "1.5")):
+    return main(
+        ["plan", str(folder / "map.yaml"), "--objects", str(folder / "objects.yaml"), "--robot",
+         str(folder / "robot.yaml"), "--start", *start, "--goal", *goal, *more]
+    )  # fmt: skip
+
+
+def test_json_is_the_contract(files, capsys):
+    assert run(files, "--json", "--compare", "--plot", str(files / "plan.png")) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["reachable"] is True
+    assert data["cost_s"] == pytest.approx(sum(task["cost_s"] for task in data["tasks"]), abs=1e-4)
+    first, push, last = data["tasks"]
+    assert (first["kind"], push["kind"], last["kind"]) == ("navigate", "push", "navigate")
+    assert first["path_m"][0] == [1.5, 0.9]
+    assert last["path_m"][-1] == [2.45, 1.5]
+    assert push["object"] == "stool"
+    assert set(push) >= {"contact_m", "goal_m", "cost_s", "failure_probability"}
+    assert data["compare"]["no pushing"]["length_m"] > data["length_m"] / 0.35
+    assert (files / "plan.png").stat().st_size > 5000
+
+
+def test_text_says_what_to_do(files, capsys):
+    assert run(files) == 0
+    out = capsys.readouterr().out
+    assert "push stool" in out
+    assert "tower is not pushed: fixed" in out
+
+
+def test_no_plan_is_an_answer(files, capsys):
+    (files / "objects.yaml").write_text("objects: []")
+    assert run(files, "--json", goal=("5.3", "3.6")) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["reachable"] is False
+    assert data["proved"] is True
+    assert data["tasks"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("objects.yaml", "objects: [{id: a}]", "objects[0].footprint_m: is missing"),
+        ("robot.yaml", "{radius_m: -1}", "radius_m: found -1.0"),
+    ],
+)
+def test_bad_files_are_one_line_and_exit_code_2(files, capsys, name, text, said):
+    (files / name).write_text(text)
+    assert run(files) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert name in error
+    assert error.count("\n") == 1
+
+
+def test_start_off_the_map_is_an_error(files, capsys):
+    assert run(files, start=("-50", "0")) == 2
+    assert "off the map" in capsys.readouterr().err

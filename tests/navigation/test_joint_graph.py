@@ -1,0 +1,187 @@
+"""The seven steps, benefit, glass, doors and waiting, on scenes where the answer is known."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.navigation.graph import build_graph
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.joint_geojson import save_joint_route_graph
+from visuohaptic.navigation.joint_graph import extend_graph, with_regions
+from visuohaptic.navigation.node_types import (
+    DoorNode,
+    ManipulationNode,
+    SlidingDoorNode,
+    TransparencyNode,
+    WaitingNode,
+    is_door_wing,
+)
+from visuohaptic.navigation.regions import assign_regions
+from visuohaptic.navigation.strategies import make_plan
+from visuohaptic.objects import Estimate, HapticTag, Primitive, PrimitiveKind
+
+from .plan_scenes import ROBOT, STOOL, box, office
+
+
+@pytest.fixture(scope="module")
+def scene():
+    problem = office()
+    layers = grid_layers(problem.map, SpeedLimits(ROBOT.radius_m))
+    graph = build_graph(layers)
+    return problem, graph, assign_regions(layers, graph)
+
+
+@pytest.fixture(scope="module")
+def joint(scene):
+    problem, graph, regions = scene
+    return extend_graph(graph, regions, ROBOT, [ManipulationNode(item, 0.15) for item in problem.objects])
+
+
+def test_the_visual_graph_is_extended_and_not_modified(scene):
+    problem, graph, regions = scene
+    before = [graph.edges.copy(), graph.edge_cost_s.copy(), regions.seed.copy(), regions.potential.copy()]
+    extend_graph(graph, regions, ROBOT, [ManipulationNode(item) for item in problem.objects])
+    after = [graph.edges, graph.edge_cost_s, regions.seed, regions.potential]
+    assert all((a == b).all() for a, b in zip(before, after, strict=True))
+
+
+def test_a_manipulation_node_carries_half_its_task_on_each_edge(joint):
+    stool = joint.node("stool")
+    assert stool.task_s == pytest.approx(7.0)
+    assert np.allclose(stool.edge_s - stool.drive_s, 3.5)
+    assert len(stool.neighbours) >= 2
+    assert len(stool.region) > 0
+    # The yellow region of figure 4.2 was nobody's before.
+    assert (joint.regions.seed.ravel()[stool.region] < 0).all()
+
+
+def test_edge_costs_are_those_of_the_map_without_the_object(scene, joint):
+    """Step 6, the long way: the same node and neighbours on layers of the whole map without the stool."""
+    problem, graph, _ = scene
+    from visuohaptic.navigation.push_world import clear_cells, grid_from_world
+    from visuohaptic.navigation.query import plan_on_grid
+    from visuohaptic.recording import OccupancyMap
+
+    occupied = problem.map.cells >= 50
+    clear_cells(occupied, grid_from_world(problem.map, problem.objects[0].footprint_m))
+    free = OccupancyMap((occupied * 100).astype(np.int8), problem.map.resolution_m)
+    layers = grid_layers(free, SpeedLimits(ROBOT.radius_m))
+    stool = joint.node("stool")
+    at = free.world_from_cell(np.array(stool.cell))
+    for neighbour, drive_s in zip(stool.neighbours, stool.drive_s, strict=True):
+        way = plan_on_grid(layers, at, graph.node_m[neighbour])
+        # The node's edge goes straight into the neighbour's region, along that region's potential;
+        # the free map also offers ways through other regions and is faster where the stool was near.
+        assert way.cost_s <= drive_s * 1.02
+        assert drive_s <= 1.6 * way.cost_s
+
+
+def test_fixed_objects_have_no_finite_edge_and_free_standing_ones_none_worth_keeping(joint):
+    assert not np.isfinite(joint.node("tower").edge_s).any()
+    assert joint.benefit_s("tower") == 0.0
+    assert joint.benefit_s("bin") == 0.0
+
+
+def test_benefit_is_a_reduction_and_infinite_where_parts_were_separate(joint):
+    assert joint.benefit_s("table") == np.inf
+    stool = joint.node("stool")
+    a, b = (int(n) for n in stool.neighbours[:2])
+    visual = joint.shortest(a, b, visual_only=True).cost_s
+    via = float(stool.edge_s[:2].sum())
+    assert joint.benefit_s("stool") >= visual - via - 1e-9
+    assert joint.benefit_s("stool") > 0
+
+
+def test_what_opens_a_room_is_explored_first(joint):
+    order = joint.exploration_order(np.array([1.5, 0.9]), ["bin", "stool", "table", "full bin"])
+    assert order[:2] == ["table", "stool"]
+    assert sorted(order) == ["bin", "full bin", "stool", "table"]
+
+
+def test_after_a_failure_no_way_and_after_a_success_only_driving(joint):
+    stool = joint.node("stool")
+    a, b = (int(n) for n in stool.neighbours[:2])
+    assert "stool" in joint.cleared("stool").shortest(a, b).added
+    assert "stool" not in joint.failed("stool").shortest(a, b).added
+    assert np.allclose(joint.cleared("stool").node("stool").edge_s, stool.drive_s)
+    with pytest.raises(InputError, match="has no node 'sofa', there are: stool, table"):
+        joint.node("sofa")
+
+
+def test_glass_closes_edges_until_it_goes(scene):
+    problem, graph, regions = scene
+    cell = graph.edge_path(0)[len(graph.edge_path(0)) // 2]
+    place = problem.map.world_from_cell(cell)
+    glass = TransparencyNode("vitrine", box(*place, 0.2))
+    joint = extend_graph(graph, regions, ROBOT, [glass])
+    node = joint.node("vitrine")
+    assert 0 in node.blocked_edges
+    assert len(node.neighbours) == 0
+    assert not np.isfinite(joint.edges()[1][0])
+    assert np.isfinite(joint.without("vitrine").edges()[1][0])
+    # The safety region is where the robot would touch it.
+    assert int(cell[0]) * problem.map.shape[1] + int(cell[1]) in node.region
+    # A detector may take back what a detector said, not what was felt.
+    assert glass.seen(False).seen(False) is None
+    felt = glass.touched(True, STOOL)
+    for _ in range(20):
+        felt = felt.seen(False)
+        assert felt is not None
+    assert glass.touched(False) is None
+    movable = extend_graph(graph, regions, ROBOT, [felt]).node("vitrine")
+    assert len(movable.neighbours) >= 1
+    assert np.isfinite(movable.edge_s).all()
+
+
+def test_a_wing_is_known_by_constant_rotation_and_a_plane():
+    line = Primitive(PrimitiveKind.LINE, np.zeros(3), np.eye(3), 0.9)
+    ball = Primitive(PrimitiveKind.CIRCLE, np.zeros(3), np.eye(3), 0.9)
+    wing = HapticTag(rotation_rad_per_m=Estimate(1.6, 0.1), primitive=line)
+    assert is_door_wing(wing)
+    assert not is_door_wing(wing.updated(primitive=ball))
+    assert not is_door_wing(wing.updated(primitive=None))
+    assert not is_door_wing(wing.updated(rotation_rad_per_m=Estimate(1.6, 1.2)))
+    assert not is_door_wing(wing.updated(rotation_rad_per_m=Estimate(0.05, 0.01)))
+    assert not is_door_wing(wing.updated(fixed=True))
+
+
+def test_doors_and_waiting_have_times_and_risks():
+    outline = box(0, 0, 0.9, 0.05)
+    door = DoorNode("door", outline, 0.9)
+    # Free width 0.9 (1 - cos a) = 2.2 x 0.17: a = 0.945 rad, the contact at 0.45 m moves 0.425 m.
+    assert door.task_s(ROBOT) == pytest.approx(4.0 + 0.45 * 0.945 / 0.05, rel=2e-3)
+    assert DoorNode("d", outline, 0.3).task_s(ROBOT) == np.inf
+    assert DoorNode("d", outline, 0.9, HapticTag(fixed=True)).task_s(ROBOT) == np.inf
+    assert DoorNode("d", outline, 0.9, closed=False).task_s(ROBOT) == 0.0
+    assert SlidingDoorNode("s", outline).task_s(ROBOT) == 4.0
+    assert SlidingDoorNode("s", outline, trigger="button").task_s(ROBOT) == np.inf
+    assert SlidingDoorNode("s", outline, trigger="button", has_arm=True).task_s(ROBOT) == 4.0
+    lift = WaitingNode("lift", outline, arrivals_per_s=0.01, patience_s=100.0)
+    draws = np.minimum(np.random.default_rng(0).exponential(100.0, 200_000), 100.0)
+    assert lift.task_s(ROBOT) == pytest.approx(draws.mean(), rel=0.01)
+    assert lift.failure_probability(ROBOT) == pytest.approx((draws == 100.0).mean(), abs=0.005)
+
+
+def test_the_route_graph_names_operations(joint, tmp_path):
+    save_joint_route_graph(tmp_path / "joint.geojson", joint)
+    data = json.loads((tmp_path / "joint.geojson").read_text())
+    edges = [f["properties"] for f in data["features"] if f["geometry"]["type"] == "MultiLineString"]
+    nodes = {f["properties"]["id"] for f in data["features"] if f["geometry"]["type"] == "Point"}
+    assert len(nodes) == joint.visual.nodes + len(joint.added)
+    assert all({edge["startid"], edge["endid"]} <= nodes for edge in edges)
+    pushes = [edge for edge in edges if edge["endid"] == joint.node("stool").number]
+    assert pushes
+    assert pushes[0]["operations"]["direct_push"]["metadata"]["object"] == "stool"
+    assert len({feature["properties"]["id"] for feature in data["features"]}) == len(data["features"])
+
+
+def test_tasks_name_the_regions_that_they_cross(scene):
+    problem, _, regions = scene
+    plan = with_regions(make_plan(problem), regions)
+    assert all(task.nodes for task in plan.tasks if task.kind == "navigate")
+    start = int(regions.node_at(problem.map.cell_from_world(problem.start_m)))
+    assert plan.tasks[0].nodes[0] == start

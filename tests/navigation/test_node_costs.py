@@ -1,0 +1,110 @@
+"""Costs of pushes against the numbers of the text and against laws."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from visuohaptic.navigation.node_costs import (
+    PushCosts,
+    failure_probability,
+    manipulability,
+    push_cost,
+    push_speed_m_s,
+)
+from visuohaptic.objects import Estimate, HapticTag
+
+from .plan_scenes import BIN, FULL_BIN, ROBOT, STOOL, TABLE, TOWER
+
+
+def test_the_stool_of_the_text_costs_seven_seconds_of_which_four_are_constant():
+    cost = push_cost(STOOL, 0.15, ROBOT)
+    assert cost.total_s == pytest.approx(7.0)
+    assert cost.setup_s == 4.0
+    assert cost.push_s == pytest.approx(3.0)
+    assert cost.failure_probability == pytest.approx(0.1)  # of the contract's example
+
+
+@pytest.mark.parametrize(
+    ("tag", "reason"),
+    [
+        (TOWER, "fixed"),
+        (HapticTag(falls=True), "falls"),
+        (HapticTag(static_friction_N=Estimate(20.1, 0.0)), "20.1 N"),
+    ],
+)
+def test_fixed_falling_and_heavy_objects_are_never_pushed(tag, reason):
+    allowed = manipulability(tag, ROBOT)
+    assert not allowed.possible
+    assert reason in allowed.reason
+    assert push_cost(tag, 0.1, ROBOT).total_s == math.inf
+
+
+def test_drift_and_rotation_limit_the_length():
+    tag = HapticTag(drift=Estimate(-0.5, 0.0))
+    assert manipulability(tag, ROBOT).longest_m == pytest.approx(0.2)
+    assert push_cost(tag, 0.21, ROBOT).total_s == math.inf
+    assert math.isfinite(push_cost(tag, 0.2, ROBOT).total_s)
+    turning = HapticTag(rotation_rad_per_m=Estimate(2.1, 0.0))
+    assert manipulability(turning, ROBOT).longest_m == pytest.approx(0.5)
+
+
+def test_effort_slows_the_push_and_several_failures_make_it_dear():
+    speeds = [push_speed_m_s(tag, ROBOT) for tag in (BIN, FULL_BIN, STOOL, TABLE)]
+    assert speeds == sorted(speeds, reverse=True)
+    assert speeds[2] == ROBOT.v_push_m_s
+    assert speeds[3] < ROBOT.v_push_m_s
+    costs = [push_cost(replace(STOOL, explored=5, failed=failed), 0.3, ROBOT).total_s for failed in range(6)]
+    assert costs == sorted(costs)
+    assert math.isfinite(costs[-1])
+
+
+def test_failure_from_the_counters_is_the_mean_of_a_beta_distribution():
+    costs = PushCosts()
+    rng = np.random.default_rng(0)
+    tag = HapticTag(explored=4, failed=1)
+    # Importance sampling of the posterior: prior Beta(0.2, 0.8), likelihood p (1 - p)^3.
+    p = rng.beta(costs.prior_failures, costs.prior_successes, 400_000)
+    weight = p * (1 - p) ** 3
+    # 400,000 weighted draws: standard error below 0.002.
+    expected = (p * weight).sum() / weight.sum()
+    assert failure_probability(tag, 0.2, ROBOT) == pytest.approx(expected, abs=0.006)
+
+
+def test_uncertain_friction_near_the_limit_is_a_risk():
+    sure = HapticTag(static_friction_N=Estimate(18.0, 0.0), explored=1)
+    unsure = HapticTag(static_friction_N=Estimate(18.0, 2.0), explored=1)
+    assert failure_probability(sure, 0.2, ROBOT) == pytest.approx(0.1)
+    # P(F > 20) for N(18, 2) is 0.1587.
+    assert failure_probability(unsure, 0.2, ROBOT) == pytest.approx(1 - 0.9 * (1 - 0.1587), abs=1e-3)
+    assert push_cost(unsure, 0.2, ROBOT).total_s > push_cost(sure, 0.2, ROBOT).total_s
+
+
+@given(
+    force=st.floats(0, 20),
+    drift=st.floats(-0.3, 0.3),
+    sigma=st.floats(0, 3),
+    explored=st.integers(0, 9),
+    failed=st.integers(0, 9),
+    length_m=st.floats(0.01, 2.0),
+)
+def test_costs_are_sound_for_any_tag(force, drift, sigma, explored, failed, length_m):
+    tag = HapticTag(
+        static_friction_N=Estimate(force, sigma),
+        drift=Estimate(drift, 0.01 * sigma),
+        explored=explored,
+        failed=failed,
+    )
+    cost = push_cost(tag, length_m, ROBOT)
+    assert 0.0 <= cost.failure_probability <= 1.0
+    if math.isfinite(cost.total_s):
+        assert cost.total_s >= ROBOT.setup_time_s + length_m / ROBOT.v_push_m_s - 1e-9
+        assert cost.push_s <= length_m / (PushCosts().slowest_share * ROBOT.v_push_m_s) + 1e-9
+        assert push_cost(tag, 0.5 * length_m, ROBOT).total_s <= cost.total_s + 1e-9
+    else:
+        assert abs(drift) * length_m > PushCosts().drift_limit_m * (1 - 1e-9)

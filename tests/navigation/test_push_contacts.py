@@ -1,0 +1,66 @@
+"""Contacts on outlines whose stable pushes are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from shapely import Point, Polygon
+
+from visuohaptic.navigation.push_contacts import push_contacts
+
+from .plan_scenes import box
+
+
+def angles(pushes):
+    return np.rad2deg([np.arctan2(push.direction[1], push.direction[0]) for push in pushes])
+
+
+def test_a_box_has_its_four_faces_and_none_of_its_corners():
+    pushes = push_contacts(box(0, 0, 2.0, 1.0), np.zeros(2), 0.5)
+    assert np.allclose(sorted(angles(pushes) % 360), [0, 90, 180, 270], atol=1e-6)
+    for push in pushes:
+        assert np.hypot(*(push.robot - push.contact)) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_disc_is_pushed_from_everywhere():
+    angle = np.arange(48) * 2 * np.pi / 48
+    pushes = push_contacts(np.column_stack([np.cos(angle), np.sin(angle)]), np.zeros(2), 0.5)
+    assert len(pushes) >= 16
+
+
+def test_a_flat_triangle_has_no_push_where_the_foot_of_the_centre_is_off_the_face():
+    outline = np.array([[0.0, 0.0], [4.0, 0.0], [4.6, 0.5]])
+    centre = outline.mean(axis=0)
+    for push in push_contacts(outline, centre, 0.3):
+        # What it pushes against is a face, and the line of the push meets it.
+        assert Polygon(outline - centre).exterior.distance(Point(*push.contact)) < 1e-6
+
+
+def test_slanting_pushes_come_on_top():
+    straight = push_contacts(box(0, 0, 1.0), np.zeros(2), 0.3)
+    more = push_contacts(box(0, 0, 1.0), np.zeros(2), 0.3, oblique=True)
+    assert not any(push.oblique for push in straight)
+    assert sum(not push.oblique for push in more) == len(straight)
+    assert sum(push.oblique for push in more) == 16  # two angles to two sides of four faces
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    width=st.floats(0.3, 4.0),
+    depth=st.floats(0.3, 4.0),
+    turn=st.floats(0, 3.14),
+    radius=st.floats(0.1, 2.0),
+)
+def test_the_disc_touches_and_the_push_goes_through_the_centre(width, depth, turn, radius):
+    outline = box(0, 0, width, depth, turn)
+    body = Polygon(outline)
+    pushes = push_contacts(outline, np.zeros(2), radius)
+    assert len(pushes) == 4
+    for push in pushes:
+        assert body.distance(Point(*push.robot)) == pytest.approx(radius, abs=1e-6)
+        assert body.exterior.distance(Point(*push.contact)) < 1e-6
+        cross = push.robot[0] * push.direction[1] - push.robot[1] * push.direction[0]
+        assert abs(cross) < 1e-9
+        assert push.robot @ push.direction < 0

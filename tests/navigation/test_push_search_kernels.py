@@ -1,0 +1,213 @@
+"""Kernels of the search against SciPy and shapely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+from shapely import Point, Polygon
+
+from visuohaptic.navigation._joint_kernels import bounded_ways, cell_meets_polygon, free_object
+from visuohaptic.navigation._push_search_kernels import (
+    FAR,
+    UNITS,
+    disc_touches_at,
+    distance_patch,
+    flood,
+    free_push_steps,
+    polygon_distance,
+    pull_taut,
+    segment_cost,
+    travel_field,
+)
+
+from .plan_scenes import box
+
+RADIUS, SLOW = 2.0, 6.0
+
+
+def price(clearance):
+    share = np.clip((clearance / RADIUS - 1) / 2, 0, 1)
+    return SLOW + share * (1 - SLOW)
+
+
+def plain_field(clearance, source):
+    """The same costs in floating point on a graph of SciPy's."""
+    rows, columns = clearance.shape
+    free = clearance >= RADIUS
+    cost = price(clearance)
+    entries = []
+    for r, c in np.argwhere(free):
+        for dr in (-1, 0, 1):
+            for dc in (-1, 0, 1):
+                u, v = r + dr, c + dc
+                if (dr or dc) and 0 <= u < rows and 0 <= v < columns and free[u, v]:
+                    length = 0.5 * (cost[r, c] + cost[u, v]) * np.hypot(dr, dc)
+                    entries.append((r * columns + c, u * columns + v, length))
+    i, j, length = np.array(entries).T
+    n = rows * columns
+    return dijkstra(coo_array((length, (i.astype(int), j.astype(int))), shape=(n, n)), indices=source)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_travel_field_is_dijkstra(seed):
+    rng = np.random.default_rng(seed)
+    clearance = rng.uniform(1.2, 9.0, (23, 31)).astype(np.float32)
+    source = int(np.flatnonzero(clearance.ravel() >= RADIUS)[0])
+    empty, none = np.zeros((0, 0), np.int32), np.zeros(0, np.int32)
+    seeds = np.array([source], np.int32)
+    cost, came, _ = travel_field(clearance, RADIUS, SLOW, seeds, np.zeros(1, np.int32), empty, none, none, 0)
+    expected = plain_field(clearance.astype(float), source)
+    reached = np.isfinite(expected)
+    assert ((cost < FAR) == reached).all()
+    # Rounding to whole units: at most one unit and 724 / 1024 for sqrt(1/2) per step.
+    assert np.allclose(cost[reached] / UNITS, expected[reached], rtol=0.002, atol=0.2)
+    assert came[source] == -1
+    steps = np.flatnonzero((came >= 0) & reached)
+    assert (cost[came[steps]] < cost[steps]).all()
+
+
+def test_entering_a_region_is_charged_once_seen_from_the_goal():
+    clearance = np.full((3, 30), np.float32(50.0))
+    region = np.zeros((3, 30), np.int16)
+    region[:, 10:15] = 1
+    charge = np.array([0, 1000], np.int32)
+    none = np.zeros(0, np.int32)
+    goal = np.array([1 * 30 + 25], np.int32)
+    cost, _, _ = travel_field(clearance, RADIUS, SLOW, goal, np.zeros(1, np.int32), region, charge, none, 0)
+    field = cost.reshape(3, 30)
+    assert field[1, 20] == 5 * UNITS
+    assert field[1, 12] == 13 * UNITS  # inside: the robot is there already
+    assert field[1, 5] == 20 * UNITS + 1000
+
+
+def test_distances_and_touches_agree_with_shapely():
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        outline = box(*rng.uniform(5, 9, 2), *rng.uniform(1, 5, 2), rng.uniform(0, 3))
+        body = Polygon(outline)
+        for point in rng.uniform(0, 14, (20, 2)):
+            assert polygon_distance(*point, outline) == pytest.approx(body.distance(Point(*point)), abs=1e-9)
+        patch, row, column = distance_patch(14, 14, outline, 3.0)
+        r, c = int(rng.integers(patch.shape[0])), int(rng.integers(patch.shape[1]))
+        expected = body.distance(Point(c + column + 0.5, r + row + 0.5))
+        assert patch[r, c] == pytest.approx(expected, abs=1e-5)
+        meets = cell_meets_polygon(7, 7, outline)
+        square = Polygon([(7, 7), (8, 7), (8, 8), (7, 8)])
+        assert meets == (body.intersection(square).area > 1e-9)
+    shape = box(0, 0, 2.0)
+    assert disc_touches_at(shape, 1.0, 0.0, 0.5, 10.0) == pytest.approx(1.5)
+
+
+def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fit():
+    occupied = np.zeros((20, 40), np.bool_)
+    occupied[:, 30] = True
+    clear = np.full((20, 40), np.float32(9.0))
+    outline = box(10, 10, 3.0)
+    none, start = np.zeros((0, 2)), np.zeros(1, np.int32)
+    samples = box(10, 10, 2.8)
+
+    def steps(others=none, starts=start, clearance=clear, limit=40):
+        return free_push_steps(
+            occupied, clearance, samples, outline, others, starts, others, 6.0, 10.0, 1.0, 0.0, RADIUS, limit
+        )
+
+    assert steps() == 18  # from 11.4 to the wall at 30
+    assert steps(limit=5) == 5
+    other = box(20, 10, 3.0)
+    assert steps(other, np.array([0, 4], np.int32)) == 7  # from 11.4 to 18.5
+    narrow = clear.copy()
+    narrow[:, 9:] = 1.0
+    # From 6 to where the interpolated clearance, 9 at 8.5 and 1 at 9.5, falls below 2.
+    assert steps(clearance=narrow) == 3
+
+
+def test_an_object_that_leans_on_a_wall_slides_along_it():
+    occupied = np.zeros((20, 40), np.bool_)
+    occupied[12:] = True
+    clear = np.full((20, 40), np.float32(9.0))
+    outline = box(10, 10.6, 3.0)  # its side lies 0.1 cells inside the wall
+    none, start = np.zeros((0, 2)), np.zeros(1, np.int32)
+    samples = np.concatenate(
+        [np.linspace(a, b, 9) for a, b in zip(outline, np.roll(outline, -1, 0), strict=True)]
+    )
+    assert (
+        free_push_steps(occupied, clear, samples, outline, none, start, none, 6.0, 10.0, 1.0, 0.0, RADIUS, 10)
+        == 10
+    )
+
+
+def test_a_path_is_pulled_taut_where_that_is_cheaper_only():
+    clearance = np.full((30, 30), np.float32(20.0))
+    corner = np.array(
+        [[2.5, 2.5], *[[x + 0.5, 2.5] for x in range(3, 20)], *[[19.5, y + 0.5] for y in range(3, 20)]]
+    )
+    kept, cost = pull_taut(clearance, RADIUS, SLOW, corner, 80)
+    assert list(kept) == [0, len(corner) - 1]
+    assert cost == pytest.approx(17 * np.sqrt(2), rel=1e-6)
+    clearance[8:22, 5:17] = 0.0
+    kept, cost = pull_taut(clearance, RADIUS, SLOW, corner, 80)
+    assert len(kept) > 2
+    for a, b in zip(corner[kept], corner[kept][1:], strict=False):
+        assert np.isfinite(segment_cost(clearance, RADIUS, SLOW, *a, *b))
+
+
+def test_flood_is_a_connected_component():
+    from scipy.ndimage import label
+
+    rng = np.random.default_rng(5)
+    clearance = rng.choice([1.0, 3.0], (40, 40), p=[0.45, 0.55]).astype(np.float32)
+    labels, _ = label(clearance >= RADIUS, np.ones((3, 3)))
+    source = int(np.flatnonzero(labels.ravel())[0])
+    found = flood(clearance, RADIUS, np.array([source], np.int32))
+    assert (found.reshape(40, 40) == (labels == labels.ravel()[source])).all()
+
+
+def test_an_object_leaves_neither_cells_nor_crumbs_and_takes_no_wall_along():
+    occupied = np.zeros((30, 30), np.bool_)
+    outline = box(15.2, 15.3, 6.0, 4.0, 0.3)
+    body = Polygon(outline)
+    for r in range(30):
+        for c in range(30):
+            # A mapper's object: a little larger than its outline.
+            occupied[r, c] = body.distance(Point(c + 0.5, r + 0.5)) < 0.6
+    alone = occupied.copy()
+    free_object(alone, outline, 0, 0)
+    assert not alone.any()
+    occupied[:, 20:22] = True  # a wall that passes beside it
+    free_object(occupied, outline, 0, 0)
+    kept = [r for r in range(30) if not body.buffer(0.01).intersects(Point(21.5, r + 0.5))]
+    assert occupied[kept, 21].all()
+
+
+def test_short_ways_in_a_graph_agree_with_scipy():
+    rng = np.random.default_rng(1)
+    n, m = 40, 90
+    ends = rng.integers(0, n, (m, 2))
+    costs = rng.uniform(1, 5, m)
+    source = np.concatenate([ends[:, 0], ends[:, 1]])
+    target = np.concatenate([ends[:, 1], ends[:, 0]])
+    order = source.argsort(kind="stable")
+    first = np.searchsorted(source[order], np.arange(n + 1))
+    edge = np.tile(np.arange(m), 2)[order]
+    matrix = np.full((n, n), np.inf)
+    for (a, b), cost in zip(ends, costs, strict=True):
+        matrix[a, b] = matrix[b, a] = min(matrix[a, b], cost)
+    expected = dijkstra(np.where(np.isfinite(matrix), matrix, 0.0), indices=0)
+    best = np.full(n, np.inf)
+    found = bounded_ways(
+        first,
+        target[order],
+        edge,
+        costs,
+        0,
+        np.arange(n),
+        8.0,
+        best,
+        np.zeros(2 * m + 2),
+        np.zeros(2 * m + 2, np.int64),
+    )
+    expected[expected > 8.0] = np.inf
+    assert np.allclose(found, expected)
+    assert np.isinf(best).all()
