@@ -15,6 +15,8 @@ __all__ = ["assemble", "plan_world"]
 
 #: Points of a grid path that one straight piece may span.
 TAUT_WINDOW = 80
+#: Corners are cut at most so many times.
+TAUT_ROUNDS = 12
 
 
 def plan_world(
@@ -133,9 +135,26 @@ def taut_path(
     # A second look joins pieces that were cut by the window.
     kept, taut_cost = pull_taut(clearance, radius, slow, path, TAUT_WINDOW)
     path = path[kept]
+    # The way over cells knows eight directions only; chords between points along it cut its corners.
+    for _ in range(TAUT_ROUNDS):
+        dense = _resampled(path, TAUT_WINDOW)
+        kept, cost_now = pull_taut(clearance, radius, slow, dense, TAUT_WINDOW)
+        if not cost_now < taut_cost:
+            break
+        gain = 1.0 - cost_now / taut_cost
+        path, taut_cost = dense[kept], cost_now
+        if gain < 1e-4:
+            break
     distinct = np.ones(len(path), dtype=bool)
     distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
     return path[distinct], float(taut_cost)
+
+
+def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
+    """The corners of a path and about ``count`` points between them, evenly along it."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
+    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
 
 
 def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task]:
