@@ -22,6 +22,8 @@ ITERATIONS = 40
 #: Columns of what is told of each step.
 X, Y, YAW, FORCE_X, FORCE_Y, CONTACT_X, CONTACT_Y, GAP = range(8)
 
+#: Sums over support points may be taken in any order, four at a time.
+_SUMS = {"reassoc", "contract", "arcp", "nsz"}
 #: Largest number of places where the rim can touch an outline at once.
 _CONTACTS = 4
 
@@ -103,7 +105,7 @@ def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):  # type: i
     return least
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=_SUMS)
 def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):  # type: ignore[no-untyped-def]
     """Floor friction minus contact forces for an increment ``z`` = (dx, dy, rho dyaw), and derivatives.
 
@@ -167,7 +169,7 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
     return fx, fy
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath=_SUMS)
 def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):  # type: ignore[no-untyped-def]
     """Work against the floor, in the soft rim, and against contact friction bound by ``mu pulls``: convex."""
     total = 0.0
@@ -217,7 +219,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     k, n = path.shape[0], support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
     arms, share = np.zeros((n, 2)), load.copy()
-    contacts, pulls = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS)
+    contacts, pulls, bound = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS), np.zeros(_CONTACTS)
     z, known, step, trial = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     r, even, full = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     shift = np.zeros(2)
@@ -307,11 +309,12 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
         spin = turn * radius
         damp = 1e-3 / size
         solved = False
+        fx, fy = _balance(
+            z, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known, r, even, full
+        )
+        size_r = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
         for _ in range(ITERATIONS):
-            fx, fy = _balance(
-                z, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known, r, even, full
-            )
-            if r[0] * r[0] + r[1] * r[1] + r[2] * r[2] < TOLERANCE * TOLERANCE:
+            if size_r < TOLERANCE * TOLERANCE:
                 solved = True
                 break
             slope = 0.0
@@ -322,15 +325,45 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                 slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
             length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
             length = min(1.0, 2.0 * size / length)
-            here = _energy(z, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known)
-            for _ in range(10):
-                for a in range(3):
-                    trial[a] = z[a] + length * step[a]
-                there = _energy(trial, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known)
-                if there <= here + 1e-3 * length * slope + 1e-15:
-                    break
-                length *= 0.4
+            bound[:] = pulls
+            for a in range(3):
+                trial[a] = z[a] + length * step[a]
+            fx, fy = _balance(
+                trial, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known, r, even, full
+            )
+            size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+            if size_new > 0.5 * size_r:
+                # Newton's step overshot; the energy with the bound of friction held is convex.
+                here = _energy(z, bound, arms, share, rho, eps, contacts, count, shift, spin, mu, known)
+                for _ in range(10):
+                    there = _energy(
+                        trial, bound, arms, share, rho, eps, contacts, count, shift, spin, mu, known
+                    )
+                    if there <= here + 1e-3 * length * slope + 1e-15:
+                        break
+                    length *= 0.4
+                    for a in range(3):
+                        trial[a] = z[a] + length * step[a]
+                fx, fy = _balance(
+                    trial,
+                    pulls,
+                    arms,
+                    share,
+                    rho,
+                    eps,
+                    contacts,
+                    count,
+                    shift,
+                    spin,
+                    mu,
+                    known,
+                    r,
+                    even,
+                    full,
+                )
+                size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
             z[:] = trial
+            size_r = size_new
         if not solved:
             unsolved += 1
         x, y, yaw = x + z[0], y + z[1], yaw + z[2] / rho

@@ -214,7 +214,7 @@ def _mjcf(
         f = thing.floor_friction
         pairs += (
             f'<pair geom1="floor" geom2="foot{i}" condim="3" friction="{f} {f} 0 0 0" solref="0.005 1" '
-            'solreffriction="0.02 1" solimp="0.9 0.9 0.001"/>'
+            'solimp="0.9 0.9 0.001"/>'
         )
     walls = "".join(
         f'<geom name="wall{i}" type="box" pos="{(x0 + x1) / 2} {(y0 + y1) / 2} 0.1" '
