@@ -15,7 +15,11 @@ SOFT_M = 1e-4
 #: A support point that moves less than this share of a step still holds less than its whole friction.
 CREEP = 2e-3
 #: Force that may remain out of balance, as a share of the floor's friction.
-TOLERANCE = 1e-3
+TOLERANCE = 3e-3
+#: Share of a step by which the object may move otherwise than expected before the step is looked at again.
+SURPRISE = 0.3
+#: How often a step is looked at, at most.
+ATTEMPTS = 4
 #: Newton steps at most for one step of the platform.
 ITERATIONS = 40
 
@@ -134,38 +138,36 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
     even[0, 0], even[0, 1], even[0, 2] = xx, xy, xa
     even[1, 0], even[1, 1], even[1, 2] = xy, yy, ya
     even[2, 0], even[2, 1], even[2, 2] = xa, ya, aa
-    full[:, :] = even
+    for a in range(3):
+        for b in range(3):
+            full[a, b] = even[a, b]
     fx, fy = 0.0, 0.0
-    n, t, pushed = np.empty(3), np.empty(3), np.empty(3)
     for k in range(count):
-        qx, qy = contacts[k, 2], contacts[k, 3]
-        n[0], n[1] = contacts[k, 0], contacts[k, 1]
-        n[2] = (qx * n[1] - qy * n[0]) / rho
-        gap = contacts[k, 4]
-        for a in range(3):
-            gap += n[a] * (z[a] - known[a])
+        nx, ny, qx, qy = contacts[k, 0], contacts[k, 1], contacts[k, 2], contacts[k, 3]
+        na, ta = (qx * ny - qy * nx) / rho, (qx * nx + qy * ny) / rho
+        gap = contacts[k, 4] + nx * (z[0] - known[0]) + ny * (z[1] - known[1]) + na * (z[2] - known[2])
         pulls[k] = 0.0
         if gap >= 0.0:
             continue
         push = -gap / SOFT_M
         pulls[k] = push
-        t[0], t[1] = -n[1], n[0]
-        t[2] = (qx * t[1] - qy * t[0]) / rho
         # Surface of a disc that turns by ``turn`` while its centre moves by ``shift``.
-        slip = t[0] * (z[0] - shift[0]) + t[1] * (z[1] - shift[1]) + t[2] * z[2] - turn
+        slip = -ny * (z[0] - shift[0]) + nx * (z[1] - shift[1]) + ta * z[2] - turn
         root = np.sqrt(slip * slip + eps * eps)
         rub = -mu * slip / root
         stiff = push * mu * eps * eps / (root * root * root)
-        for a in range(3):
-            pushed[a] = n[a] + rub * t[a]
-            r[a] -= push * pushed[a]
-        fx += push * pushed[0]
-        fy += push * pushed[1]
+        px, py, pa = nx - rub * ny, ny + rub * nx, na + rub * ta
+        r[0] -= push * px
+        r[1] -= push * py
+        r[2] -= push * pa
+        fx += push * px
+        fy += push * py
+        n, t, p = (nx, ny, na), (-ny, nx, ta), (px, py, pa)
         for a in range(3):
             for b in range(3):
                 rubbed = stiff * t[a] * t[b]
                 even[a, b] += n[a] * n[b] / SOFT_M + rubbed
-                full[a, b] += pushed[a] * n[b] / SOFT_M + rubbed
+                full[a, b] += p[a] * n[b] / SOFT_M + rubbed
     return fx, fy
 
 
@@ -204,6 +206,79 @@ def _solve(jac, r, damp, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):  # type: ignore[no-untyped-def]
+    """Find the increment ``z`` in balance; returns whether, and the contacts' force."""
+    r, even, full, step, trial, bound = work[0], work[1:4], work[4:7], work[7], work[8], work[9]
+    # A trace of stiffness against drifting far where nothing but friction acts.
+    damp = 1e-3 / size
+    fx, fy = _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full)
+    size_r = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    for _ in range(ITERATIONS):
+        if size_r < TOLERANCE * TOLERANCE:
+            return True, fx, fy
+        slope = 0.0
+        if _solve(full, r, damp, step):
+            slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
+        if not slope < 0.0:
+            _solve(even, r, damp, step)
+            slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
+        length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        length = min(1.0, 2.0 * size / length)
+        for k in range(count):
+            bound[k] = pulls[k]
+        for a in range(3):
+            trial[a] = z[a] + length * step[a]
+        fx, fy = _balance(
+            trial, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full
+        )
+        size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+        if size_new > 0.5 * size_r:
+            # Newton's step overshot; the energy with the bound of friction held is convex.
+            here = _energy(z, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
+            for _ in range(10):
+                there = _energy(trial, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
+                if there <= here + 1e-3 * length * slope + 1e-15:
+                    break
+                length *= 0.4
+                for a in range(3):
+                    trial[a] = z[a] + length * step[a]
+            fx, fy = _balance(
+                trial, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full
+            )
+            size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+        for a in range(3):
+            z[a] = trial[a]
+        size_r = size_new
+    return False, fx, fy
+
+
+@njit(cache=True)
+def _tilted(load, support, ox, oy, share):  # type: ignore[no-untyped-def]
+    """Fill ``share``: the load when its centre is moved by (ox, oy), in the object's frame."""
+    n = load.shape[0]
+    mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        mx += load[i] * support[i, 0]
+        my += load[i] * support[i, 1]
+    for i in range(n):
+        dx, dy = support[i, 0] - mx, support[i, 1] - my
+        sxx += load[i] * dx * dx
+        sxy += load[i] * dx * dy
+        syy += load[i] * dy * dy
+    spread = sxx * syy - sxy * sxy
+    if spread <= 0.0:
+        share[:] = load
+        return
+    ax, ay = (syy * ox - sxy * oy) / spread, (sxx * oy - sxy * ox) / spread
+    total = 0.0
+    for i in range(n):
+        share[i] = max(0.0, load[i] * (1.0 + ax * (support[i, 0] - mx) + ay * (support[i, 1] - my)))
+        total += share[i]
+    for i in range(n):
+        share[i] /= total
+
+
+@njit(cache=True)
 def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):  # type: ignore[no-untyped-def]
     """Drive a disc along ``path`` (k x 3: x, y, heading) and follow the object; fills ``trace`` (k x 8).
 
@@ -216,172 +291,125 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
 
     Returns (steps with contact, last step with contact, steps not solved).
     """
-    k, n = path.shape[0], support.shape[0]
+    n = support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
     arms, share = np.zeros((n, 2)), load.copy()
-    contacts, pulls, bound = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS), np.zeros(_CONTACTS)
-    z, known, step, trial = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
-    r, even, full = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    shift = np.zeros(2)
-    reach_object = 0.0
+    contacts, pulls = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS)
+    z, known, shift = np.zeros(3), np.zeros(3), np.zeros(2)
+    work = np.zeros((10, 4))
+    reach = 0.0
     for i in range(outline.shape[0]):
-        reach_object = max(reach_object, np.hypot(outline[i, 0], outline[i, 1]))
-    reach_object += round_m
-    # Second moments of the load: how a tilting moment is shared by the support points.
-    sxx, sxy, syy, mx, my = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(n):
-        mx += load[i] * support[i, 0]
-        my += load[i] * support[i, 1]
-    for i in range(n):
-        dx, dy = support[i, 0] - mx, support[i, 1] - my
-        sxx += load[i] * dx * dx
-        sxy += load[i] * dx * dy
-        syy += load[i] * dy * dy
-    spread = sxx * syy - sxy * sxy
+        reach = max(reach, np.hypot(outline[i, 0], outline[i, 1]))
+    reach += round_m + radius
     touched, last, unsolved = 0, -1, 0
     fx, fy = 0.0, 0.0
     moving = False
-    for j in range(k):
+    for j in range(path.shape[0]):
         cx, cy = path[j, 0], path[j, 1]
-        trace[j, FORCE_X] = trace[j, FORCE_Y] = 0.0
-        trace[j, CONTACT_X] = trace[j, CONTACT_Y] = np.nan
-        if j == 0:
-            shift[0] = shift[1] = turn = 0.0
-        else:
+        shift[0] = shift[1] = turn = 0.0
+        if j > 0:
             shift[0], shift[1] = cx - path[j - 1, 0], cy - path[j - 1, 1]
             turn = path[j, 2] - path[j - 1, 2]
-        # What the object would do next: the last increment, or nothing.
+        size = np.hypot(shift[0], shift[1]) + abs(turn) * radius
+        gap = np.hypot(cx - x, cy - y) - reach
+        # What the object is expected to do: what it did in the last step, or nothing.
         if not moving:
             known[:] = 0.0
-        far = np.hypot(cx - x, cy - y) - reach_object - radius
-        count, gap = 0, far
-        size = np.hypot(shift[0], shift[1]) + abs(turn) * radius
-        if far < size:
-            # Directions at the middle of the step, gaps at its end: errors of third order in the step.
-            count, gap = features(
-                outline,
-                round_m,
-                x + 0.5 * known[0],
-                y + 0.5 * known[1],
-                yaw + 0.5 * known[2] / rho,
-                cx - 0.5 * shift[0],
-                cy - 0.5 * shift[1],
-                radius,
-                size,
-                contacts,
-            )
-            if count > 0:
-                gap = _advance(
-                    contacts,
-                    count,
-                    0.5 * shift[0],
-                    0.5 * shift[1],
-                    0.5 * known[0],
-                    0.5 * known[1],
-                    0.5 * known[2] / rho,
+        z[:] = 0.0
+        pulls[:] = 0.0
+        force_x, force_y, solved = 0.0, 0.0, True
+        if gap < size or j == 0:
+            for attempt in range(ATTEMPTS):
+                # Directions at the middle of the step, gaps at its end: errors of third order in the step.
+                count, gap_new = features(
+                    outline,
+                    round_m,
+                    x + 0.5 * known[0],
+                    y + 0.5 * known[1],
+                    yaw + 0.5 * known[2] / rho,
+                    cx - 0.5 * shift[0],
+                    cy - 0.5 * shift[1],
                     radius,
-                )
-        if count == 0 or (not moving and gap >= 0.0) or size == 0.0:
-            moving, fx, fy = False, 0.0, 0.0
-            trace[j, X], trace[j, Y], trace[j, YAW], trace[j, GAP] = x, y, yaw, gap
-            continue
-        # Arms at the middle of the step, so that a step of turning errs in its third order only.
-        middle = yaw + 0.5 * known[2] / rho
-        c, s = np.cos(middle), np.sin(middle)
-        for i in range(n):
-            arms[i, 0] = c * support[i, 0] - s * support[i, 1]
-            arms[i, 1] = s * support[i, 0] + c * support[i, 1]
-        if tip_m > 0.0 and spread > 0.0:
-            # A force above the floor moves the load towards where it pushes to.
-            ox, oy = tip_m * (c * fx + s * fy), tip_m * (-s * fx + c * fy)
-            ax, ay = (syy * ox - sxy * oy) / spread, (sxx * oy - sxy * ox) / spread
-            total = 0.0
-            for i in range(n):
-                share[i] = max(0.0, load[i] * (1.0 + ax * (support[i, 0] - mx) + ay * (support[i, 1] - my)))
-                total += share[i]
-            for i in range(n):
-                share[i] /= total
-        eps = CREEP * size
-        if moving:
-            z[:] = known
-        else:
-            z[0], z[1], z[2] = shift[0], shift[1], 0.0
-        spin = turn * radius
-        damp = 1e-3 / size
-        solved = False
-        fx, fy = _balance(
-            z, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known, r, even, full
-        )
-        size_r = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-        for _ in range(ITERATIONS):
-            if size_r < TOLERANCE * TOLERANCE:
-                solved = True
-                break
-            slope = 0.0
-            if _solve(full, r, damp, step):
-                slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
-            if not slope < 0.0:
-                _solve(even, r, damp, step)
-                slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
-            length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
-            length = min(1.0, 2.0 * size / length)
-            bound[:] = pulls
-            for a in range(3):
-                trial[a] = z[a] + length * step[a]
-            fx, fy = _balance(
-                trial, pulls, arms, share, rho, eps, contacts, count, shift, spin, mu, known, r, even, full
-            )
-            size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-            if size_new > 0.5 * size_r:
-                # Newton's step overshot; the energy with the bound of friction held is convex.
-                here = _energy(z, bound, arms, share, rho, eps, contacts, count, shift, spin, mu, known)
-                for _ in range(10):
-                    there = _energy(
-                        trial, bound, arms, share, rho, eps, contacts, count, shift, spin, mu, known
-                    )
-                    if there <= here + 1e-3 * length * slope + 1e-15:
-                        break
-                    length *= 0.4
-                    for a in range(3):
-                        trial[a] = z[a] + length * step[a]
-                fx, fy = _balance(
-                    trial,
-                    pulls,
-                    arms,
-                    share,
-                    rho,
-                    eps,
+                    size,
                     contacts,
-                    count,
-                    shift,
-                    spin,
-                    mu,
-                    known,
-                    r,
-                    even,
-                    full,
                 )
-                size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-            z[:] = trial
-            size_r = size_new
+                if count > 0:
+                    gap_new = _advance(
+                        contacts,
+                        count,
+                        0.5 * shift[0],
+                        0.5 * shift[1],
+                        0.5 * known[0],
+                        0.5 * known[1],
+                        0.5 * known[2] / rho,
+                        radius,
+                    )
+                if attempt == 0:
+                    gap = gap_new
+                if count == 0 or size == 0.0 or (not moving and attempt == 0 and gap >= 0.0):
+                    break
+                # Arms at the middle of the step, so that a step of turning errs in its third order only.
+                middle = yaw + 0.5 * known[2] / rho
+                c, s = np.cos(middle), np.sin(middle)
+                for i in range(n):
+                    arms[i, 0] = c * support[i, 0] - s * support[i, 1]
+                    arms[i, 1] = s * support[i, 0] + c * support[i, 1]
+                if tip_m > 0.0 and attempt == 0:
+                    # A force above the floor moves the load towards where it pushes to.
+                    _tilted(load, support, tip_m * (c * fx + s * fy), tip_m * (-s * fx + c * fy), share)
+                if moving or attempt > 0:
+                    z[:] = known
+                else:
+                    z[0], z[1], z[2] = shift[0], shift[1], 0.0
+                # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
+                eps = CREEP * size
+                for _ in range(3):
+                    solved, force_x, force_y = _newton(
+                        z,
+                        pulls,
+                        arms,
+                        share,
+                        rho,
+                        eps,
+                        contacts,
+                        count,
+                        shift,
+                        turn * radius,
+                        mu,
+                        known,
+                        size,
+                        work,
+                    )
+                    if solved:
+                        break
+                    eps *= 6.0
+                off = abs(z[0] - known[0]) + abs(z[1] - known[1]) + abs(z[2] - known[2])
+                # Not what was expected: look again at where that leads to, at last half way.
+                if off < SURPRISE * size or not solved:
+                    break
+                if attempt + 1 < ATTEMPTS:
+                    weight = 1.0 if attempt == 0 else 0.5
+                    for a in range(3):
+                        known[a] += weight * (z[a] - known[a])
         if not solved:
             unsolved += 1
         x, y, yaw = x + z[0], y + z[1], yaw + z[2] / rho
         known[:] = z
+        fx, fy = force_x, force_y
         best, pull = -1, 0.0
-        for a in range(count):
+        for a in range(_CONTACTS):
             if pulls[a] > pull:
                 best, pull = a, pulls[a]
         moving = best >= 0
         trace[j, X], trace[j, Y], trace[j, YAW] = x, y, yaw
         trace[j, FORCE_X], trace[j, FORCE_Y] = fx, fy
+        trace[j, CONTACT_X] = trace[j, CONTACT_Y] = np.nan
+        trace[j, GAP] = gap
         if moving:
             touched, last = touched + 1, j
             trace[j, CONTACT_X] = cx + radius * contacts[best, 0]
             trace[j, CONTACT_Y] = cy + radius * contacts[best, 1]
             trace[j, GAP] = -SOFT_M * pull
-        else:
-            trace[j, GAP] = gap
     return touched, last, unsolved
 
 

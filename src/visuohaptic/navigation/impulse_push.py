@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .push_model import PushModel
+from .push_model import PushModel, area_and_centroid, polar_moment
 from .quasi_static import DROP_M, PushTrace, check_path, rest_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
@@ -63,11 +63,4 @@ def _even_mass(model: PushModel) -> tuple[Float[np.ndarray, "2"], float]:
     p, r = model.outline_m, model.round_m
     if len(p) < 3:
         return p.mean(axis=0), 0.5 * max(r, 1e-3) ** 2
-    from .push_model import area_and_centroid
-
-    area, centroid = area_and_centroid(p)
-    a = p - centroid
-    b = np.roll(a, -1, axis=0)
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    second = ((a * a + a * b + b * b).sum(axis=1) * cross).sum() / 12.0
-    return centroid, float(second / area)
+    return area_and_centroid(p)[1], polar_moment(p)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..errors import InputError
 
-__all__ = ["PushModel", "area_and_centroid", "load_of_feet", "patch_points"]
+__all__ = ["PushModel", "area_and_centroid", "load_of_feet", "patch_points", "polar_moment"]
 
 #: Contact friction that is assumed where nothing is known (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25
@@ -173,7 +173,8 @@ def patch_points(
     """Points and shares that stand for even pressure on a polygon.
 
     Cells of a square grid, each cut with the polygon: its centroid, and its
-    area as the share. Area and centroid of the whole come out exactly.
+    area as the share; then all are moved apart a little, so that not only area
+    and centroid but also the polar second moment are those of the whole.
     """
     import shapely
 
@@ -194,4 +195,16 @@ def patch_points(
     area = shapely.area(cut)
     cut, area = cut[area > 1e-3 * edge * edge], area[area > 1e-3 * edge * edge]
     centre = shapely.centroid(cut)
-    return np.column_stack([shapely.get_x(centre), shapely.get_y(centre)]), area / area.sum()
+    points, share = np.column_stack([shapely.get_x(centre), shapely.get_y(centre)]), area / area.sum()
+    middle = share @ points
+    away = points - middle
+    return middle + away * math.sqrt(polar_moment(outline) / float(share @ (away**2).sum(axis=1))), share
+
+
+def polar_moment(outline_m: Float[np.ndarray, "m 2"]) -> float:
+    """Polar second moment about the centroid by the area [m^2]: squared radius of gyration."""
+    area, centroid = area_and_centroid(outline_m)
+    a = np.asarray(outline_m, dtype=np.float64) - centroid
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return float(((a * a + a * b + b * b).sum(axis=1) * cross).sum() / (12.0 * area))

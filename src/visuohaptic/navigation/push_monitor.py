@@ -98,7 +98,10 @@ class PushMonitor:
         residual = self._residual(self._value)[: -len(self._value)] * CONTACT_SIGMA_M
         where = start
         if len(self._path) > 1:
-            where = self._simulate(self._value).object_m[-1]
+            # Where contact was seen last: it stands there since, whatever the model would go on to do.
+            seen = np.flatnonzero(np.isfinite(self._angle))
+            if len(seen):
+                where = self._simulate(self._value).object_m[seen[-1]]
         rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
         return PushEstimate(model, where, self._value.copy(), self._covariance.copy(), rms)
 
