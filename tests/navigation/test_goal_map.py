@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from visuohaptic.errors import InputError
-from visuohaptic.navigation._ground_kernels import blocked_parts, fits
+from visuohaptic.navigation._ground_kernels import blocked_parts, first_clash, fits
 from visuohaptic.navigation.goal_map import goal_map
 from visuohaptic.navigation.local_ground import Footprint, local_ground
 from visuohaptic.recording.occupancy_map import OccupancyMap
@@ -135,3 +135,27 @@ def test_kernels_do_what_plain_python_does(seed):
 def test_a_footprint_off_the_map_is_refused():
     with pytest.raises(InputError, match="expected one on the map"):
         local_ground(rooms(), STOOL + np.array([50.0, 50.0]), 1.0)
+
+
+def test_an_object_at_a_wall_may_leave_it_but_not_go_into_it():
+    map = rooms(door=False)
+    place = np.array([2.9 - 0.15, 2.0])  # its side is on the wall's cells
+    ground = local_ground(map, STOOL + place, 1.0)
+    footprint = Footprint.of(STOOL, RADIUS_M, 0.05)
+
+    def clash(step):
+        poses = np.column_stack([place + np.arange(20)[:, None] * np.array(step), np.zeros(20)])
+        return first_clash(
+            ground.distance_m,
+            ground.grid,
+            footprint.inner_m,
+            ground.margin_m,
+            footprint.inside_m,
+            footprint.reach_m,
+            poses,
+            20,
+        )
+
+    assert clash((-0.02, 0.0)) == 20
+    assert clash((-0.02, 0.02)) == 20
+    assert clash((0.02, 0.0)) <= 4

@@ -40,6 +40,20 @@ def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):  # type: 
 
 
 @njit(cache=True)
+def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):  # type: ignore[no-untyped-def]
+    """How many samples of a footprint at a pose are nearer to obstacles than ``least``."""
+    if fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
+        return 0
+    c, s = np.cos(yaw), np.sin(yaw)
+    count = 1 if distance_at(distance, grid, x, y) < inside_m else 0
+    for i in range(points.shape[0]):
+        px, py = x + c * points[i, 0] - s * points[i, 1], y + s * points[i, 0] + c * points[i, 1]
+        if distance_at(distance, grid, px, py) < least:
+            count += 1
+    return count
+
+
+@njit(cache=True)
 def blocked_parts(distance, grid, ring, radius, x, y, yaw):  # type: ignore[no-untyped-def]
     """Number of runs of the closed ``ring`` where obstacles are nearer than ``radius``: Eq. (4.3)."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -103,15 +117,21 @@ def push_goals(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):  # type: ignore[no-untyped-def]
-    """First of the first ``rows`` poses at which the footprint does not fit; ``rows`` when all do.
+    """First of the first ``rows`` poses at which the footprint clashes; ``rows`` when none does.
 
-    A pose equal to the one before it is not looked at again.
+    An object that stands at a wall begins with samples too near to it: what
+    counts is that they do not become more, and none once it was free.
     """
+    allowed = points.shape[0] + 1
     for i in range(rows):
         if i > 0 and poses[i, 0] == poses[i - 1, 0] and poses[i, 1] == poses[i - 1, 1]:
             continue
-        if not fits(distance, grid, points, least, inside_m, reach_m, poses[i, 0], poses[i, 1], poses[i, 2]):
+        near = samples_inside(
+            distance, grid, points, least, inside_m, reach_m, poses[i, 0], poses[i, 1], poses[i, 2]
+        )
+        if near > allowed:
             return i
+        allowed = near
     return rows
 
 
@@ -129,18 +149,12 @@ def first_goal(  # type: ignore[no-untyped-def]
     distance, from_path, grid, points, ring, border, least, inside_m, reach_m, radius, objects, platforms
 ):
     """Row of the first pose that is a push goal when all before it are clear; -1 when there is none."""
-    for i in range(objects.shape[0]):
+    clash = first_clash(distance, grid, points, least, inside_m, reach_m, objects, objects.shape[0])
+    for i in range(clash):
         x, y, yaw = objects[i, 0], objects[i, 1], objects[i, 2]
         if distance_at(distance, grid, platforms[i, 0], platforms[i, 1]) < radius:
             return -1
-        if not fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
-            # It may begin nearer to a wall than a footprint's samples are sure of.
-            if i > 0 and distance_at(distance, grid, x, y) <= distance_at(
-                distance, grid, objects[0, 0], objects[0, 1]
-            ):
-                return -1
-            continue
-        if i == 0:
+        if i == 0 or not fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
             continue
         c, s = np.cos(yaw), np.sin(yaw)
         clear = True

@@ -123,20 +123,17 @@ def judge_push(
     if not trace.touched:
         return Outcome.UNTOUCHED, trace
     rows = trace.last_contact + 1
-    # As it stands it may be nearer to a wall than samples are sure of: only motion can collide.
-    moved = trace.object_m[:rows]
-    begun = int(np.argmax(np.hypot(*(moved[:, :2] - moved[0, :2]).T) > ground.map.resolution_m))
-    clash = begun + first_clash(
+    clash = first_clash(
         ground.distance_m,
         grid,
         footprint.inner_m,
         ground.margin_m,
         footprint.inside_m,
         footprint.reach_m,
-        np.ascontiguousarray(moved[begun:]),
-        rows - begun,
+        trace.object_m,
+        rows,
     )
-    if begun > 0 and clash < rows:
+    if clash < rows:
         return Outcome.COLLISION, trace
     return (Outcome.DROPPED if trace.dropped else Outcome.CONTACT), trace
 
