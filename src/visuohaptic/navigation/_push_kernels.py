@@ -19,7 +19,7 @@ TOLERANCE = 3e-3
 #: Share of a step by which the object may move otherwise than expected before the step is looked at again.
 SURPRISE = 0.3
 #: How often a step is looked at, at most.
-ATTEMPTS = 4
+ATTEMPTS = 10
 #: Newton steps at most for one step of the platform.
 ITERATIONS = 40
 
@@ -388,7 +388,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                 if off < SURPRISE * size or not solved:
                     break
                 if attempt + 1 < ATTEMPTS:
-                    weight = 1.0 if attempt == 0 else 0.5
+                    weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 0.25
                     for a in range(3):
                         known[a] += weight * (z[a] - known[a])
         if not solved:
