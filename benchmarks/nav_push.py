@@ -1,0 +1,209 @@
+"""Sideward push against MuJoCo and against real pushes, its speed, and what watching the contact is worth.
+
+``python -m benchmarks.nav_push --count 200`` runs the whole campaign of random things.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks._push_loop import closed_loop
+from benchmarks._push_world import RADIUS_M, random_case
+from benchmarks._zhou2016 import TRIANGLE_M, RealPush, read_pushes, support_points
+from visuohaptic.navigation.impulse_push import simulate_impulses
+from visuohaptic.navigation.push_model import PushModel
+from visuohaptic.navigation.quasi_static import PushTrace, simulate_push
+
+__all__ = ["real_push_errors", "run", "sideward_errors"]
+
+SEED = 20161204
+#: Steel pusher on aluminium; chosen from 0.1 to 0.5 on the log 30_90_30, hard floor.
+REAL_FRICTION = 0.5
+#: Of the pusher (m), from the authors' own simulation.
+REAL_RADIUS_M = 0.001
+#: Centroid of the triangle in its frame (m).
+CENTRE_M = np.array([0.05, 0.05])
+
+
+def sideward_errors(count: int, seed: int = SEED) -> dict[str, np.ndarray]:
+    """Final position (m) and turn (rad) off MuJoCo's, and drops told right, for both models."""
+    rng = np.random.default_rng(seed)
+    rows: dict[str, list[float]] = {
+        f"{model} {what}": [] for model in ("ours", "algorithm 2") for what in ("position", "turn", "drop")
+    }
+    for index in range(count):
+        case = random_case(rng, index)
+        truth = case.truth()
+        if not truth.touching.any():
+            continue
+        path = case.path_m[::2]
+        for name, simulate in (("ours", simulate_push), ("algorithm 2", simulate_impulses)):
+            trace = simulate(case.model, case.start_m, path, RADIUS_M)
+            off = trace.object_m[-1] - truth.object_m[-1]
+            rows[f"{name} position"].append(float(np.hypot(off[0], off[1])))
+            rows[f"{name} turn"].append(abs(float(np.angle(np.exp(1j * off[2])))))
+            rows[f"{name} drop"].append(float(trace.dropped == truth.dropped))
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def real_push_errors(folder: Path) -> dict[str, dict[str, np.ndarray]]:
+    """For every log of the CMU pushes: moved, and errors of position (m) and turn (rad) of both models."""
+    found = {}
+    for path in sorted(folder.glob("*_50*.txt.gz")):
+        supports = support_points(path.name)
+        outline = TRIANGLE_M - CENTRE_M
+        model = (
+            PushModel.patch(outline, REAL_FRICTION)
+            if supports is None
+            else PushModel.feet(outline, supports - CENTRE_M, contact_friction=REAL_FRICTION)
+        )
+        rows: dict[str, list[float]] = {}
+        for push in read_pushes(path):
+            begin, end, drive = _push_frame(push)
+            rows.setdefault("moved", []).append(float(np.hypot(*(end - begin)[:2])))
+            traces: dict[str, PushTrace] = {
+                "ours": simulate_push(model, begin, drive, REAL_RADIUS_M),
+                "algorithm 2": simulate_impulses(model, begin, drive, REAL_RADIUS_M, contact_range_m=5e-4),
+            }
+            for name, trace in traces.items():
+                off = trace.object_m[-1] - end
+                rows.setdefault(f"{name} position", []).append(float(np.hypot(off[0], off[1])))
+                rows.setdefault(f"{name} turn", []).append(abs(float(np.angle(np.exp(1j * off[2])))))
+        found[path.name] = {name: np.array(values) for name, values in rows.items()}
+    return found
+
+
+def _push_frame(push: RealPush) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses of the centroid before and after, and the pusher's path half a millimetre apart."""
+
+    def centroid(pose: np.ndarray) -> np.ndarray:
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        return np.array([*(pose[:2] + CENTRE_M @ np.array([[c, s], [-s, c]])), pose[2]])
+
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(push.tip_m, axis=0).T))])
+    at = np.linspace(0.0, way[-1], 33)
+    drive = np.column_stack([np.interp(at, way, push.tip_m[:, i]) for i in (0, 1)] + [np.zeros(33)])
+    return centroid(push.before_m), centroid(push.after_m), drive
+
+
+def _sideward(count: int) -> list[dict[str, Any]]:
+    errors = sideward_errors(count)
+    number = len(errors["ours drop"])
+    note = (
+        f"{number} things: boxes, discs, polygons, L; friction 0-0.4, line and arc of 1 m; peer: Algorithm 2"
+    )
+
+    def row(
+        name: str, what: str, of: Any, scale: float, unit: str, floor: float | None, aim: float
+    ) -> dict[str, Any]:
+        ours, peer = (scale * float(of(errors[f"{model} {what}"])) for model in ("ours", "algorithm 2"))
+        limits = {} if floor is None else {"floor": floor}
+        return {"name": name, "ours": ours, "peer": peer, "unit": unit, "aim": aim, "note": note, **limits}
+
+    return [
+        row("sideward push, position off MuJoCo's, median", "position", np.median, 100, "cm", 4.0, 1.5),
+        row("sideward push, position, p90", "position", lambda e: np.quantile(e, 0.9), 100, "cm", 19.0, 5.0),
+        row("sideward push, turn, median", "turn", np.median, 180 / np.pi, "deg", 4.5, 2.0),
+        row("sideward push, drop told right", "drop", np.mean, 100, "%", 95.0, 99.0),
+    ]
+
+
+def _speed() -> list[dict[str, Any]]:
+    from .harness import cpu_seconds
+
+    rng = np.random.default_rng(SEED)
+    cases = [random_case(rng, index) for index in range(40)]
+    ours, peer = [], []
+    for case in cases:
+        path = case.path_m[::2]
+        ours.append(
+            cpu_seconds(
+                lambda c=case, p=path: simulate_push(c.model, c.start_m, p, RADIUS_M),
+                repeats=3,
+                least_s=0.005,
+            )
+        )
+        peer.append(
+            cpu_seconds(
+                lambda c=case, p=path: simulate_impulses(c.model, c.start_m, p, RADIUS_M),
+                repeats=3,
+                least_s=0.005,
+            )
+        )
+    return [
+        {
+            "name": "one push candidate of 1 m, median",
+            "ours": 1e3 * float(np.median(ours)),
+            "peer": 1e3 * float(np.median(peer)),
+            "unit": "ms",
+            "floor": 5.0,
+            "aim": 0.1,
+            "peer_name": "Algorithm 2, compiled by us too",
+            "note": f"p90 {1e3 * float(np.quantile(ours, 0.9)):.2f} ms",
+        }
+    ]
+
+
+def _real() -> list[dict[str, Any]]:
+    named = os.environ.get("VISUOHAPTIC_DATA")
+    data = Path(named) if named else Path(__file__).resolve().parents[2] / "shared" / "data"
+    folder = data / "navigation" / "dev" / "push" / "zhou2016"
+    if not folder.is_dir():
+        return []
+    rows = []
+    for name, errors in real_push_errors(folder).items():
+        for what, scale, unit in (("position", 1e3, "mm"), ("turn", 180 / np.pi, "deg")):
+            ours, peer = (errors[f"{model} {what}"] for model in ("ours", "algorithm 2"))
+            rows.append(
+                {
+                    "name": f"real pushes, {what} off, {name.split('_exp')[0]}",
+                    "ours": scale * float(np.median(ours)),
+                    "peer": scale * float(np.median(peer)),
+                    "ratio": float(np.median(peer) / np.median(ours)),
+                    "unit": unit,
+                    "peer_name": "Algorithm 2",
+                    "note": f"p90 {scale * float(np.quantile(ours, 0.9)):.2f}, "
+                    f"moved {1e3 * float(np.median(errors['moved'])):.1f} mm",
+                }
+            )
+    return rows
+
+
+def _loop(count: int) -> list[dict[str, Any]]:
+    trials = [trial for seed in range(count) if (trial := closed_loop(SEED + seed)) is not None]
+    return [
+        {
+            "name": "object dropped although friction and centre of mass are not those of the plan",
+            "ours": 100.0 * float(np.mean([trial.corrected for trial in trials])),
+            "peer": 100.0 * float(np.mean([trial.plain for trial in trials])),
+            "higher_is_better": True,
+            "unit": "%",
+            "peer_name": "the plan driven as it was",
+            "note": f"{len(trials)} boxes, corrected from the tracked contact, MuJoCo",
+        }
+    ]
+
+
+def run(count: int = 12, loops: int = 8) -> list[dict[str, Any]]:
+    """Rows of the table; 200 and 100 are the campaign."""
+    return [*_sideward(count), *_speed(), *_real(), *_loop(loops)]
+
+
+if __name__ == "__main__":
+    from benchmarks import harness
+
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=12, help="random things")
+    parser.add_argument("--loops", type=int, default=8, help="closed loops")
+    arguments = parser.parse_args()
+    harness.use_one_thread()
+    report = harness.run([], "benchmarks")
+    report.rows.extend(harness._judged("nav_push", row) for row in run(arguments.count, arguments.loops))
+    print(harness.table(report))
+    sys.exit(0)

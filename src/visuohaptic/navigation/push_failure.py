@@ -1,0 +1,191 @@
+"""How likely a push fails: from the haptic tag, and from simulation with what is not known."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+from ..objects import Estimate, HapticTag
+from .push_model import PushModel
+
+__all__ = ["PushDoubt", "centre_from_tag", "push_failure_probability", "simulated_failure"]
+
+#: Standard deviation of what a tag does not tell: Table 4.1 has drifts of 0.03 to 0.3 m/m.
+DRIFT_PRIOR, ROTATION_PRIOR_RAD_PER_M = 0.1, 0.8
+#: The physical estimate counts as many explorations.
+PRIOR_EXPLORATIONS = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class PushDoubt:
+    """Standard deviations of what a simulated push does not know."""
+
+    contact_friction: float = 0.1
+    centre_m: float = 0.015  #: of the centre of friction, along x and y
+    place_m: float = 0.01  #: of the object against the platform, along x and y
+    yaw_rad: float = 0.05
+
+    def draw(
+        self, model: PushModel, object_m: tuple[float, float, float], rng: np.random.Generator
+    ) -> tuple[PushModel, Float[np.ndarray, "3"]]:
+        """A model and a pose that may be the true ones."""
+        from dataclasses import replace
+
+        friction = max(0.0, model.contact_friction + self.contact_friction * rng.standard_normal())
+        support = model.support_m + self.centre_m * rng.standard_normal(2)
+        spread = np.array([self.place_m, self.place_m, self.yaw_rad])
+        drawn = replace(model, contact_friction=friction, support_m=support)
+        return drawn, np.asarray(object_m, dtype=np.float64) + spread * rng.standard_normal(3)
+
+
+def push_failure_probability(
+    tag: HapticTag | None,
+    length_m: float,
+    *,
+    slide_limit_m: float = 0.12,
+    turn_limit_rad: float = 0.7,
+) -> float:
+    """Probability that an object leaves the platform, or cannot be moved, in a direct push of a length.
+
+    The contact slides by H_S times the length, the object turns by H_R times
+    the length; both are normal about the tag's values with their predictive
+    spread, and one of them beyond its limit ends the push. The two have one
+    cause, a push beside the centre of friction, so the larger probability
+    counts, not both. Explorations and failures weigh against that estimate as
+    counts (the mean of a Beta distribution).
+
+    Parameters
+    ----------
+    tag
+        What is known; ``None`` for nothing. Fields that were not observed get a wide prior.
+    length_m
+        Of the push.
+    slide_limit_m
+        Sideways shift of the contact at which it is lost; less than the
+        platform's radius, where the rim looks away.
+    turn_limit_rad
+        Turn of the object after which the plan no longer holds.
+    """
+    if not (math.isfinite(length_m) and length_m >= 0 and slide_limit_m > 0 and turn_limit_rad > 0):
+        raise InputError(
+            "push_failure_probability",
+            f"found length {length_m} m, limits {slide_limit_m} m, {turn_limit_rad} rad; expected >= 0 and > 0",
+        )
+    tag = tag if tag is not None else HapticTag()
+    if tag.fixed or tag.falls:
+        return 1.0
+    slides = _beyond(tag.drift, DRIFT_PRIOR, length_m, slide_limit_m)
+    turns = _beyond(tag.rotation_rad_per_m, ROTATION_PRIOR_RAD_PER_M, length_m, turn_limit_rad)
+    explored = max(tag.explored, tag.failed, 0)
+    physical = max(slides, turns)
+    return (max(tag.failed, 0) + PRIOR_EXPLORATIONS * physical) / (explored + PRIOR_EXPLORATIONS)
+
+
+def centre_from_tag(
+    tag: HapticTag | None, direction_rad: float, model: PushModel, radius_m: float
+) -> Float[np.ndarray, "2"]:
+    """Where the centre of friction lies from the footprint's centre, as told by a first push.
+
+    A push through the centre of friction does not turn the object. Beside it
+    by b, an object that sticks to the rim turns by H_R = b / (b^2 + c^2) per
+    metre, c being the largest friction moment by force; the small root for b
+    is the offset (positive to the left of the push, where the object turned
+    left). Where H_R was not observed, it follows from the drift: on the rim
+    of a disc the contact of a turning face rolls by radius x turn.
+
+    Parameters
+    ----------
+    tag
+        Of one push.
+    direction_rad
+        Of that push, in the frame of the answer.
+    model
+        For c.
+    radius_m
+        Of the platform.
+
+    Returns
+    -------
+    Offset [m], across the push only: along it nothing was learnt.
+    """
+    if tag is None or (tag.rotation_rad_per_m is None and tag.drift is None):
+        return np.zeros(2)
+    if tag.rotation_rad_per_m is not None:
+        turn = tag.rotation_rad_per_m.value
+    else:
+        assert tag.drift is not None
+        turn = tag.drift.value / radius_m
+    lever = max(model.lever_m, 1e-3)
+    # H_R has its largest value, 1 / (2 c), at b = c: what is beyond cannot be of one steady push.
+    turn = min(max(turn, -0.5 / lever), 0.5 / lever)
+    aside = 0.0 if turn == 0.0 else (1.0 - math.sqrt(max(0.0, 1.0 - (2 * lever * turn) ** 2))) / (2 * turn)
+    if tag.contact_offset_m is not None:
+        aside += tag.contact_offset_m.value
+    return aside * np.array([-math.sin(direction_rad), math.cos(direction_rad)])
+
+
+def simulated_failure(
+    model: PushModel,
+    object_m: tuple[float, float, float],
+    path_m: Float[np.ndarray, "k 3"],
+    radius_m: float,
+    rng: np.random.Generator,
+    *,
+    doubt: PushDoubt | None = None,
+    near_m: float = 0.1,
+    turn_limit_rad: float = 0.7,
+    samples: int = 32,
+) -> float:
+    """Share of drawn worlds in which a direct push does not bring the object where the platform goes.
+
+    The object has to end within ``near_m`` of the place it would have if it
+    stuck to the platform, turned by no more than ``turn_limit_rad``.
+    """
+    from .quasi_static import simulate_push
+
+    doubt = doubt if doubt is not None else PushDoubt()
+    path = np.asarray(path_m, dtype=np.float64)
+    way = path[-1, :2] - path[0, :2]
+    wanted = np.asarray(object_m[:2]) + way * max(
+        0.0, 1.0 - _free_way(model, object_m, path, radius_m) / max(float(np.hypot(*way)), 1e-9)
+    )
+    failed = 0
+    for _ in range(samples):
+        drawn, place = doubt.draw(model, object_m, rng)
+        start = path
+        try:
+            trace = simulate_push(drawn, place, start, radius_m)
+        except InputError:
+            # Drawn into the platform: begin where it would have been met.
+            back = path[:1] - np.array([*(4 * doubt.place_m * way / max(float(np.hypot(*way)), 1e-9)), 0.0])
+            trace = simulate_push(drawn, place, np.concatenate([back, path]), radius_m)
+        off = np.hypot(*(trace.object_m[-1, :2] - wanted))
+        turned = abs(trace.object_m[-1, 2] - place[2])
+        failed += bool(off > near_m or turned > turn_limit_rad)
+    return failed / samples
+
+
+def _free_way(
+    model: PushModel, object_m: tuple[float, float, float], path: Float[np.ndarray, "k 3"], radius_m: float
+) -> float:
+    """Length that the platform drives before it meets the object."""
+    from .quasi_static import simulate_push
+
+    trace = simulate_push(model, object_m, path, radius_m)
+    rows = np.flatnonzero(np.isfinite(trace.contact_m[:, 0]))
+    row = int(rows[0]) if len(rows) else len(path) - 1
+    return float(np.hypot(*(path[row, :2] - path[0, :2])))
+
+
+def _beyond(estimate: Estimate | None, prior: float, length_m: float, limit: float) -> float:
+    """Probability that a rate times a length is beyond +-limit."""
+    mean, sigma = (0.0, prior) if estimate is None else (estimate.value, estimate.predictive_sigma)
+    mean, sigma = mean * length_m, sigma * length_m
+    if sigma <= 0.0:
+        return 1.0 if abs(mean) > limit else 0.0
+    high, low = (limit - mean) / sigma, (-limit - mean) / sigma
+    return 0.5 * math.erfc(high / math.sqrt(2.0)) + 0.5 * math.erfc(-low / math.sqrt(2.0))

@@ -1,0 +1,71 @@
+"""What the tracked contact tells: friction and centre are found, and paths bent where it helps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from benchmarks._push_loop import closed_loop
+
+from visuohaptic.errors import InputError
+from visuohaptic.navigation.push_model import PushModel
+from visuohaptic.navigation.push_monitor import PushMonitor
+from visuohaptic.navigation.quasi_static import line_path, simulate_push
+
+RADIUS_M = 0.17
+BOX = 0.16 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+START = (0.34, 0.05, 0.1)
+
+
+def follow(truth, believed, rows):
+    path = line_path(np.zeros(2), np.array([0.6, 0.0]))
+    seen = simulate_push(truth, START, path, RADIUS_M)
+    monitor = PushMonitor(believed, START, RADIUS_M)
+    for pose, contact in zip(path[:rows], seen.contact_m[:rows], strict=True):
+        monitor.update(pose, contact)
+    return monitor, seen, path
+
+
+def test_the_object_is_found_where_it_is_although_the_model_was_wrong():
+    believed = PushModel.patch(BOX, 0.15)
+    truth = believed.with_friction(0.35).with_centre_moved(0.02, -0.04)
+    monitor, seen, path = follow(truth, believed, 28)
+    estimate = monitor.estimate()
+    wrong = simulate_push(believed, START, path[:28], RADIUS_M)
+    ours = np.hypot(*(estimate.object_m - seen.object_m[27])[:2])
+    theirs = np.hypot(*(wrong.object_m[-1] - seen.object_m[27])[:2])
+    assert ours < 0.4 * theirs
+    assert estimate.residual_m < 0.006  # the noise that it allows for
+
+
+def test_a_right_model_is_left_alone():
+    believed = PushModel.patch(BOX, 0.2)
+    monitor, _, path = follow(believed, believed, 20)
+    value = monitor.estimate().value
+    assert np.abs(value).max() < 0.02
+    rest = path[19:]
+    longer = line_path(rest[0, :2], np.array([1.6, 0.0]))
+    assert monitor.corrected(longer, np.random.default_rng(0)) is longer
+
+
+def test_nothing_that_helps_is_told_as_none():
+    believed = PushModel.patch(BOX, 0.2)
+    monitor, _, path = follow(believed, believed, 12)
+    rest = line_path(path[11, :2], path[11, :2] + [0.15, 0.0])
+    assert monitor.corrected(rest, np.random.default_rng(0), allowed=lambda path, trace: False) is None
+
+
+def test_readings_nearer_than_a_step_are_left_out():
+    monitor = PushMonitor(PushModel.patch(BOX), START, RADIUS_M)
+    assert monitor.update((0.0, 0.0, 0.0), None)
+    assert not monitor.update((0.001, 0.0, 0.0), (0.17, 0.0))
+    with pytest.raises(InputError, match="sigmas"):
+        PushMonitor(PushModel.patch(BOX), START, RADIUS_M, centre_sigma_m=0.0)
+
+
+def test_correction_saves_a_push_in_mujoco():
+    pytest.importorskip("mujoco")
+    # The first plan of the campaign's seeds that fails as driven; in 100 of them correction
+    # takes the share of drops from about 60 % to above 90 %.
+    trial = closed_loop(20161204 + 1)
+    assert trial is not None
+    assert trial.corrected >= trial.plain

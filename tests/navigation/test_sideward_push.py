@@ -1,0 +1,97 @@
+"""Sideward pushes drop the object before the end, and what fails is told why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+
+from visuohaptic.errors import InputError
+from visuohaptic.navigation.local_ground import Footprint, local_ground
+from visuohaptic.navigation.push_model import PushModel
+from visuohaptic.navigation.quasi_static import line_path
+from visuohaptic.navigation.sideward_push import Outcome, judge_push, plan_sideward_push
+from visuohaptic.objects import HapticTag
+from visuohaptic.recording.occupancy_map import OccupancyMap
+
+RADIUS_M = 0.17
+BOX = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+PLACE = np.array([3.0, 2.0])
+
+
+@pytest.fixture
+def hall():
+    cells = np.zeros((80, 120), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    return OccupancyMap(cells, 0.05)
+
+
+@pytest.fixture
+def corridor():
+    """0.7 m wide with a bay on one side behind the box."""
+    cells = np.full((80, 120), 100, np.int8)
+    cells[33:47, 1:119] = 0
+    cells[33:60, 62:80] = 0
+    return OccupancyMap(cells, 0.05)
+
+
+def check(map, plan, place):
+    rows, columns = np.nonzero(map.cells == 100)
+    walls = shapely.union_all(
+        shapely.box(columns * 0.05, rows * 0.05, columns * 0.05 + 0.05, rows * 0.05 + 0.05)
+    )
+    assert plan.outcome is Outcome.DROPPED
+    assert shapely.LineString(plan.path_m[:, :2]).distance(walls) > RADIUS_M - 0.05
+    for x, y, yaw in plan.trace.object_m[:: max(1, len(plan.path_m) // 15)]:
+        c, s = np.cos(yaw), np.sin(yaw)
+        assert shapely.Polygon(BOX @ np.array([[c, s], [-s, c]]) + [x, y]).distance(walls) > 0
+    # Past the object: the platform at the end does not touch it any more.
+    x, y, yaw = plan.trace.object_m[-1]
+    c, s = np.cos(yaw), np.sin(yaw)
+    last = shapely.Polygon(BOX @ np.array([[c, s], [-s, c]]) + [x, y])
+    assert last.distance(shapely.Point(plan.path_m[-1, :2])) > RADIUS_M - 1e-3
+
+
+def test_a_box_in_a_hall_is_brushed_aside(hall):
+    plans = plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (4.5, 2.0))
+    assert plans
+    for plan in plans[:5]:
+        check(hall, plan, PLACE)
+        assert plan.path_m[0, 0] < 3.0 < plan.path_m[-1, 0]
+        assert plan.cost_s > 4.0
+
+
+def test_a_box_in_a_corridor_needs_the_bay(corridor):
+    place = np.array([3.0, 2.0])
+    for plan in plan_sideward_push(corridor, BOX + place, (1.5, 2.0), (4.5, 2.0), samples=8)[:3]:
+        check(corridor, plan, place)
+    closed = OccupancyMap(corridor.cells.copy(), 0.05)
+    closed.cells[45:, :] = 100
+    # 0.6 m; box 0.3 m and platform 0.34 m wide.
+    assert plan_sideward_push(closed, BOX + place, (1.5, 2.0), (4.5, 2.0), samples=0) == ()
+
+
+def test_each_failure_has_its_name(hall):
+    model = PushModel.patch(BOX)
+    ground = local_ground(hall, BOX + PLACE, 2.5)
+    footprint = Footprint.of(BOX, RADIUS_M, 0.05)
+
+    def outcome(begin, end, place=(3.0, 2.0, 0.0)):
+        return judge_push(
+            ground, footprint, model, place, line_path(np.array(begin), np.array(end)), RADIUS_M
+        )[0]
+
+    assert outcome((2.5, 2.0), (3.5, 2.0)) is Outcome.CONTACT
+    assert outcome((2.5, 2.6), (3.5, 2.6)) is Outcome.UNTOUCHED
+    assert outcome((2.5, 2.25), (3.9, 2.25)) is Outcome.DROPPED
+    assert outcome((3.0, 2.5), (3.0, 0.4)) is Outcome.COLLISION
+    assert outcome((2.5, 3.9), (3.5, 3.9)) is Outcome.BLOCKED
+
+
+def test_a_fixed_object_is_never_pushed(hall):
+    assert plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (4.5, 2.0), tag=HapticTag(fixed=True)) == ()
+
+
+def test_the_way_has_to_lead_somewhere(hall):
+    with pytest.raises(InputError, match="expected two places"):
+        plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (1.5, 2.0))
