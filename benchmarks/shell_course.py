@@ -1,0 +1,127 @@
+"""The linear obstacle course, and the tube against its Fourier series: is the shell element right?"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.deformation import (
+    IsotropicMaterial,
+    RevolutionShell,
+    ShellModel,
+    dual_tip_map,
+    pinch_stiffness,
+    tube_mesh,
+)
+from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
+from visuohaptic.deformation.solids import quadratic_compliance
+from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
+
+from ._shell_problems import COURSE
+
+#: Stiffness of the pinched tube [N/m] by height [mm]: series of 400 harmonics, design anchors.
+TUBE = {20: 15547.0, 50: 10062.0, 100: 6164.0, 150: 3486.0, 200: 1230.0}
+PET = IsotropicMaterial(2.5e9, 0.38, "PET of the anchor")
+
+
+def tube(around: int, along: int, *, crossed: bool = True) -> ShellModel:
+    """Radius 35, height 200, wall 0.5 mm, clamped at the bottom."""
+    mesh = tube_mesh(0.035, 0.2, 0.0005, around=around, along=along, crossed=crossed)
+    return ShellModel(mesh, PET, range(around))
+
+
+def run() -> list[dict[str, Any]]:
+    """Rows of the table."""
+    rows: list[dict[str, Any]] = []
+    for name, problem in COURSE.items():
+        for n, floor, aim in ((32, 1.5, None), (64, None, 0.6)):
+            row = {"name": f"{name}, {n} x {n}: error", "ours": 100 * abs(problem(n) - 1), "unit": "%"}
+            row["floor" if floor else "aim"] = floor or aim
+            rows.append(row)
+    rows += _tube_rows()
+    return rows
+
+
+def _tube_rows() -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    for around, along in ((72, 70), (108, 110), (144, 130)):
+        rings = dual_tip_map(tube(around, along)).reshape(along + 1, around)
+        heights = np.linspace(0, 200, along + 1)
+        scatter = float(np.max(np.ptp(rings[1:], axis=1) / rings[1:].mean(axis=1)))
+        for z, reference in TUBE.items():
+            found = np.interp(z, heights[1:], rings[1:].mean(axis=1))
+            rows.append(
+                {
+                    "name": f"pinched tube, {around * (along + 1)} vertices, at {z} mm: error",
+                    "ours": 100 * abs(found / reference - 1),
+                    "unit": "%",
+                    "floor": 1.5,
+                    "aim": 0.5,
+                    "note": f"{found:.0f} N/m",
+                }
+            )
+        rows.append(
+            {
+                "name": "the same: scatter round the ring",
+                "ours": 100 * scatter,
+                "unit": "%",
+                "floor": 1.0,
+                "aim": 0.5,
+            }
+        )
+    z = np.linspace(0, 0.2, 101)
+    series = pinch_stiffness(RevolutionShell(np.full(101, 0.035), z, 0.0005), PET)
+    worst = max(abs(float(np.interp(k / 1e3, z, series)) / v - 1) for k, v in TUBE.items())
+    rows.append(
+        {
+            "name": "Fourier series, 100 elements: worst error",
+            "ours": 100 * worst,
+            "unit": "%",
+            "floor": 1.5,
+            "aim": 0.5,
+        }
+    )
+    rows.append(
+        _against(
+            mitc4_tube_stiffness(0.035, 0.2, 0.0005, PET, around=96, along=88), "MITC4 quads, 8544 nodes"
+        )
+    )
+    return rows + _solid_rows()
+
+
+def _against(found: float, name: str) -> dict[str, Any]:
+    return {
+        "name": f"{name}: tube at half height by the series",
+        "ours": found / TUBE[100],
+        "unit": "",
+        "note": f"{found:.0f} N/m",
+    }
+
+
+def _solid_rows() -> list[dict[str, Any]]:
+    rows = []
+    for around, along, quadratic in ((48, 44, True), (72, 66, False)):
+        solid = wall_tetrahedra(tube(around, along, crossed=False).mesh)
+        fixed = np.zeros(len(solid.points_m), dtype=bool)
+        fixed[: 2 * around] = True
+        forces = np.zeros((along // 2, len(solid.points_m), 3))
+        middle = (along // 2) * around
+        for k in range(along // 2):
+            angle = 2 * np.pi * k / around
+            inward = -np.array([np.cos(angle), np.sin(angle), 0])
+            first = (middle + k) % around + middle // around * around
+            second = (middle + k + around // 2) % around + middle // around * around
+            forces[k, solid.through(first)[-1]] = inward
+            forces[k, solid.through(second)[-1]] = -inward
+        flat = forces.reshape(len(forces), -1).T
+        stiffness = 2 / np.einsum("nk,nk->k", flat, linear_tetrahedra(solid, PET, fixed).solve(flat))
+        row = _against(
+            float(stiffness[0]), f"linear tetrahedra (published baseline), {len(solid.points_m)} nodes"
+        )
+        row["note"] += f", scatter round the ring {100 * np.ptp(stiffness) / stiffness.mean():.1f} %"
+        rows.append(row)
+        if quadratic:
+            found = 2 / quadratic_compliance(solid, PET, fixed, forces[0])
+            rows.append(_against(found, "quadratic tetrahedra on the same mesh"))
+    return rows

@@ -1,0 +1,107 @@
+"""Ordering and factor against dense linear algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import csc_array
+from scipy.spatial import Delaunay
+
+from visuohaptic.deformation import grid_faces
+from visuohaptic.deformation.factor import factorise, sparse_matrix
+from visuohaptic.deformation.ordering import front_tree
+from visuohaptic.errors import InputError
+
+
+def problem(seed, nodes, freedoms=2):
+    """A random triangulation and positive definite element matrices on it."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(size=(nodes, 3))
+    faces = Delaunay(points[:, :2]).simplices
+    root = rng.normal(size=(len(faces), 3 * freedoms, 3 * freedoms))
+    diagonal = 0.1 + rng.uniform(size=(nodes, freedoms))
+    return rng, points, faces, root @ root.transpose(0, 2, 1), diagonal
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**31), st.integers(4, 90), st.integers(1, 12))
+def test_every_node_is_eliminated_once_and_fronts_hold_their_elements(seed, nodes, leaf):
+    _, points, faces, _, _ = problem(seed, nodes)
+    tree = front_tree(points, faces, leaf)
+    assert np.array_equal(np.sort(tree.order), np.arange(nodes))
+    assert np.array_equal(tree.order[tree.place], np.arange(nodes))
+    assert np.array_equal(np.sort(np.concatenate(tree.elements)), np.arange(len(faces)))
+    for front in range(tree.fronts):
+        pivots = np.arange(tree.first[front], tree.first[front + 1])
+        border = tree.border[tree.offset[front] : tree.offset[front + 1]]
+        assert np.all(np.diff(border) > 0)
+        local = np.concatenate([pivots, border])
+        assert np.array_equal(tree.place[faces[tree.elements[front]]], local[tree.element_local[front]])
+        if border.size:
+            above = tree.parent[front]
+            whole = np.concatenate(
+                [
+                    np.arange(tree.first[above], tree.first[above + 1]),
+                    tree.border[tree.offset[above] : tree.offset[above + 1]],
+                ]
+            )
+            assert above > front
+            assert np.array_equal(
+                whole[tree.border_local[tree.offset[front] : tree.offset[front + 1]]], border
+            )
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31), st.integers(4, 60), st.integers(2, 10), st.booleans())
+def test_solve_compliance_and_coupling_equal_dense_algebra(seed, nodes, leaf, definite):
+    rng, points, faces, matrices, diagonal = problem(seed, nodes)
+    if not definite:
+        matrices = matrices - 0.3 * np.abs(matrices).max() * np.eye(6)
+    dense = sparse_matrix(matrices, faces, nodes, diagonal).toarray()
+    factor = factorise(front_tree(points, faces, leaf), matrices, diagonal, definite=definite)
+    right = rng.normal(size=(2 * nodes, 3))
+    found = factor.solve(right)
+    # Backward error: pivoting stays inside the fronts, so an indefinite one may lose some digits.
+    scale = np.abs(dense).sum(axis=1).max() * np.abs(found).max() + np.abs(right).max()
+    assert np.abs(dense @ found - right).max() < (1e-12 if definite else 1e-7) * scale
+    if not definite:
+        assert factor.negative == np.linalg.slogdet(dense)[0]
+        with pytest.raises(InputError, match="not positive definite"):
+            factor.compliance(csc_array(right))
+        return
+    loads = right * (rng.uniform(size=right.shape) < 0.1)
+    expected = loads.T @ np.linalg.solve(dense, loads)
+    assert factor.coupling(csc_array(loads)) == pytest.approx(expected, rel=1e-8, abs=1e-12)
+    assert factor.compliance(csc_array(loads)) == pytest.approx(np.diag(expected), rel=1e-8, abs=1e-12)
+
+
+def test_unsymmetric_matrices():
+    rng, points, faces, matrices, diagonal = problem(3, 50)
+    matrices = matrices + 0.5 * rng.normal(size=matrices.shape)
+    dense = sparse_matrix(matrices, faces, 50, diagonal).toarray()
+    factor = factorise(front_tree(points, faces, 6), matrices, diagonal, definite=False)
+    right = rng.normal(size=100)
+    assert dense @ factor.solve(right) == pytest.approx(right, abs=1e-8)
+
+
+def test_many_columns_are_worked_off_in_blocks(monkeypatch):
+    import visuohaptic.deformation.factor as module
+
+    _, points, faces, matrices, diagonal = problem(8, 60)
+    factor = factorise(front_tree(points, faces, 6), matrices, diagonal)
+    loads = csc_array(np.eye(120))
+    whole = factor.compliance(loads)
+    monkeypatch.setattr(module, "BLOCK_COLUMNS", 7)
+    assert factor.compliance(loads) == pytest.approx(whole, rel=1e-12)
+
+
+def test_a_long_strip_fills_linearly():
+    """Cuts go across a strip, never along it."""
+    entries = []
+    for columns in (100, 200):
+        row, column = np.mgrid[:5, : columns + 1]
+        points = np.stack([column.ravel(), row.ravel(), 0 * row.ravel()], axis=1).astype(float)
+        entries.append(front_tree(points, grid_faces(columns, 4)).factor_entries(1))
+    assert entries[1] < 2.2 * entries[0]

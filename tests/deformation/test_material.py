@@ -1,0 +1,50 @@
+"""The material library says what Table 2.1 says, with a spread."""
+
+from __future__ import annotations
+
+import pytest
+
+from visuohaptic.deformation import MATERIALS, IsotropicMaterial, material
+from visuohaptic.errors import InputError
+from visuohaptic.objects.model import Material
+
+
+@pytest.mark.parametrize(
+    ("name", "low_GPa", "high_GPa"),
+    [
+        ("rubber", 0.01, 0.1),
+        ("LDPE", 0.11, 0.45),
+        ("HDPE", 0.8, 0.8),
+        ("PP", 1.5, 2.0),
+        ("PET", 2.0, 2.7),
+        ("aluminium", 69, 69),
+        ("copper", 117, 117),
+        ("spring steel", 206, 206),
+    ],
+)
+def test_the_range_of_table_2_1_is_within_two_sigma(name, low_GPa, high_GPa):
+    youngs = material(name).youngs_modulus_Pa
+    assert youngs.value == pytest.approx(0.5e9 * (low_GPa + high_GPa))
+    assert youngs.value - 2 * youngs.sigma <= low_GPa * 1e9 * (1 + 1e-9)
+    assert youngs.value + 2 * youngs.sigma >= high_GPa * 1e9 * (1 - 1e-9)
+
+
+def test_every_entry_is_an_elastic_material():
+    for name, entry in MATERIALS.items():
+        found = IsotropicMaterial.of(name)
+        lame, shear = found.lame_Pa
+        # Young's modulus and Poisson's ratio back from (2.2).
+        assert shear * (3 * lame + 2 * shear) / (lame + shear) == pytest.approx(found.youngs_modulus_Pa)
+        assert lame / (2 * (lame + shear)) == pytest.approx(found.poisson_ratio)
+        assert entry.density_kg_per_m3.value > 0
+
+
+def test_what_is_missing_or_impossible_is_told():
+    with pytest.raises(InputError, match="expected one of rubber, LDPE"):
+        material("jelly")
+    with pytest.raises(InputError, match="has no Young's modulus"):
+        IsotropicMaterial.of(Material("mystery"))
+    with pytest.raises(InputError, match=r"less than 0\.5"):
+        IsotropicMaterial(1e9, 0.5)
+    with pytest.raises(InputError, match="expected > 0"):
+        IsotropicMaterial(-1.0, 0.3)

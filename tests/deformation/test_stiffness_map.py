@@ -1,0 +1,107 @@
+"""The map of every pinch against one solve per pinch, symmetry, and another theory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import (
+    IsotropicMaterial,
+    RevolutionShell,
+    ShellMesh,
+    ShellModel,
+    dual_tip_compliance,
+    dual_tip_map,
+    opposing_points,
+    pinch_stiffness,
+    tip_loads,
+    tube_mesh,
+)
+from visuohaptic.errors import InputError
+
+PLASTIC = IsotropicMaterial(2.5e9, 0.38)
+
+
+def ellipse_tube(around=23, along=8, long=0.045, short=0.025):
+    """An odd number of columns: nothing faces a vertex exactly."""
+    mesh = tube_mesh(1.0, 0.1, 0.0005, around=around, along=along)
+    return ShellMesh(mesh.vertices_m * [long, short, 1], mesh.faces, 0.0005, mesh.share)
+
+
+def test_opposite_is_across_the_axis_at_the_same_height():
+    mesh = ellipse_tube()
+    tips = opposing_points(mesh, axis_point_m=(0.0, 0.0))
+    assert tips.valid.all()
+    second = np.einsum("mk,mki->mi", tips.weights, mesh.vertices_m[tips.second])
+    first = mesh.vertices_m[tips.first]
+    assert second[:, 2] == pytest.approx(first[:, 2], abs=1e-12)
+    assert tips.weights.sum(axis=1) == pytest.approx(1)
+    assert np.all(tips.weights >= 0)
+    # First tip, axis and second tip are on one line, the axis between.
+    side = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
+    assert np.abs(side).max() < 1e-12
+    assert np.all(np.einsum("mi,mi->m", first[:, :2], second[:, :2]) < 0)
+
+
+def test_the_map_equals_one_solve_per_pinch():
+    mesh = ellipse_tube()
+    model = ShellModel(mesh, PLASTIC, range(23))
+    tips = opposing_points(mesh, axis_point_m=(0.0, 0.0))
+    found = dual_tip_map(model, tips)
+    loads = tip_loads(model.nodes, tips).toarray()
+    for which in range(25, len(tips), 17):
+        load = loads[:, which].reshape(-1, 6)
+        expected = 2 / np.sum(load * model.solve(load))
+        assert found[which] == pytest.approx(expected, rel=1e-8)
+    assert np.all(np.isinf(found[:23]))
+
+
+def test_a_round_tube_is_equally_stiff_round_the_ring_and_as_the_series_says():
+    around, along = 48, 40
+    model = ShellModel(tube_mesh(0.035, 0.2, 0.0005, around=around, along=along), PLASTIC, range(around))
+    rings = dual_tip_map(model).reshape(along + 1, around)
+    # Crossed cells leave no direction preferred: what remains is rounding.
+    assert np.ptp(rings[1:], axis=1).max() < 1e-8 * rings[1:].max()
+    height = np.linspace(0, 0.2, 81)
+    series = pinch_stiffness(RevolutionShell(np.full(81, 0.035), height, 0.0005), PLASTIC)
+    middle = slice(12, 36)
+    # This mesh is coarse (4.6 x 5 mm): 2.5 %.
+    assert rings[middle, 0] == pytest.approx(series[2 * 12 : 2 * 36 : 2], rel=0.025)
+
+
+def test_stiffness_goes_with_the_modulus_and_nearly_the_square_of_the_wall():
+    mesh = ellipse_tube(24)
+    base = dual_tip_map(ShellModel(mesh, PLASTIC, range(24)))[24:]
+    stiffer = dual_tip_map(ShellModel(mesh, IsotropicMaterial(5e9, 0.38), range(24)))[24:]
+    assert stiffer == pytest.approx(2 * base, rel=1e-8)
+    thicker = ShellMesh(mesh.vertices_m, mesh.faces, 0.00055, mesh.share)
+    power = np.log(dual_tip_map(ShellModel(thicker, PLASTIC, range(24)))[24:] / base) / np.log(1.1)
+    assert np.all((power > 1.5) & (power < 3.0))
+
+
+def test_gas_is_one_rank_one_term():
+    """Compliances of the closed container from one extra solve equal a full update of the matrix."""
+    mesh = ellipse_tube(24)
+    model = ShellModel(mesh, PLASTIC, range(24))
+    tips = opposing_points(mesh, np.arange(24, len(mesh.vertices_m), 31))
+    loads = tip_loads(model.nodes, tips).toarray()
+    a = model.volume_gradient()
+    kappa = 1e5 / 3e-4
+    w = model.solve(a).ravel()
+    share = loads.T @ w
+    closed = dual_tip_compliance(model, tips) - share**2 / (1 / kappa + a.ravel() @ w)
+    free = model.free
+    dense = model.stiffness_matrix.toarray()[np.ix_(free, free)]
+    dense += kappa * np.outer(a.ravel()[free], a.ravel()[free])
+    expected = np.diag(loads[free].T @ np.linalg.solve(dense, loads[free]))
+    assert closed == pytest.approx(expected, rel=1e-6)
+
+
+def test_points_without_anything_opposite_are_marked():
+    rng = np.random.default_rng(0)
+    vertices = np.vstack([rng.uniform(0.5, 1, size=(3, 3)), [[0, 0, 0.5]]])
+    mesh = ShellMesh(vertices, np.array([[0, 1, 2]]), 0.01)
+    tips = opposing_points(mesh, axis_point_m=(0.0, 0.0))
+    assert not tips.valid.any()
+    with pytest.raises(InputError, match="no point has a wall across the height axis"):
+        dual_tip_map(ShellModel(mesh, PLASTIC, [0]), tips)
