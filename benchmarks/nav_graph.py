@@ -180,14 +180,13 @@ def lattice_graph(side: int = 100) -> Any:
     start = np.arange(0, 2 * len(ends) + 1, 2, dtype=np.int32)
     none = np.zeros(len(cells), np.int32)
     clearance = np.full(len(ends), 1.0)
-    return NavigationGraph(
-        cells, node_m, ends, length_m / 0.3, length_m, clearance, start, paths, none, 1
-    )
+    return NavigationGraph(cells, node_m, ends, length_m / 0.3, length_m, clearance, start, paths, none, 1)
 
 
 def topology_errors(count: int, seed: int = _SEED) -> int:
     """Random maps whose graph has not exactly the components and loops of the reachable cells."""
     from tests.navigation.random_maps import RADII_M, random_map, topology
+
     from visuohaptic.navigation.graph import build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
@@ -227,6 +226,7 @@ def _fresh_peak() -> tuple[float, float]:
 def run() -> list[dict[str, Any]]:
     """Rows of the issue's table."""
     from tests.navigation.random_maps import topology
+
     from visuohaptic.navigation.query import shortest_path
 
     maps = real_maps()

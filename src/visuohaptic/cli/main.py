@@ -46,6 +46,11 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
+    "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
+    "objects build": (
+        "visuohaptic.cli.objects_build",
+        "compute stiffness maps and features of whole classes",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

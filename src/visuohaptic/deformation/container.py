@@ -42,7 +42,7 @@ class Base(_Part):
             raise ValueError(f"shape: {self.shape} needs radius_y")
         if self.shape == "ellipse" and self.flatness != (0.0, 0.0):
             raise ValueError("flatness needs shape: flattened")
-        if not (0 <= self.flatness[0] and self.flatness[1] <= 0.9):
+        if not (self.flatness[0] >= 0 and self.flatness[1] <= 0.9):
             raise ValueError("flatness: expected 0 to 0.9")
         return self
 
@@ -162,7 +162,9 @@ class ContainerDescription(_Part):
         from .profile import Profile
 
         if not 0 <= index < 2**20:
-            raise InputError(f"class {self.name}", f"found {index}, expected 0 to {2**20 - 1}", field="variant")
+            raise InputError(
+                f"class {self.name}", f"found {index}, expected 0 to {2**20 - 1}", field="variant"
+            )
         names = self.free_parameters
         if not names:
             return self.middle()
@@ -209,7 +211,9 @@ def load_container(source: Path | str) -> ContainerDescription:
 def class_names() -> tuple[str, ...]:
     """Classes that are shipped (Alt 2016, Sec. 6.4.1)."""
     return tuple(
-        sorted(entry.name.removesuffix(".yaml") for entry in _classes().iterdir() if entry.name[-5:] == ".yaml")
+        sorted(
+            entry.name.removesuffix(".yaml") for entry in _classes().iterdir() if entry.name[-5:] == ".yaml"
+        )
     )
 
 

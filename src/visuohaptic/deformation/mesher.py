@@ -14,7 +14,7 @@ from .patches import grid_faces
 from .profile import Profile
 from .shell import ShellMesh, ShellModel, enclosed_volume
 
-__all__ = ["ShellObject", "mesh_container", "mesh_rings"]
+__all__ = ["ShellObject", "mesh_container", "mesh_rings", "ring_lid"]
 
 #: Thickness of a stiff cap that has none of its own [m].
 STIFF_CAP_M = 0.005
@@ -28,7 +28,7 @@ class ShellObject:
 
     mesh: ShellMesh  #: z is the height axis, the foot is at z = 0
     fixed: Bool[np.ndarray, "v"]  #: vertices of the foot
-    lid: Int[np.ndarray, "l 3"]  #: triangles over an open mouth; they have no stiffness
+    lid: Int[np.ndarray, "l 3"]  #: triangles that close the volume; they have no stiffness
     axis_point_m: tuple[float, float]  #: x and y of the height axis
     material: IsotropicMaterial
     youngs_modulus_spread: float = 0.0  #: relative standard deviation
@@ -40,6 +40,13 @@ class ShellObject:
     def height_m(self) -> float:
         """From the foot to the highest vertex."""
         return float(np.ptp(self.mesh.vertices_m[:, 2]))
+
+    @property
+    def surface_faces(self) -> Int[np.ndarray, "f 3"]:
+        """Triangles that cover the wall once, for files and pictures."""
+        share = np.asarray(self.mesh.share)
+        # Of the four halves of a crossed cell, the first two are one way to cut it.
+        return self.mesh.faces[(share == 1.0) | (np.arange(len(share)) % 4 < 2)]
 
     @property
     def volume_m3(self) -> float:
@@ -66,7 +73,9 @@ def mesh_container(container: ContainerDescription, *, around: int = 64) -> Shel
         at reinforcement rings and towards a free rim.
     """
     if around % 4 or not 8 <= around <= 2048:
-        raise InputError("mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around")
+        raise InputError(
+            "mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around"
+        )
     profile = Profile.of(container)
     z = _ring_heights(profile, around, free=container.top.kind == "open")
     if len(z) * around > 400_000:
@@ -129,7 +138,7 @@ def mesh_rings(
     top = (rings - 1) * around
     lid = np.zeros((0, 3), dtype=np.int64)
     if cap_m is None:
-        lid = _strips(around) + top
+        lid = ring_lid(top + np.arange(around))
     else:
         centre = points[-1].mean(axis=0)
         steps = max(2, round(around / 12))
@@ -148,8 +157,9 @@ def mesh_rings(
     return mesh, lid
 
 
-def _strips(around: int) -> Int[np.ndarray, "l 3"]:
-    """Triangles over a convex ring that join each vertex to its mirror image."""
+def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
+    """Triangles over a ring of vertices that join each to its mirror image."""
+    around = len(loop)
     out = []
     for place in range(around // 2):
         a, b = place, place + 1
@@ -158,7 +168,7 @@ def _strips(around: int) -> Int[np.ndarray, "l 3"]:
             out.append((a, b, c))
         if b != d:
             out.append((b, d, c))
-    return np.array(out, dtype=np.int64)
+    return loop[np.array(out, dtype=np.int64).reshape(-1, 3)]
 
 
 def _ring_heights(profile: Profile, around: int, *, free: bool) -> Float[np.ndarray, "m"]:

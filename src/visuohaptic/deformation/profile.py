@@ -69,17 +69,27 @@ class Profile:
         for ring in container.rings:
             half = ring.width[0] / 2
             if not 0 <= ring.z[0] - half <= ring.z[0] + half <= height:
-                raise _bad(container, f"the ring at {ring.z[0]:g} m reaches beyond 0 to {height:g} m", "rings")
-            breaks += [ring.z[0] - half, ring.z[0] - half / 2, ring.z[0], ring.z[0] + half / 2, ring.z[0] + half]
+                raise _bad(
+                    container, f"the ring at {ring.z[0]:g} m reaches beyond 0 to {height:g} m", "rings"
+                )
+            breaks += [
+                ring.z[0] - half,
+                ring.z[0] - half / 2,
+                ring.z[0],
+                ring.z[0] + half / 2,
+                ring.z[0] + half,
+            ]
             if ring.wall:
                 walls.append((ring.z[0] - half, ring.z[0] + half, ring.wall[0]))
         if container.rim:
             if container.rim.height[0] >= height:
-                raise _bad(container, f"found {container.rim.height[0]:g} m, expected less than {height:g} m", "rim")
+                raise _bad(
+                    container, f"found {container.rim.height[0]:g} m, expected less than {height:g} m", "rim"
+                )
             walls.append((height - container.rim.height[0], height, container.rim.wall[0]))
             breaks.append(height - container.rim.height[0])
         marks = _distinct(np.array(breaks), 1e-6 * height)
-        z = np.unique(
+        z: np.ndarray = np.unique(
             np.concatenate([np.linspace(a, b, FINE + 1) for a, b in zip(marks[:-1], marks[1:], strict=True)])
         )
         blend = container.blend[0]
@@ -87,7 +97,7 @@ class Profile:
         radius_x = _along(z, knots[:, 0], knots[:, 1], bulge, blend)
         radius_y_z = _along(z, knots[:, 0], knots[:, 2], bulge, blend)
         for ring in container.rings:
-            window = _window((z - ring.z[0]) / ring.width[0])
+            window = _window((np.asarray(z) - ring.z[0]) / ring.width[0])
             radius_x, radius_y_z = radius_x + ring.depth[0] * window, radius_y_z + ring.depth[0] * window
         none = np.zeros_like(bulge)
         flat_z = np.interp(z, knots[:, 0], knots[:, 3])
@@ -224,7 +234,9 @@ def unit_section(
     return np.concatenate([half, half[:, -2:0:-1] * np.array([1.0, -1.0])], axis=1)
 
 
-def _along(z: np.ndarray, ends: np.ndarray, values: np.ndarray, bulge: np.ndarray, blend: float) -> np.ndarray:
+def _along(
+    z: np.ndarray, ends: np.ndarray, values: np.ndarray, bulge: np.ndarray, blend: float
+) -> np.ndarray:
     """Sections from end to end, bent by their sagitta, rounded into each other over ``blend``."""
 
     def plain(at: np.ndarray, index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
