@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
 
 @njit(cache=True)
-def ring_crossings(points, faces, heights, around, radius, count):
+def ring_crossings(points: Any, faces: Any, heights: Any, around: int, radius: Any, count: Any) -> None:
     """Radii at which the rays from (0, 0) at ``around`` angles cross the mesh, at each height.
 
     ``heights`` ascend. ``radius`` (h, around, most) is filled in no order, ``count`` (h, around)

@@ -179,7 +179,7 @@ def inspect_mesh(
     used, faces = np.unique(faces[keep], return_inverse=True)
     faces, vertices = faces.reshape(-1, 3), vertices[used]
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    once, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    _once, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     repeated = np.unique(directed, axis=0, return_counts=True)[1]
     branching = int((times > 2).sum())
     return MeshState(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -185,7 +186,7 @@ def _ring_heights(profile: Profile, around: int, *, free: bool) -> Float[np.ndar
     density = np.concatenate([[0.0], np.cumsum(slant * 0.5 * (1 / spacing[1:] + 1 / spacing[:-1]))])
     marks = np.interp(profile.breaks_m, z, density)
     out = [np.zeros(1)]
-    for low, high in zip(marks[:-1], marks[1:], strict=True):
+    for low, high in itertools.pairwise(marks):
         count = max(1, int(np.ceil(high - low - 0.3)))
         out.append(np.interp(np.linspace(low, high, count + 1)[1:], density, z))
     found = np.concatenate(out)

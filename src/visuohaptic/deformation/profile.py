@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,13 +57,13 @@ class Profile:
         walls: list[tuple[float, float, float]] = []
         for section in container.sections:
             below = ends[-1]
-            z = below[0] + section.height[0]
+            upper = below[0] + section.height[0]
             end_x = section.radius[0] if section.radius else below[1]
             end_y = section.radius_y[0] if section.radius_y else end_x * below[2] / below[1]
             flat = section.flatness[0] if section.flatness else below[3]
             moved = section.shift[0] if section.shift else below[4]
-            ends.append((z, end_x, end_y, flat, moved))
-            walls.append((below[0], z, (section.wall or container.wall)[0]))
+            ends.append((upper, end_x, end_y, flat, moved))
+            walls.append((below[0], upper, (section.wall or container.wall)[0]))
         knots = np.array(ends)
         height = float(knots[-1, 0])
         breaks = list(knots[:, 0])
@@ -90,7 +91,7 @@ class Profile:
             breaks.append(height - container.rim.height[0])
         marks = _distinct(np.array(breaks), 1e-6 * height)
         z: np.ndarray = np.unique(
-            np.concatenate([np.linspace(a, b, FINE + 1) for a, b in zip(marks[:-1], marks[1:], strict=True)])
+            np.concatenate([np.linspace(a, b, FINE + 1) for a, b in itertools.pairwise(marks)])
         )
         blend = container.blend[0]
         bulge = np.array([section.bulge[0] for section in container.sections])

@@ -111,10 +111,11 @@ def find_wall(
     wall = float(np.median(pair[near] - first[near])) if double else float("nan")
     if double:
         notes.append(f"inner and outer surface, {1e3 * wall:.2g} mm apart: the middle is taken as the wall")
-        hollow = bottom + int(np.argmax(near[bottom : top + 1].mean(axis=1) > 0.5))
-        if bottom < hollow <= bottom + 0.25 * LEVELS:
-            notes.append(f"the solid foot up to height {heights[hollow]:.4g} m is left out")
-            bottom = hollow
+        # A foot may be hollow below the floor: what counts is the highest row without two sides.
+        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
+        if solid.any() and not solid[-1]:
+            bottom += int(np.flatnonzero(solid)[-1]) + 1
+            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
     found = Wall(
         (float(centre[0]), float(centre[1])),
         float(heights[bottom]),
@@ -160,7 +161,7 @@ def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.nd
     missing: Bool[np.ndarray, "h a"] = ~np.isfinite(radius)
     if not missing.any():
         return radius
-    rows, around = radius.shape
+    _rows, around = radius.shape
     full = ~missing.all(axis=1)
     out = radius.copy()
     angle = np.arange(around)
