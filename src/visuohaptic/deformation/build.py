@@ -66,7 +66,9 @@ class BuildPlan(_Part):
     seed: int = Field(0, ge=0, lt=2**63)
     around: int = Field(48, ge=16, le=512, multiple_of=4)
     band: bool = True  #: maps with a standard deviation; half as fast
-    states: list[State] = Field([State(closed=False)], min_length=1, max_length=16)  #: of the features
+    states: list[State] = Field(
+        [State(closed=False, fill=0.0)], min_length=1, max_length=16
+    )  #: of the features
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,9 +242,7 @@ def _results(
         yield from _in_processes(jobs, workers)
 
 
-def _in_processes(
-    jobs: Sequence[BuildJob], workers: int
-) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
+def _in_processes(jobs: Sequence[BuildJob], workers: int) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor, as_completed
     from concurrent.futures.process import BrokenProcessPool

@@ -174,7 +174,9 @@ def explore_line(
         raise InputError("explore_line", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
     low, high = force_N
     if not 0 <= low < high:
-        raise InputError("explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N")
+        raise InputError(
+            "explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N"
+        )
     found = linear_features(thing)
     column = SIDES.index(side)
     grid = found.points_m[:, column, 2]
@@ -259,21 +261,22 @@ def _locations(
     corners = np.zeros((HEIGHTS, len(SIDES), 3), dtype=np.int64)
     weights = np.zeros((HEIGHTS, len(SIDES), 3))
     centred = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
-    for column, (axis, sign) in enumerate(((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))):
+    places = ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))
+    for column, (axis, sign) in enumerate(places):
         flat = np.stack([centred[:, 1 - axis], centred[:, 2]], axis=1)
         reach = sign * centred[:, axis]
         a, b, c = (flat[faces[:, k]] for k in range(3))
         for row, level in enumerate(levels):
             target = np.array([0.0, level])
-            near = (np.minimum(np.minimum(a[:, 1], b[:, 1]), c[:, 1]) <= level) & (
-                np.maximum(np.maximum(a[:, 1], b[:, 1]), c[:, 1]) >= level
-            )
-            some = np.flatnonzero(near & (reach[faces].max(axis=1) > 0))
+            corner_z = flat[faces, 1]
+            near = np.logical_and(corner_z.min(axis=1) <= level, corner_z.max(axis=1) >= level)
+            some = np.flatnonzero(np.logical_and(near, reach[faces].max(axis=1) > 0))
             shares = _shares(a[some], b[some], c[some], target)
             inside: Bool[np.ndarray, "_"] = (shares >= -1e-9).all(axis=1)
             if not inside.any():
                 raise InputError(
-                    thing.name, f"no wall on side {SIDES[column]} at height {level - low:.4g} m above the foot"
+                    thing.name,
+                    f"no wall on side {SIDES[column]} at height {level - low:.4g} m above the foot",
                 )
             out = np.einsum("fk,fk->f", shares, reach[faces[some]])
             best = int(np.argmax(np.where(inside, out, -np.inf)))

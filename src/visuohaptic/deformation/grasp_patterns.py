@@ -81,7 +81,9 @@ def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> G
     """Coupling matrix of several pinches on one object, exact."""
     if not tips.valid.all():
         raise InputError("couple", f"pair {int(np.argmin(tips.valid))} has no wall across the axis")
-    return GraspCoupling(model.factor().coupling(_free(model, contact_loads(model, tips, tip_radius_m=tip_radius_m))))
+    return GraspCoupling(
+        model.factor().coupling(_free(model, contact_loads(model, tips, tip_radius_m=tip_radius_m)))
+    )
 
 
 def own_compliance(
