@@ -138,9 +138,7 @@ def test_hydrostatic_forces_balance_the_weight() -> None:
     load = hydrostatic_load(found, 1.0)
     weight = 1000 * 9.81 * found.volume_m3
     foot = found.mesh.vertices_m[:64, :2]
-    area = 0.5 * np.abs(
-        np.sum(foot[:, 0] * np.roll(foot[:, 1], -1) - foot[:, 1] * np.roll(foot[:, 0], -1))
-    )
+    area = 0.5 * np.abs(np.sum(foot[:, 0] * np.roll(foot[:, 1], -1) - foot[:, 1] * np.roll(foot[:, 0], -1)))
     on_foot = 1000 * 9.81 * found.height_m * area
     # Downwards on foot and wall together: the weight. The mean of both diagonals bends cells by 1e-4.
     assert on_foot - load[:, 2].sum() == pytest.approx(weight, rel=1e-3)
