@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ..errors import InputError
 from .contents import Contents, closed_compliance, contained_curve, enclosed_gradient, tip_approach
@@ -269,10 +269,10 @@ def _locations(
         for row, level in enumerate(levels):
             target = np.array([0.0, level])
             corner_z = flat[faces, 1]
-            near = np.logical_and(corner_z.min(axis=1) <= level, corner_z.max(axis=1) >= level)
-            some = np.flatnonzero(np.logical_and(near, reach[faces].max(axis=1) > 0))
+            there = (corner_z.min(axis=1) <= level) & (corner_z.max(axis=1) >= level)
+            some = np.flatnonzero(there & (reach[faces].max(axis=1) > 0))
             shares = _shares(a[some], b[some], c[some], target)
-            inside: Bool[np.ndarray, "_"] = (shares >= -1e-9).all(axis=1)
+            inside = np.asarray((shares >= -1e-9).all(axis=1))
             if not inside.any():
                 raise InputError(
                     thing.name,

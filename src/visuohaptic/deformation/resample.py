@@ -132,8 +132,12 @@ def find_wall(
 
 
 def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
-    """Where the second surface is the other side of the same wall."""
-    return np.isfinite(pair) & (pair < (1 + THICKEST_SHARE) * first)
+    """Where the second surface is the other side of the same wall: near, or seen all round.
+
+    The side of a shallow bowl is cut at a slant, there the two are far apart.
+    """
+    seen = np.isfinite(pair)
+    return seen & ((pair < (1 + THICKEST_SHARE) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
 
 
 def _nearest(
