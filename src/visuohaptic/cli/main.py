@@ -53,6 +53,11 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
+    "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
+    "objects build": (
+        "visuohaptic.cli.objects_build",
+        "compute stiffness maps and features of whole classes",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

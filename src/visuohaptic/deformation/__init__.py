@@ -1,9 +1,36 @@
 """How a container gives way: shapes, shells, contents, stiffness maps (Alt 2016, Sec. 6.1)."""
 
+from .banded_map import nearest_value, object_map, object_stiffness
+from .build import BuildJob, BuildPlan, BuildReport, build, load_plan, plan_jobs
+from .container import ContainerDescription, class_names, load_container
+from .contents import (
+    Contents,
+    closed_compliance,
+    contained_curve,
+    damped_iteration,
+    hydrostatic_load,
+    liquid_level_m,
+    wall_gap_m,
+)
 from .corotational import CorotationalShell, PressureLaw, ShellState
+from .features import (
+    StiffnessFeatures,
+    Symmetry,
+    curve_coefficients,
+    detect_symmetry,
+    explore_line,
+    linear_features,
+    nonlinear_features,
+    normalised,
+)
 from .fourier_shell import RevolutionShell, pinch_stiffness
+from .grasp_patterns import GraspCoupling, couple
+from .imported import import_object
+from .map_file import load_map, plot_map, save_map
 from .material import MATERIALS, IsotropicMaterial, material
+from .mesher import ShellObject, mesh_container
 from .nonlinear import EquilibriumPath, PathPoint, follow_arc, follow_displacement, follow_load, pinch_curve
+from .object_file import load_object
 from .patches import grid_faces, grid_mesh, tube_mesh
 from .shell import ShellMesh, ShellModel, enclosed_volume, plane_stress, volume_gradient
 from .solids import quadratic_compliance
@@ -12,34 +39,70 @@ from .tetrahedra import SolidMesh, linear_tetrahedra, wall_tetrahedra
 
 __all__ = [
     "MATERIALS",
+    "BuildJob",
+    "BuildPlan",
+    "BuildReport",
+    "ContainerDescription",
+    "Contents",
     "CorotationalShell",
     "DualTips",
     "EquilibriumPath",
+    "GraspCoupling",
     "IsotropicMaterial",
     "PathPoint",
     "PressureLaw",
     "RevolutionShell",
     "ShellMesh",
     "ShellModel",
+    "ShellObject",
     "ShellState",
     "SolidMesh",
+    "StiffnessFeatures",
+    "Symmetry",
+    "build",
+    "class_names",
+    "closed_compliance",
+    "contained_curve",
+    "couple",
+    "curve_coefficients",
+    "damped_iteration",
+    "detect_symmetry",
     "dual_tip_compliance",
     "dual_tip_map",
     "enclosed_volume",
+    "explore_line",
     "follow_arc",
     "follow_displacement",
     "follow_load",
     "grid_faces",
     "grid_mesh",
+    "hydrostatic_load",
+    "import_object",
+    "linear_features",
     "linear_tetrahedra",
+    "liquid_level_m",
+    "load_container",
+    "load_map",
+    "load_object",
+    "load_plan",
     "material",
+    "mesh_container",
+    "nearest_value",
+    "nonlinear_features",
+    "normalised",
+    "object_map",
+    "object_stiffness",
     "opposing_points",
     "pinch_curve",
     "pinch_stiffness",
+    "plan_jobs",
     "plane_stress",
+    "plot_map",
     "quadratic_compliance",
+    "save_map",
     "tip_loads",
     "tube_mesh",
     "volume_gradient",
+    "wall_gap_m",
     "wall_tetrahedra",
 ]

@@ -1,0 +1,298 @@
+"""Stiffness features: 16 heights, 4 sides, 3 coefficients (Alt 2016, Sec. 6.1.6).
+
+Sides are x+, x-, y+, y- of the object's axes; heights are at (h - 1/2) / 16 of the wall's height,
+h = 1 .. 16 from below. Coefficients, all of the deformation of that side's own point:
+
+- i: linear, up to 3 mm [N/m]
+- I: linear, full range [N/m]
+- II: quadratic, full range, times (1 cm)^2 / 50 N
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..errors import InputError
+from .contents import Contents, closed_compliance, contained_curve, enclosed_gradient, tip_approach
+from .grasp_patterns import own_compliance
+from .mesher import ShellObject
+from .shell import ShellModel
+from .stiffness_map import DualTips, dual_tip_compliance, opposing_points
+
+__all__ = [
+    "HEIGHTS",
+    "SIDES",
+    "StiffnessFeatures",
+    "Symmetry",
+    "curve_coefficients",
+    "detect_symmetry",
+    "explore_line",
+    "linear_features",
+    "nonlinear_features",
+    "normalised",
+]
+
+HEIGHTS = 16
+SIDES = ("x+", "x-", "y+", "y-")
+#: Low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
+LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StiffnessFeatures:
+    """Features of one object; NaN where a coefficient was not computed or nothing is opposite."""
+
+    values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
+    points_m: Float[np.ndarray, "16 4 3"]  #: where on the surface
+
+    def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:
+        """i and I without scale, see :func:`normalised`."""
+        return np.stack([normalised(self.values[..., k], scheme) for k in range(2)], axis=-1)
+
+
+def normalised(feature: Float[np.ndarray, "16 4"], scheme: str = "centre") -> Float[np.ndarray, "16 4"]:
+    """Features without scale.
+
+    Parameters
+    ----------
+    feature
+        One linear coefficient.
+    scheme
+        ``norm``: ``F' / |F'|`` with ``F' = F - median(F)``, Eq. (6.4); ``centre``: ``F / mean(F at
+        x8+, x8-, y8+, y8-) - 1``, Eq. (6.5); ``point``: the same by F at x8+ alone.
+    """
+    feature = np.asarray(feature, dtype=float)
+    if feature.shape != (HEIGHTS, len(SIDES)):
+        raise InputError("normalised", f"found shape {feature.shape}, expected ({HEIGHTS}, {len(SIDES)})")
+    if scheme == "norm":
+        moved = feature - np.nanmedian(feature)
+        length = float(np.sqrt(np.nansum(moved**2)))
+        return moved / length if length > 0 else moved
+    if scheme not in {"centre", "point"}:
+        raise InputError("normalised", f"found {scheme!r}, expected norm, centre or point")
+    scale = float(feature[7].mean() if scheme == "centre" else feature[7, 0])
+    if not scale > 0:
+        raise InputError("normalised", f"found stiffness {scale} N/m at the centre, expected > 0")
+    return feature / scale - 1
+
+
+def curve_coefficients(
+    deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"]
+) -> tuple[float, float, float]:
+    """Least squares through the origin: i [N/m], I [N/m], II [1].
+
+    II is the quadratic coefficient of ``F = a d + b d^2``, times (1 cm)^2 / 50 N. NaN where too few
+    points are in the range.
+    """
+    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
+    if d.shape != f.shape or d.ndim != 1 or not (np.isfinite(d).all() and np.isfinite(f).all()):
+        raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
+    low = (d > 0) & (d <= LOW_m * (1 + 1e-9))
+
+    def slope(some: np.ndarray) -> float:
+        return float(d[some] @ f[some] / (d[some] @ d[some])) if some.any() else float("nan")
+
+    quadratic = float("nan")
+    if len(np.unique(d[d > 0])) >= 2:
+        quadratic = float(np.linalg.lstsq(np.stack([d, d * d], axis=1), f, rcond=None)[0][1])
+    return slope(low), slope(d > 0), quadratic * NOMINAL_m**2 / NOMINAL_N
+
+
+def linear_features(thing: ShellObject, contents: Contents | None = None) -> StiffnessFeatures:
+    """Features of linear elasticity: i = I, II = 0, from one factorisation and a few pinches."""
+    model = thing.model()
+    points, corners, weights = _locations(thing)
+    names, inverse = np.unique(corners, return_inverse=True)
+    tips = opposing_points(thing.mesh, names, axis_point_m=thing.axis_point_m)
+    own = _own(thing, model, tips, contents)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Between vertices the compliance is linear: it is finite where the wall is held.
+        value = 1.0 / np.einsum("hsk,hsk->hs", weights, own[inverse].reshape(corners.shape))
+    values = np.stack([value, value, np.where(np.isfinite(value), 0.0, np.nan)], axis=-1)
+    return StiffnessFeatures(values, points)
+
+
+def nonlinear_features(
+    thing: ShellObject,
+    contents: Contents | None = None,
+    *,
+    deformation_m: Sequence[float] = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008),
+    heights: Sequence[int] | None = None,
+) -> StiffnessFeatures:
+    """Features from force-deformation curves under large deformation, at the nearest vertices.
+
+    ``deformation_m`` is the mean of both tips; ``heights`` chooses from 1 .. 16. Where the object is
+    mirrored, the sides are computed once.
+    """
+    model = thing.model()
+    points, corners, weights = _locations(thing)
+    symmetry = detect_symmetry(thing)
+    values = np.full((HEIGHTS, len(SIDES), 3), np.nan)
+    nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
+    for height in range(HEIGHTS) if heights is None else [number - 1 for number in heights]:
+        for side in (0, 2):
+            if side == 2 and symmetry.round:
+                values[height, 2:] = values[height, :2]
+                continue
+            tips = opposing_points(thing.mesh, nearest[height, [side]], axis_point_m=thing.axis_point_m)
+            if not tips.valid[0] or thing.fixed[nearest[height, side]]:
+                continue
+            path = contained_curve(thing, model, tips, 0, deformation_m, contents)
+            first, second = (np.empty(len(path.points)) for _ in range(2))
+            for k, point in enumerate(path.points):
+                moved = point.state.points_m - thing.mesh.vertices_m
+                first[k] = tips.direction[0] @ moved[tips.first[0]]
+                second[k] = -tips.direction[0] @ (tips.weights[0] @ moved[tips.second[0]])
+            for k, deformation in ((side, first), (side + 1, second)):
+                if len(deformation):
+                    values[height, k] = curve_coefficients(deformation, path.load)
+    return StiffnessFeatures(values, points)
+
+
+def explore_line(
+    thing: ShellObject,
+    side: str,
+    force_N: tuple[float, float],
+    *,
+    noise_m: float = 0.0,
+    samples: int = 100,
+    rng: np.random.Generator | None = None,
+) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
+    """Virtual curve-based exploration: slide down one side twice with two forces.
+
+    Returns
+    -------
+    height_m, stiffness_N_per_m
+        From above downwards; ``(F_2 - F_1) / (d_2 - d_1)`` with noise of ``noise_m`` on each
+        measured position, so that the resting shape need not be known.
+    """
+    if side not in SIDES:
+        raise InputError("explore_line", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
+    low, high = force_N
+    if not 0 <= low < high:
+        raise InputError(
+            "explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N"
+        )
+    found = linear_features(thing)
+    column = SIDES.index(side)
+    grid = found.points_m[:, column, 2]
+    height = np.linspace(grid[-1], grid[0], samples)
+    compliance = np.interp(height, grid, 1.0 / found.values[:, column, 0])
+    noise = np.zeros((2, samples))
+    if noise_m:
+        if rng is None:
+            raise InputError("explore_line", "noise needs a random generator", field="rng")
+        noise = rng.normal(0.0, noise_m, (2, samples))
+    with np.errstate(divide="ignore"):
+        return height, (high - low) / ((high * compliance + noise[1]) - (low * compliance + noise[0]))
+
+
+@dataclass(frozen=True, slots=True)
+class Symmetry:
+    """What leaves an object as it is, to a share of its size."""
+
+    mirror_x: bool  #: x to -x
+    mirror_y: bool  #: y to -y
+    round: bool  #: any turn that the mesh allows, at least a quarter
+
+
+def detect_symmetry(thing: ShellObject, *, tolerance: float = 1e-6) -> Symmetry:
+    """Look whether mirrored and turned vertices fall on vertices, with the same wall around them."""
+    from scipy.spatial import cKDTree
+
+    mesh = thing.mesh
+    points = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+    sides = mesh.vertices_m[mesh.faces[:, 1:]] - mesh.vertices_m[mesh.faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) * np.asarray(mesh.share)
+    weight = np.bincount(mesh.faces.ravel(), np.repeat(area * mesh.thickness_m, 3), minlength=len(points))
+    tree = cKDTree(points)
+    size = float(np.ptp(points, axis=0).max())
+
+    def same(matrix: list[list[float]]) -> bool:
+        moved = points.copy()
+        moved[:, :2] = points[:, :2] @ np.array(matrix).T
+        away, other = tree.query(moved)
+        close = bool(away.max() < tolerance * size)
+        return close and bool(np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max()))
+
+    # Its own reflections and a quarter turn leave a square as it is, too: look at the radii of rings.
+    radius = np.hypot(points[:, 0], points[:, 1])
+    level = np.round(points[:, 2] / (1e-6 * size)).astype(np.int64)
+    order = np.lexsort((radius, level))
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(level[order]) != 0]))
+    least = np.minimum.reduceat(radius[order], starts)
+    most = np.maximum.reduceat(radius[order], starts)
+    wall_rings = np.diff(np.append(starts, len(order))) < len(points) // 4
+    even = bool((most - least < tolerance * size)[wall_rings].mean() > 0.95)
+    quarter = same([[0.0, -1.0], [1.0, 0.0]])
+    return Symmetry(same([[-1.0, 0.0], [0.0, 1.0]]), same([[1.0, 0.0], [0.0, -1.0]]), quarter and even)
+
+
+def _own(
+    thing: ShellObject, model: ShellModel, tips: DualTips, contents: Contents | None
+) -> Float[np.ndarray, "m"]:
+    pinch = dual_tip_compliance(model, tips)
+    own = np.where(tips.valid, own_compliance(model, tips, np.nan_to_num(pinch)), np.nan)
+    if contents is None or not contents.closed:
+        return own
+    # The gas takes the same pressure at both tips; each tip moves back by its own share of w.
+    a = enclosed_gradient(thing, model)
+    w = model.solve(a)
+    along = tip_approach(tips, w)
+    first = np.einsum("mi,mi->m", tips.direction, w[tips.first, :3])
+    less = pinch - closed_compliance(thing, model, tips, pinch, [contents])[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return own - np.where(along != 0, less * first / along, 0.0)
+
+
+def _locations(
+    thing: ShellObject,
+) -> tuple[Float[np.ndarray, "16 4 3"], Int[np.ndarray, "16 4 3"], Float[np.ndarray, "16 4 3"]]:
+    """Outermost surface points on the four sides: place, corners of their face, weights."""
+    mesh = thing.mesh
+    faces = thing.surface_faces
+    low = float(mesh.vertices_m[:, 2].min())
+    levels = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * thing.height_m
+    points = np.zeros((HEIGHTS, len(SIDES), 3))
+    corners = np.zeros((HEIGHTS, len(SIDES), 3), dtype=np.int64)
+    weights = np.zeros((HEIGHTS, len(SIDES), 3))
+    centred = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+    places = ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))
+    for column, (axis, sign) in enumerate(places):
+        flat = np.stack([centred[:, 1 - axis], centred[:, 2]], axis=1)
+        reach = sign * centred[:, axis]
+        a, b, c = (flat[faces[:, k]] for k in range(3))
+        for row, level in enumerate(levels):
+            target = np.array([0.0, level])
+            corner_z = flat[faces, 1]
+            there = (corner_z.min(axis=1) <= level) & (corner_z.max(axis=1) >= level)
+            some = np.flatnonzero(there & (reach[faces].max(axis=1) > 0))
+            shares = _shares(a[some], b[some], c[some], target)
+            inside = np.asarray((shares >= -1e-9).all(axis=1))
+            if not inside.any():
+                raise InputError(
+                    thing.name,
+                    f"no wall on side {SIDES[column]} at height {level - low:.4g} m above the foot",
+                )
+            out = np.einsum("fk,fk->f", shares, reach[faces[some]])
+            best = int(np.argmax(np.where(inside, out, -np.inf)))
+            face = faces[some[best]]
+            share = np.maximum(shares[best], 0.0)
+            share = np.where(share < 1e-9, 0.0, share)
+            weights[row, column] = share / share.sum()
+            corners[row, column] = face
+            points[row, column] = weights[row, column] @ mesh.vertices_m[face]
+    return points, corners, weights
+
+
+def _shares(a: np.ndarray, b: np.ndarray, c: np.ndarray, target: np.ndarray) -> Float[np.ndarray, "f 3"]:
+    pairs = ((b - target, c - target), (c - target, a - target), (a - target, b - target))
+    areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in pairs], axis=1)
+    total = areas.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out: np.ndarray = np.where(total != 0, areas / total, -1.0)
+    return out

@@ -1,0 +1,384 @@
+"""Containers from meshes of others: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
+
+A mesh whose triangles suit a shell is taken as it is. Any other is sampled anew on rings round its
+height axis (:mod:`.resample`), which needs a wall that every ray from the axis meets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..errors import InputError
+from ..objects.model import Material
+from ..recording.mesh import load_mesh
+from .material import IsotropicMaterial, material
+from .mesher import ShellObject, mesh_rings, ring_lid
+from .resample import find_wall
+from .shell import ShellMesh, enclosed_volume
+
+__all__ = ["MeshState", "import_object", "inspect_mesh"]
+
+#: Metres by unit.
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
+#: Largest extent of a container that a hand holds [m].
+SMALLEST_m, LARGEST_m = 0.03, 0.6
+#: Triangles that suit a shell: how many, smallest angle, and how many edges round.
+FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshState:
+    """A merged mesh and what is wrong with it."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    dropped_faces: int  #: degenerate or doubled
+    patches: int  #: loose parts
+    loose_faces: int  #: triangles of all but the main part
+    loose_place: tuple[float, ...]  #: centre of the largest of them, or nothing
+    branching_edges: int  #: with three or more triangles
+    turned: int  #: edges whose two triangles disagree on which side is outside
+    loops: tuple[np.ndarray, ...]  #: boundary loops of the main part, vertex numbers in order
+
+    @property
+    def defects(self) -> list[str]:
+        """For people."""
+        found = []
+        if self.dropped_faces:
+            found.append(f"{self.dropped_faces} degenerate or doubled triangles dropped")
+        if self.loose_faces:
+            place = ", ".join(f"{value:.4g}" for value in self.loose_place)
+            found.append(
+                f"{self.patches - 1} loose patches of {self.loose_faces} triangles, the largest at ({place})"
+            )
+        if self.branching_edges:
+            found.append(f"{self.branching_edges} edges with more than two triangles")
+        if self.turned:
+            found.append(f"{self.turned} edges where the outside changes sides")
+        return found
+
+
+def import_object(
+    path: Path | str,
+    *,
+    wall_material: str | Material | IsotropicMaterial = "PET",
+    thickness_m: float = 0.0005,
+    wall_spread: float = 0.1,
+    unit: str | None = None,
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z",
+    open_top: bool = False,
+    around: int = 96,
+    remesh: Literal["auto", "always", "never"] = "auto",
+) -> ShellObject:
+    """A mesh as a container whose foot is clamped.
+
+    Parameters
+    ----------
+    path
+        STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall.
+    wall_material, thickness_m, wall_spread
+        Of the whole wall; a mesh does not say.
+    unit
+        Of the file's numbers; guessed from the size of a container by default, and said in ``notes``.
+    up
+        Which axis of the file points up.
+    open_top
+        Take the top off if the mesh has one.
+    around
+        Vertices round the wall where it is sampled anew.
+    remesh
+        Sample anew when needed, always or never.
+
+    Raises
+    ------
+    InputError
+        The mesh cannot be used; with the defect and its place.
+    """
+    where = str(path)
+    if not (np.isfinite(thickness_m) and thickness_m > 0):
+        raise InputError("thickness", f"found {thickness_m} m, expected > 0")
+    if around % 4 or not 16 <= around <= 1024:
+        raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
+    raw = load_mesh(path)
+    points = _turned_up(raw.vertices, up)
+    scale, notes = _scale(points[raw.faces.ravel()], unit, where)
+    state = inspect_mesh(points * scale, raw.faces, where)
+    notes += state.defects
+    entry = material(wall_material) if isinstance(wall_material, str) else wall_material
+    spread = 0.0
+    if isinstance(entry, Material) and entry.youngs_modulus_Pa:
+        spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value
+    constants = IsotropicMaterial.of(entry)
+    suits = _why_not_as_it_is(state)
+    if not suits and remesh != "always":
+        suits = _inner_surface(state, where)
+    if remesh == "never" and suits:
+        raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy="allow remeshing")
+    if suits or remesh == "always":
+        if suits:
+            notes.append(f"sampled anew on rings: {suits}")
+        return _resampled(
+            state, where, constants, spread, wall_spread, thickness_m, open_top, around, tuple(notes)
+        )
+    faces = state.faces
+    if enclosed_volume(state.vertices - state.vertices.mean(axis=0), faces) < 0:
+        faces = faces[:, ::-1]
+        notes.append("all triangles looked inwards and were turned")
+    low, high = state.vertices[:, 2].min(), state.vertices[:, 2].max()
+    loops = list(state.loops)
+    if open_top:
+        faces, loops = _without_top(state.vertices, faces, low, high)
+    lid = [ring_lid(loop[::-1]) for loop in loops]
+    # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
+    mesh = ShellMesh(state.vertices, faces, thickness_m)
+    used = state.vertices[np.unique(faces)]
+    middle = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
+    return ShellObject(
+        mesh,
+        state.vertices[:, 2] <= low + 0.01 * (high - low),
+        np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64),
+        (float(middle[0]), float(middle[1])),
+        constants,
+        spread,
+        wall_spread,
+        Path(path).stem,
+        tuple(notes),
+    )
+
+
+def inspect_mesh(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], where: str = "mesh"
+) -> MeshState:
+    """Merge vertices, drop what is no triangle, keep the main part, and list what is wrong."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    vertices, faces, dropped = _merged(vertices, faces)
+    if len(faces) < 4:
+        raise InputError(where, f"has {len(faces)} triangles with an area, expected at least 4", field="mesh")
+    sides = vertices[faces[:, [1, 2]]] - vertices[faces[:, [0, 0]]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+    pairs = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    names, number = np.unique(label, return_inverse=True)
+    size = np.bincount(number, area)
+    # Parts of the wall may be loose along a seam; what is small is a patch.
+    main = size >= 0.05 * size.max()
+    keep = main[number]
+    place: tuple[float, ...] = ()
+    if not keep.all():
+        largest = int(np.argmax(np.where(main, 0.0, size)))
+        place = tuple(float(value) for value in vertices[faces[number == largest]].mean(axis=(0, 1)))
+    patches, loose = len(names) if not main.all() else 1, int((~keep).sum())
+    used, faces = np.unique(faces[keep], return_inverse=True)
+    faces, vertices = faces.reshape(-1, 3), vertices[used]
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    _once, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    repeated = np.unique(directed, axis=0, return_counts=True)[1]
+    branching = int((times > 2).sum())
+    return MeshState(
+        vertices,
+        faces,
+        dropped,
+        patches,
+        loose,
+        place,
+        branching,
+        int((repeated > 1).sum()),
+        _loops(directed, len(vertices)),
+    )
+
+
+def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    used = vertices[faces.ravel()]
+    low = used.min(axis=0)
+    grid = max(float(np.ptp(used, axis=0).max()) * 1e-6, 1e-12)
+    key = np.round((vertices - low) / grid)
+    key[~np.isfinite(key).all(axis=1)] = -1
+    _, first, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    faces, vertices = number.reshape(-1)[faces], vertices[first]
+    before = len(faces)
+    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    longest = np.einsum("fij,fij->fi", sides, sides).max(axis=1)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], -sides[:, 2]), axis=1)
+    faces = faces[doubled > 1e-5 * np.maximum(longest, 1e-300)]
+    if len(faces):
+        _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        faces = faces[np.sort(once)]
+    return vertices, faces, before - len(faces)
+
+
+def _loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
+    """Closed chains of edges that have a triangle on one side only."""
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    _, inverse, times = np.unique(low * count + high, return_inverse=True, return_counts=True)
+    edges = directed[times[inverse] == 1]
+    after: dict[int, list[int]] = {}
+    for a, b in edges.tolist():
+        after.setdefault(a, []).append(b)
+    loops = []
+    while after:
+        start = next(iter(after))
+        chain, here = [start], start
+        while here in after:
+            there = after[here].pop()
+            if not after[here]:
+                del after[here]
+            if there == start:
+                break
+            chain.append(there)
+            here = there
+        loops.append(np.array(chain, dtype=np.int64))
+    return tuple(loops)
+
+
+def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
+    if up not in {"x", "y", "z", "-x", "-y", "-z"}:
+        raise InputError("up", f"found {up!r}, expected x, y, z, -x, -y or -z")
+    order = {"z": (0, 1, 2), "x": (1, 2, 0), "y": (2, 0, 1)}[up[-1]]
+    out: np.ndarray = vertices[:, order].copy()
+    if up[0] == "-":
+        out[:, 1:] *= -1.0
+    return out
+
+
+def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[str]]:
+    if unit is not None:
+        if unit not in UNITS:
+            raise InputError("unit", f"found {unit!r}, expected one of {', '.join(UNITS)}")
+        return UNITS[unit], []
+    extent = float(np.ptp(used, axis=0).max())
+    for name in ("m", "mm", "cm", "dm"):
+        if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
+            guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
+            return UNITS[name], [] if name == "m" else [guess]
+    raise InputError(
+        where,
+        f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm",
+        field="mesh",
+        remedy="give the unit with --unit",
+    )
+
+
+def _why_not_as_it_is(state: MeshState) -> str:
+    """The first reason against using the triangles as they are, or nothing."""
+    vertices, faces = state.vertices, state.faces
+    if state.branching_edges or state.turned:
+        return f"{state.branching_edges + state.turned} edges that are no part of a surface"
+    if not FEWEST_FACES <= len(faces) <= MOST_FACES:
+        return f"{len(faces)} triangles, expected {FEWEST_FACES} to {MOST_FACES}"
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    for loop in state.loops:
+        z = vertices[loop, 2]
+        if len(loop) < 8 or not (z.min() > high - 0.05 * (high - low) or z.max() < low + 0.05 * (high - low)):
+            middle = ", ".join(f"{value:.4g}" for value in vertices[loop].mean(axis=0))
+            return f"a hole of {len(loop)} edges in the wall at ({middle}) m"
+    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    length = np.linalg.norm(sides, axis=2)
+    cosine = -np.einsum("fij,fij->fi", sides, np.roll(sides, 1, axis=1)) / (
+        length * np.roll(length, 1, axis=1)
+    )
+    smallest = np.degrees(np.arccos(np.clip(cosine, -1, 1)).min(axis=1))
+    if float(np.percentile(smallest, 2)) < SMALLEST_DEGREES:
+        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmin(smallest))]].mean(axis=0))
+        return f"slivers with angles down to {smallest.min():.2g} degrees, the worst at ({worst}) m"
+    round_m = np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
+    if float(np.percentile(length.max(axis=1), 90)) > round_m / EDGES_ROUND:
+        return f"triangles of {1e3 * float(np.percentile(length.max(axis=1), 90)):.2g} mm, too coarse"
+    return ""
+
+
+def _inner_surface(state: MeshState, where: str) -> str:
+    try:
+        wall = find_wall(state.vertices, state.faces, where)
+    except InputError:
+        return ""
+    return f"it has an inner and an outer surface, {1e3 * wall.wall_m:.2g} mm apart" if wall.double else ""
+
+
+def _without_top(
+    vertices: np.ndarray, faces: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    level = normal[:, 2] > 0.7 * np.linalg.norm(normal, axis=1)
+    top = level & (vertices[faces, 2].min(axis=1) > high - 0.02 * (high - low))
+    faces = faces[~top]
+    return faces, list(_loops(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), len(vertices)))
+
+
+def _resampled(
+    state: MeshState,
+    where: str,
+    constants: IsotropicMaterial,
+    spread: float,
+    wall_spread: float,
+    thickness_m: float,
+    open_top: bool,
+    around: int,
+    notes: tuple[str, ...],
+) -> ShellObject:
+    wall = find_wall(state.vertices, state.faces, where)
+    closed = not open_top and _has_top(state, wall.axis_point_m, wall.high_m)
+    fine = np.linspace(wall.low_m, wall.high_m, 241)
+    mean = wall.radius_m(fine, around).mean(axis=1)
+    slant = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(fine), np.diff(mean)))])
+    spacing = 2 * np.pi * float(mean.max()) / around
+    share = np.ones_like(fine)
+    if not closed:
+        share = np.minimum(1.0, 0.35 + 0.65 * (slant[-1] - slant) / (3 * spacing))
+    density = np.concatenate([[0.0], np.cumsum(np.diff(slant) * (1 / share[1:] + 1 / share[:-1]) / 2)])
+    count = int(np.clip(np.ceil(density[-1] / spacing), 8, 600))
+    heights = np.interp(np.linspace(0, density[-1], count + 1), density, fine)
+    heights[-1] = wall.high_m
+    radius = wall.radius_m(heights, around)
+    if (radius <= thickness_m).any():
+        row = int(np.argmin(radius.min(axis=1)))
+        raise InputError(
+            where,
+            f"the wall comes within {radius[row].min():.3g} m of the axis at height {heights[row]:.4g} m, "
+            f"expected more than its thickness of {thickness_m:.3g} m",
+            field="mesh",
+        )
+    angle = 2 * np.pi * np.arange(around) / around
+    points = np.empty((len(heights), around, 3))
+    points[..., 0] = wall.axis_point_m[0] + radius * np.cos(angle)
+    points[..., 1] = wall.axis_point_m[1] + radius * np.sin(angle)
+    points[..., 2] = heights[:, None]
+    mesh, lid = mesh_rings(
+        points, np.full(len(heights) - 1, thickness_m), cap_m=thickness_m if closed else None
+    )
+    floor = ring_lid(np.arange(around)[::-1])
+    return ShellObject(
+        mesh,
+        np.arange(len(mesh.vertices_m)) < around,
+        np.concatenate([lid, floor]),
+        wall.axis_point_m,
+        constants,
+        spread,
+        wall_spread,
+        Path(where).stem,
+        (*notes, *wall.notes),
+    )
+
+
+def _has_top(state: MeshState, axis: tuple[float, float], high_m: float) -> bool:
+    """A ray straight down near the axis meets something close below the top."""
+    corners = state.vertices[state.faces] - np.array([axis[0], axis[1], 0.0])
+    reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2
+    height = float(np.ptp(state.vertices[:, 2]))
+    hits = 0
+    for turn in np.arange(8) * 2 * np.pi / 8 + 0.1:
+        a, b, c = ((corners[:, k, :2] - reach * np.array([np.cos(turn), np.sin(turn)])) for k in range(3))
+        areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], axis=1)
+        inside = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
+        if inside.any():
+            z = np.einsum("fk,fk->f", areas[inside], corners[inside][:, :, 2]) / areas[inside].sum(axis=1)
+            hits += bool(z.max() > high_m - 0.05 * height)
+    return hits > 4

@@ -1,0 +1,192 @@
+"""The wall of a container by its distance from the height axis: holes, patches and seams drop out.
+
+Rays from the axis see a wall whatever its triangles are like. Where a mesh has an inner and an outer
+surface, the middle between them is the wall; what is farther out (a handle) is not part of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..errors import InputError
+from . import _slice_kernels as kernels
+
+__all__ = ["Wall", "find_wall"]
+
+#: Heights and angles at which the wall is looked for first.
+LEVELS, ANGLES = 160, 96
+#: Crossings of one ray that are kept.
+MOST = 8
+#: A second surface within this share of the radius is the other side of one wall.
+THICKEST_SHARE = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A star-shaped wall around a vertical axis."""
+
+    axis_point_m: tuple[float, float]
+    low_m: float  #: height of the lowest ring
+    high_m: float  #: height of the highest ring
+    double: bool  #: the mesh has an inner and an outer surface
+    wall_m: float  #: median distance of the two, NaN for one surface
+    points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
+    faces: Int[np.ndarray, "f 3"]
+    where: str
+    notes: tuple[str, ...]
+
+    def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
+        """Of the wall's middle at heights and equally spaced angles; small holes are bridged."""
+        first, pair, _ = _nearest(self.points_m, self.faces, heights_m, around)
+        if self.double:
+            # One surface only: the foot below the inner floor, or a solid stem.
+            outer = first - np.minimum(self.wall_m / 2, first / 2)
+            near = _thin(first, pair)
+            first = np.where(near, (first + np.where(near, pair, first)) / 2, outer)
+        return _bridged(first, heights_m, self.where)
+
+
+def find_wall(
+    points_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    where: str,
+) -> Wall:
+    """Find axis, usable heights and kind of wall.
+
+    Raises
+    ------
+    InputError
+        There is no wall round the axis, or a hole that is too large to bridge; with its place.
+    """
+    low, high = points_m[faces].min(axis=(0, 1)), points_m[faces].max(axis=(0, 1))
+    if not (high - low > 0).all():
+        raise InputError(where, "is flat, expected a container", field="mesh")
+    margin = 2e-3 * (high[2] - low[2])
+    heights = np.linspace(low[2] + margin, high[2] - margin, LEVELS)
+    centre = 0.5 * (low + high)[:2]
+    for _ in range(4):
+        about = points_m - np.array([centre[0], centre[1], 0.0])
+        first, pair, count = _nearest(about, faces, heights, ANGLES)
+        full = (count > 0).all(axis=1)
+        if not full.any():
+            break
+        angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+        off = 2 * first[full] @ np.stack([np.cos(angle), np.sin(angle)], axis=1) / ANGLES
+        move = np.median(off, axis=0)
+        if np.abs(move).max() < 1e-5 * np.ptp(about[:, 0]):
+            break
+        centre = centre + move
+    seen = count > 0
+    share = seen.mean(axis=1)
+    rows = np.flatnonzero(share >= 0.97)
+    notes: list[str] = []
+    if not len(rows) or np.median(share) < 0.6:
+        place = heights[int(np.argmin(share))]
+        raise InputError(
+            where,
+            f"no wall round the axis at ({centre[0]:.4g}, {centre[1]:.4g}) m: at height {place:.4g} m only "
+            f"{100 * share.min():.0f} % of the directions meet one",
+            field="mesh",
+            remedy="turn it with --up so that z is the height axis, or close the holes",
+        )
+    bottom, top = int(rows[0]), int(rows[-1])
+    for what, cut in (("bottom", bottom), ("top", LEVELS - 1 - top)):
+        if cut > 0.3 * LEVELS:
+            raise InputError(
+                where,
+                f"{100 * cut / LEVELS:.0f} % of the height at the {what} is not closed round the axis",
+                field="mesh",
+                remedy="turn it with --up so that z is the height axis",
+            )
+        if cut:
+            notes.append(f"{100 * cut / LEVELS:.0f} % of the height at the {what} is ragged and left out")
+    gaps = int((~seen[bottom : top + 1]).sum())
+    if gaps:
+        notes.append(f"holes of {100 * gaps / ((top + 1 - bottom) * ANGLES):.1f} % of the wall bridged")
+    near = _thin(first, pair)
+    double = bool(near[bottom : top + 1].mean() > 0.5)
+    wall = float(np.median(pair[near] - first[near])) if double else float("nan")
+    if double:
+        notes.append(f"inner and outer surface, {1e3 * wall:.2g} mm apart: the middle is taken as the wall")
+        # A foot may be hollow below the floor: what counts is the highest row without two sides.
+        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
+        if solid.any() and not solid[-1]:
+            bottom += int(np.flatnonzero(solid)[-1]) + 1
+            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
+    found = Wall(
+        (float(centre[0]), float(centre[1])),
+        float(heights[bottom]),
+        float(heights[top]),
+        double,
+        wall,
+        about,
+        faces,
+        where,
+        tuple(notes),
+    )
+    found.radius_m(heights[bottom : top + 1], ANGLES)  # refuses large holes here
+    return found
+
+
+def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
+    """Where the second surface is the other side of the same wall: near, or seen all round.
+
+    The side of a shallow bowl is cut at a slant, there the two are far apart.
+    """
+    seen = np.isfinite(pair)
+    return seen & ((pair < (1 + THICKEST_SHARE) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
+
+
+def _nearest(
+    points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first and second different radius along each ray (inf where there is none), and how many."""
+    radius = np.full((len(heights), around, MOST), np.inf)
+    count = np.zeros((len(heights), around), dtype=np.int64)
+    kernels.ring_crossings(
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(faces, dtype=np.int64),
+        np.ascontiguousarray(heights, dtype=float),
+        around,
+        radius,
+        count,
+    )
+    radius.sort(axis=2)
+    first = radius[..., 0]
+    # Seams and doubled triangles are hit twice at one place.
+    other = np.where(radius > first[..., None] * (1 + 1e-4), radius, np.inf)
+    return first, other.min(axis=2), count
+
+
+def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.ndarray, "h a"]:
+    missing: Bool[np.ndarray, "h a"] = ~np.isfinite(radius)
+    if not missing.any():
+        return radius
+    _rows, around = radius.shape
+    full = ~missing.all(axis=1)
+    out = radius.copy()
+    angle = np.arange(around)
+    for row in np.flatnonzero(missing.any(axis=1) & full):
+        good = ~missing[row]
+        place = angle[good]
+        gap = int(np.diff(np.append(place, place[0] + around)).max()) - 1
+        if gap > around / 6:
+            start = int(place[np.argmax(np.diff(np.append(place, place[0] + around)))]) + 1
+            raise InputError(
+                where,
+                f"a hole of {360 * gap / around:.0f} degrees in the wall at height {heights[row]:.4g} m, from "
+                f"{360 * (start % around) / around:.0f} degrees on (from x towards y), expected at most 60",
+                field="mesh",
+                remedy="close it",
+            )
+        out[row] = np.interp(angle, place, radius[row, good], period=around)
+    if not full.all():
+        known = np.flatnonzero(full)
+        if not known.size:
+            raise InputError(where, "no wall round the axis", field="mesh")
+        for column in range(around):
+            out[~full, column] = np.interp(heights[~full], heights[known], out[known, column])
+    return out

@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import build, load_plan, plan_jobs
+from visuohaptic.errors import InputError, MissingExtraError
+
+PLAN = """\
+seed: 3
+around: 16
+states: [{closed: false}, {closed: true, fill: 0.5}]
+classes:
+  - {class: cup, variants: 3}
+  - {class: mine.yaml, variants: 2}
+"""
+MINE = """\
+name: mine
+base: {shape: ellipse, radius: [30 mm, 40 mm], radius_y: 25 mm}
+sections: [{height: [80 mm, 90 mm]}]
+"""
+
+
+@pytest.fixture
+def plan(tmp_path: Path) -> Path:
+    (tmp_path / "mine.yaml").write_text(MINE)
+    (tmp_path / "classes.yaml").write_text(PLAN)
+    return tmp_path / "classes.yaml"
+
+
+def test_a_build_says_what_it_wrote(plan: Path, tmp_path: Path) -> None:
+    jobs = plan_jobs(*load_plan(plan))
+    seen: list[int] = []
+    report = build(jobs, tmp_path / "out", progress=lambda done, total: seen.append(done))
+    assert (report.objects, report.computed, report.failed) == (5, 5, ())
+    assert seen == [0, 1, 2, 3, 4, 5]
+    manifest = json.loads((tmp_path / "out" / "manifest.json").read_text())
+    assert manifest["content_sha256"] == report.content_sha256
+    assert {"visuohaptic", "numpy"} <= set(manifest["versions"])
+    with np.load(tmp_path / "out" / manifest["objects"][4]["file"], allow_pickle=False) as data:
+        assert data["features"].shape == (2, 16, 4, 3)
+        assert data["vertices_m"].shape[0] == data["stiffness_sigma_N_per_m"].shape[0]
+        # An ellipse: what is enclosed makes it stiffer.
+        assert (data["features"][1, 4:12, 2, 0] > data["features"][0, 4:12, 2, 0]).all()
+
+
+def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(plan: Path, tmp_path: Path) -> None:
+    jobs = plan_jobs(*load_plan(plan))
+    first = build(jobs, tmp_path / "out")
+    files = [tmp_path / "out" / job.file for job in jobs]
+    files[0].unlink()
+    files[1].write_bytes(files[1].read_bytes()[:1000])
+    hurt = bytearray(files[2].read_bytes())
+    hurt[len(hurt) // 2] ^= 0xFF
+    files[2].write_bytes(hurt)
+    (files[3].parent / ".cup-00000.x.part.npz").write_bytes(b"half")
+    again = build(jobs, tmp_path / "out")
+    assert again.computed == 3
+    assert again.content_sha256 == first.content_sha256
+    assert not list((tmp_path / "out").glob("*/.*.part.npz"))
+
+
+def test_another_seed_or_setting_is_another_result(plan: Path, tmp_path: Path) -> None:
+    jobs = plan_jobs(*load_plan(plan))
+    first = build(jobs, tmp_path / "out")
+    plan.write_text(PLAN.replace("seed: 3", "seed: 4"))
+    other = build(plan_jobs(*load_plan(plan)), tmp_path / "out")
+    assert other.computed == 5
+    assert other.content_sha256 != first.content_sha256
+
+
+def test_kill_9_loses_nothing(plan: Path, tmp_path: Path) -> None:
+    whole = build(plan_jobs(*load_plan(plan)), tmp_path / "whole")
+    code = (
+        "import sys; from visuohaptic.deformation import *;"
+        "build(plan_jobs(*load_plan(sys.argv[1])), sys.argv[2])"
+    )
+    command = [sys.executable, "-c", code, str(plan), str(tmp_path / "killed")]
+    for objects in (1, 3):
+        process = subprocess.Popen(command, env=os.environ)
+        deadline = time.monotonic() + 60
+        while len(list((tmp_path / "killed").glob("*/*.npz"))) < objects and process.poll() is None:
+            assert time.monotonic() < deadline
+            time.sleep(0.002)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    again = build(plan_jobs(*load_plan(plan)), tmp_path / "killed")
+    assert again.content_sha256 == whole.content_sha256
+    assert again.computed < 5
+
+
+def test_processes_give_the_same_as_one(plan: Path, tmp_path: Path) -> None:
+    plan.write_text(PLAN.replace("variants: 3", "variants: 1").replace("variants: 2", "variants: 1"))
+    jobs = plan_jobs(*load_plan(plan))
+    one, two = build(jobs, tmp_path / "one"), build(jobs, tmp_path / "two", workers=2)
+    assert one.content_sha256 == two.content_sha256
+
+
+def test_a_second_build_in_the_folder_is_refused(plan: Path, tmp_path: Path) -> None:
+    fcntl = pytest.importorskip("fcntl")
+    (tmp_path / "out").mkdir()
+    with (tmp_path / "out" / ".lock").open("w") as handle:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        with pytest.raises(InputError, match="another build"):
+            build(plan_jobs(*load_plan(plan)), tmp_path / "out")
+
+
+def test_a_cluster_needs_its_extra(plan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(MissingExtraError, match="cluster"):
+        build(plan_jobs(*load_plan(plan)), tmp_path / "out", cluster="tcp://127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("classes: []", "classes"),
+        ("classes: [{class: nope}]", "no such file"),
+        ("classes: [{class: cup}, {class: cup}]", "twice"),
+        ("classes: [{class: cup, variants: 0}]", "variants"),
+        ("classes: [{class: cup}]\naround: 17", "around"),
+        ("classes: [{class: cup}]\nseeds: 17", "seeds"),
+    ],
+)
+def test_bad_plans_are_one_line(text: str, said: str, tmp_path: Path) -> None:
+    path = tmp_path / "plan.yaml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        load_plan(path)

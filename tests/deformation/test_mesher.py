@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import (
+    class_names,
+    detect_symmetry,
+    dual_tip_map,
+    enclosed_volume,
+    load_container,
+    mesh_container,
+)
+from visuohaptic.deformation.container import ContainerDescription
+from visuohaptic.deformation.mesher import ring_lid
+from visuohaptic.errors import InputError
+
+
+def tube(**more: object) -> ContainerDescription:
+    return ContainerDescription.model_validate(
+        {
+            "base": {"radius": "35 mm"},
+            "sections": [{"height": "200 mm"}],
+            "wall": "0.5 mm",
+            "youngs_modulus": "2.5 GPa",
+            **more,
+        }
+    )
+
+
+def test_the_tube_is_as_stiff_as_the_series_says_and_equally_all_round() -> None:
+    around = 48
+    thing = mesh_container(tube(), around=around)
+    stiffness = dual_tip_map(thing.model()).reshape(-1, around)
+    z = thing.mesh.vertices_m[::around, 2]
+    # Fourier series of the Koiter shell, 400 harmonics; 48 around is a coarse mesh.
+    for height, wanted in ((0.05, 10_062), (0.10, 6_164), (0.15, 3_486), (0.20, 1_230)):
+        assert np.interp(height, z, stiffness[:, 0]) == pytest.approx(wanted, rel=0.03)
+    ring = np.ptp(stiffness[1:], axis=1) / stiffness[1:, 0]
+    assert ring.max() < 1e-9  # crossed diagonals: symmetric to rounding
+
+
+@pytest.mark.parametrize("name", class_names())
+def test_every_class_is_closed_by_its_lid_and_looks_outwards(name: str) -> None:
+    thing = mesh_container(load_container(name).middle(), around=32)
+    faces = np.concatenate([thing.surface_faces, thing.lid])
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    assert len(np.unique(directed, axis=0)) == len(directed)
+    edges, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    open_edges = edges[times == 1]
+    assert (thing.mesh.vertices_m[open_edges, 2] == 0).all()  # the foot, which the plane z = 0 closes
+    assert 5e-5 < thing.volume_m3 < 3e-3
+    # Both ways to halve the cells enclose about the same.
+    assert enclosed_volume(thing.mesh.vertices_m, faces) == pytest.approx(thing.volume_m3, rel=0.01)
+    assert thing.fixed.sum() == 32
+
+
+def test_volume_of_a_tube() -> None:
+    for top in ("open", "closed"):
+        thing = mesh_container(tube(top={"kind": top}), around=96)
+        # A polygon of n corners has the area n / 2 sin(2 pi / n) r^2.
+        area = 48 * np.sin(2 * np.pi / 96) * 0.035**2
+        assert thing.volume_m3 == pytest.approx(0.2 * area, rel=1e-9)
+
+
+def test_symmetry_is_detected_and_lost_by_a_dent_or_a_shift() -> None:
+    found = detect_symmetry(mesh_container(tube(), around=32))
+    assert found.mirror_x
+    assert found.mirror_y
+    assert found.round
+    ellipse = tube(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
+    found = detect_symmetry(mesh_container(ellipse, around=32))
+    assert (found.mirror_x, found.mirror_y, found.round) == (True, True, False)
+    dent = [{"z": "100 mm", "angle": "20 deg", "depth": "4 mm", "width": "30 mm", "height": "30 mm"}]
+    found = detect_symmetry(mesh_container(tube(dents=dent), around=32))
+    assert not (found.mirror_x)
+    assert not (found.mirror_y)
+    assert not (found.round)
+    shifted = tube(sections=[{"height": "200 mm", "radius": "30 mm", "shift": "8 mm"}])
+    found = detect_symmetry(mesh_container(shifted, around=32))
+    assert (found.mirror_x, found.mirror_y, found.round) == (True, False, False)
+
+
+def test_a_rim_stiffens_the_mouth() -> None:
+    cup, rim = (load_container(name).middle() for name in ("cup", "cup-rim"))
+    soft, stiff = (dual_tip_map(mesh_container(what, around=32).model()) for what in (cup, rim))
+    assert np.nanmin(stiff[32:]) > 3 * np.nanmin(soft[32:])
+
+
+@pytest.mark.parametrize("count", [3, 4, 5, 8, 9, 30])
+def test_lids_cover_a_ring_once(count: int) -> None:
+    faces = ring_lid(np.arange(count))
+    angle = 2 * np.pi * np.arange(count) / count
+    points = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)[:, 2] / 2
+    assert (area > 0).all()
+    assert area.sum() == pytest.approx(count / 2 * np.sin(2 * np.pi / count))
+
+
+@pytest.mark.parametrize("around", [0, 6, 30, 5000])
+def test_bad_resolution_is_refused(around: int) -> None:
+    with pytest.raises(InputError, match="multiple of 4"):
+        mesh_container(tube(), around=around)
