@@ -46,6 +46,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
+    "complete": (
+        "visuohaptic.cli.complete",
+        "complete a surface where it could not be seen, and say where to touch",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "recording import": (
         "visuohaptic.cli.recording_import",
