@@ -43,7 +43,6 @@ VERBS: Mapping[str, tuple[str, str]] = {
     ),
     "template sheet": ("visuohaptic.cli.template_sheet", "write a print-ready sheet of AprilTags 36h11"),
     "sense beam": ("visuohaptic.cli.sense_beam", "read force and moment, six axes, from a bending rod"),
-    "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
     "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
     "calibrate beam": ("visuohaptic.cli.calibrate_beam", "fit a beam sensor's compliance from known loads"),
     "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
@@ -53,12 +52,21 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
+    "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
     "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
     "objects build": (
         "visuohaptic.cli.objects_build",
         "compute stiffness maps and features of whole classes",
     ),
+    "complete": (
+        "visuohaptic.cli.complete",
+        "complete a surface where it could not be seen, and say where to touch",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
+    "recording import": (
+        "visuohaptic.cli.recording_import",
+        "make a depth sequence from depth pictures and poses of another layout",
+    ),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
 }
