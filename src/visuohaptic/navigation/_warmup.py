@@ -7,7 +7,8 @@ __all__ = ["warmup"]
 
 def warmup() -> None:
     """Each part on a small input of its own."""
-    from . import _graph_warmup, _mapper_warmup
+    from . import _graph_warmup, _mapper_warmup, _push_warmup
 
     _graph_warmup.warmup()
     _mapper_warmup.warmup()
+    _push_warmup.warmup()
