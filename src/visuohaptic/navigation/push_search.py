@@ -10,7 +10,7 @@ much, so the first solution taken from the queue is the cheapest of the model.
 A push that frees no cell beside the goal's component needs another one after
 it, and is charged for that at once.
 
-A first pass takes pushes that open nothing in lengths of 1, 2, 4 ... cells
+A first pass takes pushes that open nothing in lengths of 1 to 6, 8, 12 ... cells
 only; where it finds nothing in its budget others take all lengths and trade
 cost for speed.
 
@@ -389,7 +389,8 @@ class _Search:
             table = self.oblique_tables[index] if contact.oblique else self.tables[index]
             touch = body.centre + shift + contact.robot
             stand = touch - STAND_OFF * contact.direction
-            if clearance_at(clearance, stand[0], stand[1]) < world.radius - STAND_SLACK:
+            # Its own body is where it has to be: what counts is everything else.
+            if clearance_at(world.clearance, stand[0], stand[1]) < world.radius - STAND_SLACK:
                 continue
             approach = reach_cost(clearance, cost, stand[0], stand[1], world.radius, world.slow)
             if approach >= self.far or state.spent + approach + table[1] >= limit:
@@ -397,6 +398,8 @@ class _Search:
             if without is None or others is None:
                 without = world.clearance_with(state.shifts, index)
                 others = self._others(state, index)
+            if clearance_at(without, stand[0], stand[1]) < world.radius - STAND_SLACK:
+                continue
             steps = free_push_steps(
                 world.occupied, without, body.samples + shift, body.outline + shift, *others,
                 touch[0], touch[1], contact.direction[0], contact.direction[1], world.radius, len(table) - 1,
@@ -421,7 +424,7 @@ class _Search:
             estimate = spent + left * self.greed
             wanted = (estimate < limit) & (left < self.far)
             if not self.fine:
-                wanted &= opens[1:] | ((lengths & (lengths - 1)) == 0)
+                wanted &= opens[1:] | (lengths <= 6) | (lengths % 4 == 0)
             for i in np.flatnonzero(wanted):
                 after = state.shifts.copy()
                 after[index] = shift + lengths[i] * contact.direction
