@@ -64,8 +64,9 @@ def test_readings_nearer_than_a_step_are_left_out():
 
 def test_correction_saves_a_push_in_mujoco():
     pytest.importorskip("mujoco")
-    # The first plan of the campaign's seeds that fails as driven; in 100 of them correction
-    # takes the share of drops from about 60 % to above 90 %.
-    trial = closed_loop(20161204 + 1)
+    # The first of the benchmark's seeds whose plan fails as driven; of 30 of them 57 % drop as driven.
+    trial = closed_loop(20161204 + 2)
     assert trial is not None
-    assert trial.corrected >= trial.plain
+    assert not trial.plain
+    assert trial.corrected
+    assert trial.place_error_m < 0.3 * trial.believed_error_m

@@ -66,7 +66,7 @@ class FloorTrace:
     def dropped(self) -> bool:
         """Whether it was touched, and lost before the last centimetre of the drive."""
         where = np.flatnonzero(self.touching)
-        return bool(len(where)) and self.driven_m[-1] - self.driven_m[where[-1]] > 0.01
+        return bool(len(where) and self.driven_m[-1] - self.driven_m[where[-1]] > 0.01)
 
     @property
     def driven_m(self) -> Float[np.ndarray, "k"]:
