@@ -42,6 +42,7 @@ def glb(document: dict[str, object]) -> bytes:
         ("a.stl", b"solid nothing\nendsolid", "STL|triangles"),
         ("a.stl", b"\0" * 80 + struct.pack("<I", 4_000_000_000), "STL|no triangles"),
         ("a.obj", b"v 0 0 0\nf 1 2 3\n", "OBJ|triangle"),
+        ("a.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", "three coordinates|OBJ"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n", "finite|OBJ"),
         (
             "a.ply",

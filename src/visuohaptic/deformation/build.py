@@ -188,7 +188,7 @@ def build(
     folder
         Made if it is not there. Results of the same jobs in it are kept.
     workers
-        Processes of this machine.
+        Processes of this machine. With more than one, a script needs ``if __name__ == "__main__":``.
     cluster
         Address of a ``dask.distributed`` scheduler instead; its workers may die and return.
     progress

@@ -90,6 +90,8 @@ def load_mesh(path: Path | str) -> TriangleMesh:
         logger.setLevel(level)
     if faces.ndim != 2 or not len(faces) or faces.shape[1] != 3 or vertices.ndim != 2:
         raise InputError(path, "has no triangles")
+    if vertices.shape[1:] != (3,):
+        raise InputError(path, f"found vertices of shape {vertices.shape}, expected three coordinates each")
     if len(faces) > MAX_FACES:
         raise InputError(path, f"has {len(faces)} triangles, expected at most {MAX_FACES}")
     if faces.min() < 0 or faces.max() >= len(vertices):
