@@ -12,7 +12,7 @@ from visuohaptic.reconstruction.biharmonic import BiharmonicMesh
 from visuohaptic.simulation.bottles import random_bottle
 
 
-def bottle_mesh(seed, step_m=0.012):
+def bottle_mesh(seed, step_m=0.016):
     rng = np.random.default_rng(seed)
     bottle = random_bottle(rng)
     vertices, faces = bottle.mesh(0.0, bottle.height_m, step_m=step_m)
@@ -29,7 +29,7 @@ def dense(vertices, faces):
     return np.linalg.norm(embedding[:, None] - embedding[None], axis=2)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_columns_equal_the_sum_over_all_eigenpairs(seed):
     vertices, faces, rng = bottle_mesh(seed)
     expected = dense(vertices, faces)
@@ -39,13 +39,13 @@ def test_columns_equal_the_sum_over_all_eigenpairs(seed):
     np.testing.assert_allclose(mesh.distance(x, y), expected[np.ix_(x, y)], rtol=1e-5, atol=1e-7)
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_score_names_the_least_supported_vertex(seed):
     vertices, faces, rng = bottle_mesh(seed)
     expected = dense(vertices, faces)
     low, high = np.quantile(vertices[:, 2], [0.3, 0.7])
     known = np.flatnonzero((vertices[:, 2] < low) | (vertices[:, 2] > high))
-    supports = np.union1d(rng.choice(known, 60), rng.choice(len(vertices), seed))
+    supports = np.union1d(rng.choice(known, 40), rng.choice(len(vertices), seed))
     score = BiharmonicMesh(vertices, faces).score(supports)
     truth = expected[:, supports].min(axis=1)
     assert int(np.argmax(score)) == int(np.argmax(truth))
