@@ -157,7 +157,7 @@ def study(objects: int, seed: int = SEED, *, touches: int = TOUCHES, priors: boo
         "blown_up": [number for number, run in enumerate(planned) if blown_up(run["mse"])],
         "spearman": float(np.nanmedian([rank for run in planned for rank in run["spearman"]])),
         "step_s": float(np.median([step for run in planned for step in run["step_s"]])),
-        "never": sum(np.isinf(touches_to_tenth(run["mse"])) for run in planned),
+        "never": sum(touches_to_tenth(run["mse"]) == float("inf") for run in planned),
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from benchmarks.completion import blown_up, study, study_rows, touches_to_tenth
 
 
