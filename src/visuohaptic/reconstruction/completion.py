@@ -137,6 +137,7 @@ class Completion:
         self._free: list[np.ndarray] = []  #: points that were passed without contact
         self._innovations: list[float] = []  #: how far touches were off, in deviations
         self._prior_misses: list[float] = []
+        self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
         self._reset()
 
     def _reset(self) -> None:
@@ -266,13 +267,20 @@ class Completion:
         rho = self._rho(np.array(added.sigmas), base.extent_m)
         return base.added(np.array(added.points), np.array(added.values), rho)
 
+    def _grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
+        """The grid over the grown region and which of its nodes are in it; both never change."""
+        if nodes not in self._grids:
+            margin = self.band.margin_m
+            low, high = self.region.hull_m.min(axis=0) - margin, self.region.hull_m.max(axis=0) + margin
+            grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
+            inside = self.region.distance_m(grid.all_nodes_m) <= margin
+            self._grids[nodes] = grid, inside.reshape(grid.shape)
+        return self._grids[nodes]
+
     def _extract(self, nodes: int) -> SurfaceMesh:
         """The zero surface in the grown region; parts without supports are left out."""
-        margin = self.band.margin_m
-        low, high = self.region.hull_m.min(axis=0) - margin, self.region.hull_m.max(axis=0) + margin
-        grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
-        inside = self.region.distance_m(grid.all_nodes_m) <= margin
-        vertices, faces = isosurface(self._fit, grid, inside.reshape(grid.shape))
+        grid, inside = self._grid(nodes)
+        vertices, faces = isosurface(self._fit, grid, inside)
         if not len(faces):
             raise InputError(
                 "Completion",
