@@ -167,7 +167,14 @@ def support_band(
     reach = region.distance_m(welded.vertices_m)
     rims = [float(reach[loop].min()) for loop in boundary_loops(welded) if len(loop) > 4]
     near = [gap for gap in rims if gap < _RIM_REACH * region.size_m]
-    gap = max([*near, float(reach.min()), 0.0])
+    nearest = float(reach.min())
+    if nearest > region.size_m:
+        raise InputError(
+            "support_band",
+            f"the region is {nearest:.3g} m away from the surface and {region.size_m:.3g} m large",
+            remedy="check that model and region are in the same frame",
+        )
+    gap = max([*near, nearest, 0.0])
     margin = gap + width
     centres = welded.vertices_m[welded.faces].mean(axis=1)
     kept = np.flatnonzero((region.distance_m(centres) < margin) & (welded.face_areas_m2 > 0))
