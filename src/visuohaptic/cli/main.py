@@ -48,6 +48,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
+    "recording import": (
+        "visuohaptic.cli.recording_import",
+        "make a depth sequence from depth pictures and poses of another layout",
+    ),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
 }

@@ -1,5 +1,8 @@
-"""Frames and measurements in and out: video, image folders, live cameras, MCAP, tables, maps."""
+"""Frames and measurements in and out: video, image folders, live cameras, depth, MCAP, tables, maps."""
 
+from .depth_import import ImportedSequence, import_sequence
+from .depth_pictures import DepthEncoding, read_depth, write_depth
+from .depth_sequence import DepthFrame, DepthSequence
 from .frames import open_source
 from .image_folder import ImageFolderSource, read_image
 from .live import CameraBackend, CameraSettings, FoundCamera, LiveSource, find_cameras, open_camera
@@ -7,6 +10,7 @@ from .mcap_in import McapSource
 from .mcap_out import MeasurementWriter
 from .mcap_records import McapDamage, McapFile, McapMessage, Topic
 from .occupancy_map import OccupancyMap
+from .poses import StampedPose, read_poses, write_poses
 from .source import RecordedSource, indices_from_times
 from .tables import ForceTable, TableWriter, read_force_table, read_wrench_table
 from .video import VideoSource
@@ -14,9 +18,13 @@ from .video import VideoSource
 __all__ = [
     "CameraBackend",
     "CameraSettings",
+    "DepthEncoding",
+    "DepthFrame",
+    "DepthSequence",
     "ForceTable",
     "FoundCamera",
     "ImageFolderSource",
+    "ImportedSequence",
     "LiveSource",
     "McapDamage",
     "McapFile",
@@ -25,14 +33,20 @@ __all__ = [
     "MeasurementWriter",
     "OccupancyMap",
     "RecordedSource",
+    "StampedPose",
     "TableWriter",
     "Topic",
     "VideoSource",
     "find_cameras",
+    "import_sequence",
     "indices_from_times",
     "open_camera",
     "open_source",
+    "read_depth",
     "read_force_table",
     "read_image",
+    "read_poses",
     "read_wrench_table",
+    "write_depth",
+    "write_poses",
 ]
