@@ -190,9 +190,7 @@ def _segments(solid: Revolution) -> list[tuple[float, ...]]:
         )
         if len(dry) > 1:
             rows += _rings(dry[::-1], AIR, solid.index, kind, solid.albedo)
-        rows += _rings(
-            np.array([surface, [0.0, level_m]]), AIR, solid.fill_index, kind, solid.albedo
-        )
+        rows += _rings(np.array([surface, [0.0, level_m]]), AIR, solid.fill_index, kind, solid.albedo)
     else:
         rows += _rings(np.vstack([inside[::-1], [0.0, floor_m]]), AIR, solid.index, kind, solid.albedo)
     return rows + [row for band in solid.bands for row in _band(solid, band)]
