@@ -176,7 +176,7 @@ class ConsistencyDetector:
             return None
         rays = ray_image(frame, others, self.noise, self.settings)
         wrong = np.count_nonzero(rays.label == _CONTRADICTED)
-        if wrong > self.settings.most_wrong * max(np.count_nonzero(rays.label), 1):
+        if wrong > self.settings.most_wrong * max(int(np.count_nonzero(rays.label)), 1):
             self.skipped["too wrong"] += 1
             return rays
         self._count(rays, frame)

@@ -129,7 +129,7 @@ class TransparencyDetector:
         poses = [view.pose_world_camera for view in others]
         score = error_image(model, depth_m, frame.camera, frame.pose_world_camera, poses, settings)
         reliable = np.count_nonzero((model.reliability > 0) & (depth_m > 0))
-        if np.count_nonzero(score) > settings.most_wrong * max(reliable, 1):
+        if np.count_nonzero(score) > settings.most_wrong * max(int(reliable), 1):
             return self._left_out(frame, "too wrong", "large erroneous regions: moved scene or lost track")
         self._cast(score, model.mean_m, frame)
         self.used += 1

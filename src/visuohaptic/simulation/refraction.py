@@ -115,7 +115,8 @@ class RefractingScene:
     box_rows: Float[np.ndarray, "k 12"] = field(init=False)
 
     def __post_init__(self) -> None:
-        solid_rows, segment_rows = [], []
+        solid_rows: list[tuple[float, ...]] = []
+        segment_rows: list[tuple[float, ...]] = []
         for solid in self.solids:
             segments = _segments(solid)
             first = len(segment_rows)
