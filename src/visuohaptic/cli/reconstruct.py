@@ -30,7 +30,9 @@ def add_arguments(parser: ArgumentParser) -> None:
         choices=("consistency", "published"),
         help="detector (default: %(default)s)",
     )
-    parser.add_argument("--sensor", help="whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)")
+    parser.add_argument(
+        "--sensor", help="whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)"
+    )
     parser.add_argument(
         "--space",
         type=float,
@@ -38,9 +40,13 @@ def add_arguments(parser: ArgumentParser) -> None:
         metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
         help="corners of the space of interest [m] (default: 1 m around what the camera looks at)",
     )
-    parser.add_argument("--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)")
+    parser.add_argument(
+        "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
+    )
     parser.add_argument("--no-refine", action="store_true", help="take the poses as they are")
-    parser.add_argument("--view", action="store_true", help="show the result in the browser until interrupted")
+    parser.add_argument(
+        "--view", action="store_true", help="show the result in the browser until interrupted"
+    )
 
 
 def run(args: Arguments) -> dict[str, Any]:
@@ -102,7 +108,9 @@ def _show(found: Any, args: Arguments) -> None:
         raise MissingExtraError("viser", "view", "--view") from error
     server = viser.ViserServer(host="127.0.0.1", verbose=False)
     surface = found.surface
-    colours = np.full((len(surface.vertices_m), 3), 190, np.uint8) if surface.colors is None else surface.colors
+    colours = (
+        np.full((len(surface.vertices_m), 3), 190, np.uint8) if surface.colors is None else surface.colors
+    )
     server.scene.add_point_cloud("surface", surface.vertices_m.astype(np.float32), colours, point_size=0.003)
     yellow = np.tile(np.array([[255, 210, 0]], np.uint8), (len(found.points_m), 1))
     server.scene.add_point_cloud("transparent", found.points_m.astype(np.float32), yellow, point_size=0.004)

@@ -38,7 +38,7 @@ class ConsistencySettings:
     """Parameters of the detector; the defaults were chosen on seeds 0-15 of ``simulation.glass_scene``."""
 
     way_m: tuple[float, ...] = (0.12, 0.22, 0.36, 0.55)  #: way to the views of a model, to both sides [m]
-    tracking_m: float = 0.004  #: standard deviation of a depth by errors of the poses [m]
+    tracking_m: float = 0.003  #: standard deviation of a depth by errors of the poses [m]
     width: float = 2.5  #: sigmas within which depths agree
     margin_m: float = 0.01  #: space before a surface of which its ray says nothing [m]
     edge_px: int = 3  #: margin around edges and shadows in which missing depths mean nothing [px]

@@ -113,6 +113,4 @@ def reconstruct(
     for region in regions:
         kept |= region.contains(points_m)
     skipped = dict(detector.skipped)
-    return Reconstruction(
-        surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.used, skipped
-    )
+    return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.used, skipped)

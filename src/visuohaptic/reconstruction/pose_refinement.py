@@ -105,7 +105,9 @@ def alignment_step(
     p, q, n = here[usable], there[usable], normals[usable]
     if len(p) < 200:
         return Pose.identity()
-    spread = noise.sigma_m(q[:, 2]) if noise.tracking_m < 0.002 else noise.with_tracking(0.002).sigma_m(q[:, 2])
+    spread = (
+        noise.sigma_m(q[:, 2]) if noise.tracking_m < 0.002 else noise.with_tracking(0.002).sigma_m(q[:, 2])
+    )
     vector = np.zeros(6)
     told = np.concatenate([_rotation_vector(prior.rotation), prior.translation_m])
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)

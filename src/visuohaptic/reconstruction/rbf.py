@@ -12,7 +12,6 @@ covariance (thin-plate Gaussian process): ``-b^T A^-1 b`` with ``b = (|X - X_i|^
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int

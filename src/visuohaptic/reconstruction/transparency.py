@@ -39,9 +39,9 @@ class TransparencySettings:
     theta: float = 0.9  #: probability below which nothing counts
     most_wrong: float = 0.15  #: frames with a larger share of wrong among reliable pixels are left out
     jump_m: float = 0.15  #: a longer step is an error of the tracker [m]
-    least_share: float = 0.12  #: summed score of a voxel, per view that was compared, to be transparent
-    least_sum: float = 3.0  #: and its least sum
-    least_voxels: int = 200  #: smallest cluster
+    of_peak: float = 0.5  #: transparent voxels have this share of the 99.9th percentile of the summed scores
+    least_sum: float = 3.0  #: and at least this sum
+    least_voxels: int = 50  #: smallest cluster
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,8 +159,11 @@ class TransparencyDetector:
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Voxels that count as transparent."""
-        least = max(self.settings.least_sum, self.settings.least_share * self.used)
-        return self.volume >= least
+        hit = self.volume[self.volume > 0]
+        if not hit.size:
+            return np.zeros(self.grid.shape, dtype=bool)
+        peak = float(np.percentile(hit, 99.9))
+        return self.volume >= max(self.settings.least_sum, self.settings.of_peak * peak)
 
     def regions(self) -> tuple[TransparentRegion, ...]:
         """Clusters of transparent voxels with their hulls."""
