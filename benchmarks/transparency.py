@@ -237,6 +237,8 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
     or mirrored in the glass table.
     """
     noise = SENSOR_NOISE["realsense_d435"]
+    if method == "consistency":
+        frames = refine_poses(frames, noise)
     flagged = np.zeros(2)
     reliable = np.zeros(2)
     for i, frame in enumerate(frames):
@@ -244,22 +246,28 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
         if method == "published":
             near = np.arange(max(0, i - 8), i)
         else:
-            near = np.array([k for k in range(i - 5, i + 6) if 0 <= k < len(frames) and k != i][:8])
+            near = np.array([k for k in range(i - 4, i + 5) if 0 <= k < len(frames) and k != i])
         if len(near) < 3:
             continue
         others = [frames[k] for k in near]
-        rows, columns = np.mgrid[0 : frame.depth_m.shape[0], 0 : frame.depth_m.shape[1]]
-        rays = frame.camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
         depth_m = ideal_depth(frame)
-        height_m = frame.pose_world_camera.apply(rays * depth_m.reshape(-1, 1))[:, 2].reshape(depth_m.shape)
         if method == "published":
             model = background_model(others, frame.pose_world_camera, noise)
             poses = [other.pose_world_camera for other in others]
             bad = error_image(model, depth_m, frame.camera, frame.pose_world_camera, poses) > 0
             counted = (model.reliability > 0) & np.isfinite(depth_m)
+            expected_m = model.mean_m
         else:
-            label = ray_image(frame, others, noise, ConsistencySettings()).label
-            bad, counted = label == 2, ((label == 1) | (label == 2)) & np.isfinite(depth_m)
+            settings = ConsistencySettings(tracking_m=0.01, strict=True)
+            found = ray_image(frame, others, noise, settings)
+            bad = found.label == 2
+            counted = (bad | (found.label == 1)) & np.isfinite(depth_m)
+            expected_m = np.where(found.predicted_m > 0, found.predicted_m, depth_m)
+        # The class of a pixel is that of the expected surface: a wrong depth must not choose it.
+        rows, columns = np.mgrid[0 : depth_m.shape[0], 0 : depth_m.shape[1]]
+        rays = frame.camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
+        points_m = frame.pose_world_camera.apply(rays * expected_m.reshape(-1, 1))
+        height_m = points_m[:, 2].reshape(depth_m.shape)
         for side, part in enumerate((height_m > above_m, height_m <= above_m)):
             reliable[side] += np.count_nonzero(counted & part)
             flagged[side] += np.count_nonzero(bad & counted & part)

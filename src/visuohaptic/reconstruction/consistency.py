@@ -47,6 +47,7 @@ class ConsistencySettings:
     strong_share: float = 0.85  #: and of the voxels that found a region
     least_bad: int = 5  #: bad rays that a voxel needs
     prior_rays: float = 3.0  #: clean rays that every voxel is given beforehand
+    strict: bool = False  #: drop contradictions at expected edges and those narrower than 3 px
     least_voxels: int = 20  #: voxels of ``strong_share`` that a region needs
 
 
@@ -98,7 +99,21 @@ def ray_image(
         predicted_m, frame.camera.focal_px, noise.baseline_m, edge_px=settings.edge_px
     )
     label[(label == _DROPPED) & explained] = _UNKNOWN
+    if settings.strict:
+        label[(label == _CONTRADICTED) & ~_firm(label, predicted_m)] = _UNKNOWN
     return RayImage(label, limit_m, predicted_m)
+
+
+def _firm(label: UInt8[np.ndarray, "h w"], predicted_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
+    """Contradictions that are 3 px wide and away from edges of the expected surface."""
+    import cv2
+
+    wide = cv2.morphologyEx(
+        (label == _CONTRADICTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
+    )
+    known = np.where(predicted_m > 0, predicted_m, np.float32(1e3))
+    step_m = cv2.dilate(predicted_m, np.ones((9, 9))) - cv2.erode(known, np.ones((9, 9)))
+    return (wide > 0) & ~(step_m > 0.06)
 
 
 @dataclass(slots=True)
