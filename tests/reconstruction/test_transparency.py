@@ -220,7 +220,7 @@ def test_region_of_a_box_of_voxels():
     assert region.volume_m3 == pytest.approx(0.05 * 0.04 * 0.06)
     assert region.score == pytest.approx(0.5)
     assert region.contains(region.centroid_m)
-    assert not region.contains(region.centroid_m + [0.03, 0, 0])
+    assert not region.contains(region.centroid_m + np.array([0.03, 0, 0]))
     assert find_regions(score, score > 0, score > 0, grid, least_voxels=1000) == ()
 
 
