@@ -47,6 +47,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
     "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
+    "complete": (
+        "visuohaptic.cli.complete",
+        "complete a surface where it could not be seen, and say where to touch",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "recording import": (
         "visuohaptic.cli.recording_import",

@@ -192,9 +192,13 @@ class RbfSurface:
             kernels.cubic_matrix(self._added, points, cross)
             rest = cross - self._solved.T @ columns
             variance -= (rest * np.linalg.solve(self._schur(), rest)).sum(axis=0)
+        return self.extent_m * np.sqrt(self.process_scale * np.maximum(variance, 0.0))
+
+    @property
+    def process_scale(self) -> float:
+        """Restricted maximum-likelihood variance of the process, in units of the extent."""
         values = np.concatenate([self._values, self._added_values])
-        scale = max(float(values @ self._weights) / max(self.count - 4, 1), 0.0)
-        return self.extent_m * np.sqrt(scale * np.maximum(variance, 0.0))
+        return max(float(values @ self._weights) / max(self.count - 4, 1), 0.0)
 
 
 def _linear(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:

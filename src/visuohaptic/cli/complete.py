@@ -1,0 +1,88 @@
+"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Complete a surface where it could not be seen, by touches, and say where to touch next."
+EPILOG = """\
+reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty)
+writes  the completed surface (PLY)
+
+example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("model", type=Path, help="visible surface, PLY")
+    parser.add_argument("--region", type=Path, required=True, help="regions.json")
+    parser.add_argument(
+        "--cluster", type=int, help="number of the region; the nearest to the model by default"
+    )
+    parser.add_argument("--touches", type=Path, help="CSV table of touches so far")
+    parser.add_argument("--out", type=Path, required=True, help="completed surface, PLY")
+    parser.add_argument("--next", action="store_true", help="plan the next touch")
+    parser.add_argument("--bound-m", type=float, default=0.001, help="expected error to stop at, 1 mm")
+    parser.add_argument("--no-priors", action="store_true", help="do not use the shape of the visible bands")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Complete; the mapping is what ``--json`` prints."""
+    import numpy as np
+
+    from ..errors import InputError
+    from ..reconstruction.completion import Completion, CompletionSettings
+    from ..reconstruction.hole import load_hole_regions
+    from ..reconstruction.mesh import SurfaceMesh
+    from ..reconstruction.touch import read_touches
+
+    if not (np.isfinite(args.bound_m) and args.bound_m > 0):
+        raise InputError("--bound-m", f"found {args.bound_m}, expected > 0")
+    model = SurfaceMesh.load(args.model)
+    regions = load_hole_regions(args.region)
+    number = args.cluster
+    if number is None:
+        number = int(np.argmin([abs(float(r.distance_m(model.vertices_m).min())) for r in regions]))
+    if not 0 <= number < len(regions):
+        raise InputError(args.region, f"has {len(regions)} clusters, no number {number}", field="clusters")
+    touches = read_touches(args.touches) if args.touches else []
+    completion = Completion(model, regions[number], CompletionSettings(use_priors=not args.no_priors))
+    for touch in touches:
+        completion.add(touch)
+    completed = completion.completed()
+    completed.save(args.out)
+    found: dict[str, Any] = {
+        "out": str(args.out),
+        "cluster": number,
+        "supports": len(completion.band.points_m),
+        "touches": len(touches),
+        "vertices": len(completed.vertices_m),
+        "triangles": len(completed.faces),
+        "gap_m": completion.band.gap_m,
+        "expected_error_m": completion.expected_error_m(),
+        "done": completion.done(args.bound_m),
+    }
+    if completion.prior is not None:
+        prior = completion.prior
+        found["symmetry"] = {
+            "rotation": prior.p_rotation,
+            "mirror": prior.p_mirror,
+            "sweep": prior.p_sweep,
+        }
+    if args.next:
+        plan = completion.next_touch()
+        found["next"] = {
+            "target_m": plan.target_m.tolist(),
+            "start_m": plan.start_m.tolist(),
+            "end_m": plan.end_m.tolist(),
+            "direction": plan.direction.tolist(),
+            "score": plan.score,
+            "sigma_m": plan.sigma_m,
+        }
+    return found

@@ -1,0 +1,171 @@
+"""What the visible parts say about the hidden one: upright objects with a kindred cross-section.
+
+In cylinder coordinates (rho, theta, z) about the height axis a container is
+often ``log rho = log R(z) + e(theta, z)``, where the cross-section ``e`` hardly
+changes with height. It is fitted to the bands below and above the hole, each
+with its own ``e``; between them it is interpolated. ``e = 0`` is rotational
+symmetry, ``e(-theta) = e(theta)`` about some direction a mirror plane; both are
+told with a probability from the residuals. Then one touch gives ``R`` at its
+height, and so the whole ring, as uncertain as the fit was.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["ShapePrior", "fit_prior"]
+
+#: Harmonics of a cross-section.
+ORDER = 8
+#: Knots of log R(z) in a band.
+_KNOTS = 6
+#: Relative residual at which a symmetry is as likely as not.
+_HALF = 0.03
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapePrior:
+    """A fitted cross-section; predicts the ring of a touched point."""
+
+    axis_m: Float[np.ndarray, "2"]  #: x and y of the height axis [m]
+    heights_m: Float[np.ndarray, "b"]  #: middle of each band [m], ascending
+    harmonics: Float[np.ndarray, "b h"]  #: of e(theta) in each band: cos 1, sin 1, cos 2, ...
+    residual: float  #: of log rho, standard deviation
+    p_rotation: float  #: probability of rotational symmetry
+    p_mirror: float  #: probability of a mirror plane through the axis
+    p_sweep: float  #: probability that the cross-section keeps its shape between the bands
+    mirror_rad: float = field(default=0.0)  #: direction of that plane
+
+    def _section(self, theta: Float[np.ndarray, "n"], z: float) -> tuple[np.ndarray, np.ndarray]:
+        """e at a height, and how uncertain it is because the bands differ."""
+        basis = _basis(theta)
+        each = basis @ self.harmonics.T
+        if len(self.heights_m) == 1:
+            return each[:, 0], np.zeros(len(theta))
+        low, high = self.heights_m
+        t = float(np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0))
+        between = (1 - t) * each[:, 0] + t * each[:, 1]
+        # A quarter of the difference, most in the middle.
+        return between, np.abs(each[:, 1] - each[:, 0]) * np.sqrt(t * (1 - t)) / 2
+
+    def ring(
+        self, point_m: Float[np.ndarray, "3"], count: int = 12
+    ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count"]]:
+        """Where the surface is at the height of a touched point, at other angles, and its deviation [m]."""
+        offset = np.asarray(point_m)[:2] - self.axis_m
+        radius, angle = float(np.hypot(*offset)), float(np.arctan2(offset[1], offset[0]))
+        theta = angle + 2 * np.pi * np.arange(1, count + 1) / (count + 1)
+        all_e, all_s = self._section(np.append(theta, angle), float(point_m[2]))
+        gain = all_e[:-1] - all_e[-1]
+        rho = radius * np.exp(np.clip(gain, -1.0, 1.0))
+        points = np.column_stack(
+            [
+                self.axis_m[0] + rho * np.cos(theta),
+                self.axis_m[1] + rho * np.sin(theta),
+                np.full(count, point_m[2]),
+            ]
+        )
+        spread = np.hypot(all_s[:-1], all_s[-1])
+        # At the touched angle itself nothing is guessed.
+        far = np.abs(np.sin((theta - angle) / 2))
+        return points, rho * np.hypot(spread, self.residual * np.minimum(2 * far, 1.0))
+
+
+def _basis(theta: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n h"]:
+    orders = np.arange(1, ORDER + 1)
+    turns = np.outer(theta, orders)
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(theta), -1)
+
+
+def fit_prior(
+    points_m: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    middle_z_m: float,
+) -> ShapePrior | None:
+    """Cross-section of the bands below and above ``middle_z_m``; ``None`` when they do not go round.
+
+    Source: own; the dissertation's extrapolation has no such prior.
+    """
+    axis = height_axis(points_m, normals)
+    offset = points_m[:, :2] - axis
+    rho, theta = np.hypot(offset[:, 0], offset[:, 1]), np.arctan2(offset[:, 1], offset[:, 0])
+    # Walls only: floors and shoulders say little about rho at their height.
+    wall = (np.abs(normals[:, 2]) < 0.85) & (rho > 1e-6)
+    parts = []
+    for below in (True, False):
+        rows = np.flatnonzero(wall & ((points_m[:, 2] < middle_z_m) == below))
+        sectors = np.unique(np.floor((theta[rows] + np.pi) / (2 * np.pi) * 12).astype(int))
+        if len(rows) >= 40 and len(sectors) >= 11:
+            parts.append(rows)
+    if not parts:
+        return None
+    fits = [_fit_band(np.log(rho[rows]), theta[rows], points_m[rows, 2]) for rows in parts]
+    heights = np.array([float(np.median(points_m[rows, 2])) for rows in parts])
+    harmonics = np.array([fit[0] for fit in fits])
+    residual = float(np.sqrt(np.mean([fit[1] ** 2 for fit in fits])))
+    ripple = float(np.sqrt(np.mean(np.sum(harmonics**2, axis=1)) / 2))
+    difference = float(np.sqrt(np.sum((harmonics[0] - harmonics[-1]) ** 2) / 2))
+    mirror_rad, uneven = _mirror(harmonics)
+    return ShapePrior(
+        axis,
+        heights,
+        harmonics,
+        max(residual, 0.004),
+        _probability(np.hypot(ripple, residual)),
+        _probability(np.hypot(uneven, residual)),
+        _probability(np.hypot(difference, residual)),
+        mirror_rad,
+    )
+
+
+def height_axis(
+    points_m: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "2"]:
+    """x and y of the upright axis that the horizontal normals point away from [m].
+
+    The point with least squared distance from the normals' lines, held by the
+    centroid where the normals leave it open.
+    """
+    flat = normals[:, :2]
+    length = np.linalg.norm(flat, axis=1)
+    used = length > 0.5
+    centroid = 0.5 * (points_m[:, :2].min(axis=0) + points_m[:, :2].max(axis=0))
+    if used.sum() < 8:
+        return centroid
+    across = np.column_stack([-flat[used, 1], flat[used, 0]]) / length[used, None]
+    matrix = across.T @ across + 0.05 * used.sum() * np.eye(2)
+    right = across.T @ (across * points_m[used, :2]).sum(axis=1) + 0.05 * used.sum() * centroid
+    return np.linalg.solve(matrix, right)
+
+
+def _fit_band(
+    log_rho: Float[np.ndarray, "n"], theta: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]
+) -> tuple[Float[np.ndarray, "h"], float]:
+    """Least squares of hats in z and harmonics in theta; harmonics and residual."""
+    knots = np.linspace(z.min(), z.max() + 1e-9, _KNOTS)
+    hats = np.maximum(0.0, 1.0 - np.abs(z[:, None] - knots) / (knots[1] - knots[0]))
+    columns = np.concatenate([hats, _basis(theta)], axis=1)
+    orders = np.repeat(np.arange(1, ORDER + 1), 2)
+    # High harmonics are held back a little: a band has few points in a corner.
+    ridge = np.diag(np.concatenate([np.full(_KNOTS, 1e-6), 1e-3 * orders**2 / ORDER]) * len(z) / 50)
+    found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ log_rho)
+    return found[_KNOTS:], float(np.std(log_rho - columns @ found))
+
+
+def _mirror(harmonics: Float[np.ndarray, "b h"]) -> tuple[float, float]:
+    """Direction of the best mirror plane, and the uneven part that it leaves."""
+    phases = np.pi * np.arange(90) / 90
+    orders = np.arange(1, ORDER + 1)
+    left = np.zeros(len(phases))
+    for band in harmonics:
+        turned = (band[0::2] + 1j * band[1::2])[None, :] * np.exp(-1j * np.outer(phases, orders))
+        left += (turned.imag**2).sum(axis=1) / 2
+    best = int(np.argmin(left))
+    return float(phases[best]), float(np.sqrt(left[best] / len(harmonics)))
+
+
+def _probability(deviation: float) -> float:
+    return float(1.0 / (1.0 + (deviation / _HALF) ** 2))
