@@ -67,6 +67,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.recording_import",
         "make a depth sequence from depth pictures and poses of another layout",
     ),
+    "reconstruct": (
+        "visuohaptic.cli.reconstruct",
+        "fuse a depth sequence into a surface and find what is transparent",
+    ),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
 }

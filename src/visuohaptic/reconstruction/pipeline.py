@@ -1,0 +1,116 @@
+"""From depth views to a surface and the transparent regions that it lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+from ..recording.depth_sequence import DepthFrame
+from ..recording.ply import PlyMesh, write_ply
+from .consistency import ConsistencyDetector
+from .fusion import TsdfVolume
+from .mesh import SurfaceMesh
+from .pose_refinement import refine_poses
+from .regions import TransparentRegion, outer_points, save_regions
+from .sensor_noise import SENSOR_NOISE, SensorNoise
+from .transparency import TransparencyDetector
+from .volume import SpaceGrid, space_of_interest
+
+__all__ = ["METHODS", "Reconstruction", "reconstruct"]
+
+Method = Literal["consistency", "published"]
+METHODS: tuple[Method, ...] = ("consistency", "published")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reconstruction:
+    """What a sequence showed, and where it cannot be trusted."""
+
+    surface: SurfaceMesh  #: visual surface in the space of interest, world [m]
+    regions: tuple[TransparentRegion, ...]  #: transparent parts, largest first
+    points_m: Float[np.ndarray, "n 3"]  #: outer voxels of the transparent parts, world [m]
+    scores: Float[np.ndarray, "n"]  #: score of each of these points
+    grid: SpaceGrid
+    used: int  #: views that were compared
+    skipped: dict[str, int]  #: views that were not, by cause
+
+    def save(self, folder: Path | str) -> None:
+        """Write ``surface.ply``, ``transparency.ply`` (points with ``score``) and ``regions.json``."""
+        folder = Path(folder)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(folder, f"cannot be made ({error.strerror})") from error
+        self.surface.save(folder / "surface.ply")
+        no_faces = np.zeros((0, 3), dtype=np.int64)
+        write_ply(folder / "transparency.ply", PlyMesh(self.points_m, no_faces, None, {"score": self.scores}))
+        save_regions(
+            folder / "regions.json",
+            self.regions,
+            low=self.grid.low_m.tolist(),
+            high=self.grid.high_m.tolist(),
+            voxel_m=self.grid.voxel_m,
+            views=self.used,
+        )
+
+
+def reconstruct(
+    frames: Sequence[DepthFrame],
+    *,
+    grid: SpaceGrid | None = None,
+    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    method: Method = "consistency",
+    refine: bool = True,
+) -> Reconstruction:
+    """Fuse the surface and find what is transparent, from the same views.
+
+    Parameters
+    ----------
+    frames
+        Views of one camera, in order.
+    grid
+        Space of interest; a cube of 1 m around what the camera looks at by default.
+    noise
+        Of the camera.
+    method
+        ``consistency``, or ``published`` (Alt 2016, 5.2).
+    refine
+        Whether poses are first fitted to each other (with ``consistency`` only).
+
+    Raises
+    ------
+    InputError
+        No frames, an unknown method, or nothing was seen in the space of interest.
+    """
+    if method not in METHODS:
+        raise InputError(
+            "reconstruct", f"found {method!r}, expected one of {', '.join(METHODS)}", field="method"
+        )
+    grid = grid or space_of_interest(frames)
+    detector: TransparencyDetector | ConsistencyDetector
+    if method == "consistency":
+        if refine:
+            frames = refine_poses(frames, noise)
+        detector = ConsistencyDetector(grid, noise)
+        detector.run(frames)
+    else:
+        detector = TransparencyDetector(grid, noise)
+        for frame in frames:
+            detector.add(frame)
+    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m)
+    for frame in frames:
+        surface.integrate(frame)
+    regions = detector.regions()
+    inside, score = detector.inside(), detector.score()
+    points_m, scores = outer_points(inside, score, grid)
+    kept = np.zeros(len(points_m), dtype=bool)
+    for region in regions:
+        kept |= region.contains(points_m)
+    skipped = dict(detector.skipped)
+    return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.used, skipped)

@@ -1,0 +1,297 @@
+"""The detectors: kernels against plain NumPy, laws of the scores, a rendered scene, the command line."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from visuohaptic.camera import Camera, Pose
+from visuohaptic.cli.main import main
+from visuohaptic.errors import InputError
+from visuohaptic.files import save_yaml
+from visuohaptic.reconstruction._background_kernels import cast_rays, view_moments, warp_views
+from visuohaptic.reconstruction._consistency_kernels import projector_shadow
+from visuohaptic.reconstruction.background import (
+    HELLINGER_WEIGHT,
+    BackgroundModel,
+    LocalViews,
+    background_model,
+    intrinsics,
+)
+from visuohaptic.reconstruction.consistency import ConsistencyDetector
+from visuohaptic.reconstruction.pose_refinement import refine_poses
+from visuohaptic.reconstruction.regions import find_regions
+from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE, sensor_noise
+from visuohaptic.reconstruction.transparency import TransparencyDetector, error_image
+from visuohaptic.reconstruction.volume import SpaceGrid, space_of_interest
+from visuohaptic.recording.depth_pictures import write_depth
+from visuohaptic.recording.depth_sequence import DepthFrame
+from visuohaptic.recording.ply import read_ply
+from visuohaptic.recording.poses import write_poses
+from visuohaptic.simulation.depth_camera import DepthCamera
+from visuohaptic.simulation.glass_scene import disturb_pose, glass_scene
+
+CAMERA = Camera.simple(64, 48, 60.0)
+SEED = 12  # a development seed: thin, 360 degrees
+
+
+def plane_frame(pose: Pose, rng: np.random.Generator | None = None, sigma_m: float = 0.0) -> DepthFrame:
+    """The plane z = 0 of the world."""
+    rows, columns = np.mgrid[0 : CAMERA.height, 0 : CAMERA.width]
+    rays = CAMERA.rays(np.stack([columns, rows], axis=-1).astype(float)) @ pose.rotation.T
+    depth_m = -pose.translation_m[2] / rays[..., 2]
+    if rng is not None:
+        depth_m = depth_m + sigma_m * rng.standard_normal(depth_m.shape)
+    return DepthFrame(0.0, depth_m.astype(np.float32), None, pose, CAMERA)
+
+
+def looking_down(x: float) -> Pose:
+    return Camera.pose_of_view((x, -0.6, 0.8), (x, 0.0, 0.0))
+
+
+@pytest.fixture(scope="module")
+def sequence():
+    """Every third view of a development scene at quarter resolution."""
+    scene = glass_scene(SEED, step_m=0.06)
+    sensor = DepthCamera.kinect(200)
+    frames = [
+        DepthFrame(view.t_s, view.depth_m, None, view.true_pose_world_camera, sensor.camera, i)
+        for i, view in enumerate(scene.render(sensor, np.random.default_rng(0)))
+    ]
+    return scene, frames
+
+
+def test_noise_is_that_of_the_equation():
+    z = np.array([0.5, 1.0, 2.0])
+    expected = np.sqrt((0.5 * 2.9e-3 * z**2) ** 2 + 0.01**2)
+    np.testing.assert_allclose(SENSOR_NOISE["kinect"].sigma_m(z), expected, rtol=1e-12)
+    assert sensor_noise("Intel RealSense D435i") is SENSOR_NOISE["realsense_d435"]
+    with pytest.raises(InputError, match="expected one of kinect"):
+        sensor_noise("abacus")
+
+
+def test_warp_equals_plain_numpy_and_the_truth():
+    rng = np.random.default_rng(0)
+    frames = [plane_frame(looking_down(x)) for x in (-0.1, 0.0, 0.07)]
+    here = looking_down(0.03)
+    moved = np.array(
+        [(here.inverse() @ frame.pose_world_camera).matrix[:3] for frame in frames], dtype=np.float32
+    )
+    depths = np.stack([frame.depth_m for frame in frames])
+    depths[1][rng.random(depths[1].shape) < 0.2] = np.nan
+    warped = np.empty_like(depths)
+    warp_views(depths, moved, *intrinsics(CAMERA), warped)
+    for k, frame in enumerate(frames):
+        plain = np.full(depths[k].shape, np.inf)
+        rows, columns = np.nonzero(np.isfinite(depths[k]))
+        rays = CAMERA.rays(np.column_stack([columns, rows]).astype(float))
+        points = (here.inverse() @ frame.pose_world_camera).apply(rays * depths[k][rows, columns, None])
+        pixels = np.floor(CAMERA.project(points) + 0.5).astype(int)
+        for (u, v), z in zip(pixels, points[:, 2], strict=True):
+            if 0 <= u < CAMERA.width and 0 <= v < CAMERA.height:
+                plain[v, u] = min(plain[v, u], z)
+        same = np.isclose(warped[k], plain, atol=1e-4) | (np.isinf(warped[k]) & np.isinf(plain))
+        assert same.mean() > 0.99  # float32 rounds a few points into the next pixel
+    truth = plane_frame(here).depth_m
+    seen = np.isfinite(warped)
+    # A pixel's point may be half a pixel off: the plane's slope times that, z^2 / (f h) / 2.
+    assert np.abs(warped - truth)[seen].max() < 0.5 * truth.max() ** 2 / (60 * 0.8) * 1.5
+
+
+def test_moments_and_reliability_equal_the_printed_formulas():
+    rng = np.random.default_rng(1)
+    spread = rng.uniform(0, 0.06, (48, 64))
+    warped = (1 + spread * rng.standard_normal((8, 48, 64))).astype(np.float32)
+    warped[rng.random(warped.shape) < 0.4] = np.inf
+    mean, sigma, score = (np.empty((48, 64), np.float32) for _ in range(3))
+    noise = SENSOR_NOISE["kinect"]
+    numbers = (noise.quadratic_per_m, 0.0, 0.0, noise.tracking_m, HELLINGER_WEIGHT)
+    view_moments(warped, *(np.float32(n) for n in numbers), 3, mean, sigma, score)
+    values = np.where(np.isfinite(warped), warped, np.nan).astype(np.float64)
+    enough = np.isfinite(warped).sum(axis=0) >= 3
+    assert (score[~enough] == 0).all()
+    values = values[:, enough]
+    expected = np.nanmean(values, axis=0)
+    np.testing.assert_allclose(mean[enough], expected, atol=1e-6)
+    sigma_s = noise.sigma_m(expected)
+    prime = np.maximum(np.nanstd(values, axis=0, ddof=1), sigma_s)
+    np.testing.assert_allclose(sigma[enough], prime, rtol=1e-3)
+    hellinger = 1 - np.sqrt(2 * sigma_s * prime / (sigma_s**2 + prime**2))
+    np.testing.assert_allclose(score[enough], np.maximum(0, 1 - HELLINGER_WEIGHT * hellinger), atol=2e-3)
+    assert 1 - HELLINGER_WEIGHT * (1 - math.sqrt(8 / 17)) == pytest.approx(0, abs=1e-12)
+
+
+@given(st.floats(0.0, 6.0))
+def test_error_score_rises_with_contradiction(sigmas):
+    """erf mapped from [0.9, 1] to [0, 1]: nothing below 1.645 sigma."""
+    shape = (CAMERA.height, CAMERA.width)
+    ones = np.ones(shape, np.float32)
+    model = BackgroundModel(ones, 0.01 * ones, ones, 8)
+    depth_m = ((1 + 0.01 * sigmas) * ones).astype(np.float32)
+    pose = Pose.identity()
+    score = error_image(model, depth_m, CAMERA, pose, [pose] * 3)[20, 30]
+    assert score == pytest.approx(max(0.0, (math.erf(sigmas / math.sqrt(2)) - 0.9) / 0.1), abs=2e-3)
+
+
+def test_points_outside_the_models_view_are_no_error():
+    shape = (CAMERA.height, CAMERA.width)
+    ones = np.ones(shape, np.float32)
+    model = BackgroundModel(ones, 0.01 * ones, ones, 8)
+    away = Camera.pose_of_view((0, 0, -5), (0, 0, -10), (0, 1, 0))
+    score = error_image(model, 1.5 * ones, CAMERA, Pose.identity(), [away] * 3)
+    assert not score.any()
+
+
+def test_rays_mark_what_dense_sampling_marks():
+    rng = np.random.default_rng(2)
+    volume = np.zeros((20, 16, 12), np.float32)
+    origin, ends = np.array([-0.3, 0.1, 0.2]), rng.uniform(0, [1.0, 0.8, 0.6], (30, 3))
+    low = np.zeros(3)
+    cast_rays(origin, ends, np.ones(30, np.float32), low, 0.05, 3, volume)
+    plain = np.zeros_like(volume)
+    for end in ends:
+        along = np.linspace(0, 1, 20001)[:, None]
+        cells = np.floor((origin + along * (end - origin)) / 0.05).astype(int)
+        cells = np.unique(cells[((cells >= 0) & (cells < volume.shape)).all(axis=1)], axis=0)
+        plain[tuple(cells.T)] += 1
+    # Corners cut by less than the sampling differ: at most a few of several hundred.
+    assert np.count_nonzero(volume != plain) <= 0.01 * plain.sum()
+
+
+def test_a_consistent_scene_has_no_errors():
+    rng = np.random.default_rng(3)
+    detector = TransparencyDetector(SpaceGrid.around((-0.3, -0.3, 0), (0.3, 0.3, 0.3), 0.02))
+    for i in range(30):
+        image = detector.add(plane_frame(looking_down(0.02 * i), rng, 0.002))
+        assert not image.score.any()
+    assert detector.used > 10
+    assert detector.regions() == ()
+
+
+def test_jumps_of_the_pose_start_the_model_anew():
+    detector = TransparencyDetector(SpaceGrid.around((-0.3, -0.3, 0), (0.3, 0.3, 0.3), 0.02))
+    for i in range(25):
+        detector.add(plane_frame(looking_down(0.02 * i + (0.5 if i >= 20 else 0))))
+    assert detector.skipped["pose jumps"] == 1
+    assert not detector.add(plane_frame(looking_down(1.02))).valid
+
+
+def test_views_of_a_model_keep_the_gap():
+    views = LocalViews()
+    for i in range(60):
+        views.add(plane_frame(looking_down(0.01 * i)))
+    x = [view.pose_world_camera.translation_m[0] for view in views.of_model()]
+    assert len(x) == 8
+    behind = 0.59 - np.array(x)
+    assert behind.min() == pytest.approx(0.16, abs=0.006)
+    assert behind.max() == pytest.approx(0.36, abs=0.006)
+
+
+def test_a_model_needs_views():
+    with pytest.raises(InputError, match="found no views"):
+        background_model([], Pose.identity())
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_shadow_is_on_the_far_side_of_the_projector(side):
+    depth = np.full((1, 100), 2.0, np.float32)
+    depth[0, 40:60] = 1.0
+    shadow = np.zeros((1, 100), np.uint8)
+    projector_shadow(depth, side * 20.0, 0.5, shadow)
+    where = np.flatnonzero(shadow)
+    width = 20 * (1 / 1.0 - 1 / 2.0)  # disparities' difference [px]
+    assert abs(len(where) - width) <= 1
+    assert where.max() == 39 if side > 0 else where.min() == 60
+
+
+def test_region_of_a_box_of_voxels():
+    grid = SpaceGrid(np.array([1.0, 2.0, 3.0]), (20, 20, 20), 0.01)
+    score = np.zeros(grid.shape)
+    score[5:10, 4:8, 3:9] = 0.5
+    (region,) = find_regions(score, score > 0, score > 0, grid, least_voxels=10)
+    np.testing.assert_allclose(region.size_m, [0.05, 0.04, 0.06])
+    np.testing.assert_allclose(region.centroid_m, [1.075, 2.06, 3.06])
+    assert region.volume_m3 == pytest.approx(0.05 * 0.04 * 0.06)
+    assert region.score == pytest.approx(0.5)
+    assert region.contains(region.centroid_m)
+    assert not region.contains(region.centroid_m + np.array([0.03, 0, 0]))
+    assert find_regions(score, score > 0, score > 0, grid, least_voxels=1000) == ()
+
+
+def test_refined_poses_are_better(sequence):
+    scene, frames = sequence
+    rng = np.random.default_rng(4)
+    noisy = [
+        replace(frame, pose_world_camera=disturb_pose(frame.pose_world_camera, rng, 0.003, math.radians(0.1)))
+        for frame in frames[:20]
+    ]
+
+    def step_errors_m(views):
+        """Of the motions between neighbours: a common shift of all views does no harm."""
+        return [
+            np.linalg.norm(
+                (a.pose_world_camera.inverse() @ b.pose_world_camera).translation_m
+                - (p.inverse() @ q).translation_m
+            )
+            for a, b, p, q in zip(views, views[1:], scene.poses, scene.poses[1:], strict=False)
+        ]
+
+    assert np.mean(step_errors_m(refine_poses(noisy))) < 0.6 * np.mean(step_errors_m(noisy))
+
+
+def test_glass_is_found_and_opaque_twins_are_not(sequence):
+    scene, frames = sequence
+    grid = SpaceGrid.around((-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), 0.01)
+    detector = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    detector.run(frames)
+    regions = detector.regions()
+    centres = grid.centres_m(np.argwhere(np.ones(grid.shape, bool)))
+    truth = scene.truth(centres)
+    told = np.any([region.contains(centres) for region in regions], axis=0)
+    assert 2 * (truth & told).sum() / (truth.sum() + told.sum()) > 0.4
+    sensor = DepthCamera.kinect(200)
+    twin = scene.scene.opaque_twin()
+    painted = [
+        replace(f, depth_m=sensor.render(twin, f.pose_world_camera, np.random.default_rng(f.index)))
+        for f in frames[:40]
+    ]
+    opaque = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    opaque.run(painted)
+    assert opaque.regions() == ()
+
+
+def test_space_of_interest_is_where_the_axes_meet(sequence):
+    _, frames = sequence
+    grid = space_of_interest(frames)
+    middle = 0.5 * (grid.low_m + grid.high_m)
+    np.testing.assert_allclose(middle, [0, 0, 0.07], atol=0.03)
+    one = space_of_interest(frames[:1])
+    assert (one.low_m < frames[0].pose_world_camera.apply([0, 0, 0.9])).all()
+
+
+def test_command_writes_the_three_files(sequence, tmp_path, capsys):
+    _, frames = sequence
+    scan = tmp_path / "scan"
+    (scan / "depth").mkdir(parents=True)
+    for frame in frames[::2]:
+        write_depth(scan / "depth" / f"{frame.index:06d}.png", frame.depth_m, 1e-4)
+    write_poses(scan / "poses.txt", [(frame.t_s, frame.pose_world_camera) for frame in frames[::2]])
+    frames[0].camera.save(scan / "camera.yaml")
+    save_yaml(scan / "sequence.yaml", {"sensor": "simulated", "depth_scale_m": 1e-4, "camera": "camera.yaml"})
+    words = ["reconstruct", str(scan), "--out", str(tmp_path / "out"), "--voxel-m", "0.01", "--json"]
+    words += ["--space", "-0.4", "-0.4", "0", "0.4", "0.4", "0.3"]
+    assert main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    clusters = json.loads((tmp_path / "out" / "regions.json").read_text())["clusters"]
+    assert len(clusters) == len(told["regions"]) > 0
+    assert {"hull", "centroid", "size", "score"} <= set(clusters[0])
+    points = read_ply(tmp_path / "out" / "transparency.ply")
+    assert len(points.vertices_m) == len(points.fields["score"]) > 0
+    assert len(read_ply(tmp_path / "out" / "surface.ply").faces) > 1000
+    assert main(["reconstruct", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
