@@ -69,6 +69,7 @@ class NavigationMap:
         spacing_m: float | None = None,
     ) -> None:
         from ._graph_kernels import link_masks
+        from ._update_kernels import TILE
 
         self._base = np.array(map.cells, dtype=np.int8, order="C")
         self._covered = np.zeros(map.shape, np.uint16)  # obstacles on each cell
@@ -81,6 +82,7 @@ class NavigationMap:
         )
         self._bounds = step_bounds(self.layers)
         self._steps = limits.step_table(map.resolution_m)[0]
+        self._tiles = np.zeros([-(-side // TILE) for side in map.shape], np.uint8)
         self._mark = skeleton_marks(self.layers)
         self._skeleton = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
         self._links = link_masks(self._mark, self._skeleton)
@@ -245,20 +247,26 @@ class NavigationMap:
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
         from ._region_kernels import spread
-        from ._update_kernels import forget
+        from ._sweep_kernels import sweep
+        from ._update_kernels import differences, forget, release, touch, windows
 
         layers = self.layers
+        rows, columns = layers.shape
         potential, seed = self.regions.potential, self.regions.seed
         seeds = self._node_cells()
-        removed = np.setdiff1d(self._seeds, seeds, assume_unique=True)
-        added = np.setdiff1d(seeds, self._seeds, assume_unique=True)
-        roots = np.concatenate([changed, removed, added]).astype(np.int32)
-        border = forget(layers.step, self._mark, potential, seed, roots)
-        # Nodes that stand on changed cells were taken back too.
-        lost = seeds[seed.ravel()[seeds] != seeds]
+        removed, added = differences(self._seeds, seeds)
+        release(potential, seed, removed, self._tiles)
+        forget(layers.step, self._mark, potential, seed, changed, self._tiles)
+        # Nodes that are new, and those that stand on cells that were taken back.
+        lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, SQUARE)
+        touch(self._tiles, lost, columns)
+        left = [
+            sweep(layers.step, potential, seed, *window) for window in windows(self._tiles, rows, columns)
+        ]
+        if left:
+            spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
         self._seeds = seeds
         self.regions = Regions(potential, seed, layers.unit_s, layers, self.graph)
 
