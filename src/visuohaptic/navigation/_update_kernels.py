@@ -18,6 +18,7 @@ __all__ = [
     "release",
     "touch",
     "windows",
+    "with_neighbours",
 ]
 
 #: Edge of the tiles by which places of the map are noted where potentials have to be found again [cells].
@@ -362,6 +363,21 @@ def forget(
     for place in range(count):
         flat_mark[gone[place]] &= np.uint8(7)
     touch(tiles, gone[:count], columns)
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Cells (flat) and those round them, some more than once."""
+    found = np.empty(9 * len(cells), np.int32)
+    count = 0
+    for cell in cells:
+        row = cell // columns
+        column = cell - row * columns
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(column - 1, 0), min(column + 2, columns)):
+                found[count] = r * columns + c
+                count += 1
+    return found[:count]
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

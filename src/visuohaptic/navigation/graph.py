@@ -90,23 +90,21 @@ def graph_from_marks(
     spacing_m: float | None,
 ) -> NavigationGraph:
     """The graph of a skeleton; ``mark`` is 1 on its cells."""
-    from ._graph_kernels import link_masks, trace
+    from ._lines import SkeletonLines
 
     for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
     cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
-    raw = trace(
-        layers.distance_m, mark, cells, link_masks(mark, cells), layers.map.resolution_m, _speeds(layers)
-    )
+    raw = SkeletonLines(layers.shape).follow(layers, mark, cells)
     return graph_from_lines(layers, raw, stub_length_m, spacing_m)
 
 
 def graph_from_lines(
     layers: GridLayers, raw: tuple[np.ndarray, ...], stub_length_m: float | None, spacing_m: float | None
 ) -> NavigationGraph:
-    """The graph of traced lines, see ``_graph_kernels.trace``."""
-    from ._graph_kernels import keep_edges, label_components, prune
+    """The graph of traced lines, see ``_graph_kernels.join_lines``."""
+    from ._prune_kernels import keep_edges, label_components, prune
 
     cells, ends, measures, path_start, path = raw
     clearance = layers.distance_m.ravel()[cells]

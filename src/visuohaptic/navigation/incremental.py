@@ -7,7 +7,8 @@ from jaxtyping import Float, Int, Int32
 
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
-from .graph import NavigationGraph, _speeds, graph_from_lines
+from ._lines import SkeletonLines
+from .graph import NavigationGraph, graph_from_lines
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
@@ -68,7 +69,6 @@ class NavigationMap:
         stub_length_m: float | None = None,
         spacing_m: float | None = None,
     ) -> None:
-        from ._graph_kernels import link_masks
         from ._update_kernels import TILE
 
         self._base = np.array(map.cells, dtype=np.int8, order="C")
@@ -84,9 +84,9 @@ class NavigationMap:
         self._steps = limits.step_table(map.resolution_m)[0]
         self._tiles = np.zeros([-(-side // TILE) for side in map.shape], np.uint8)
         self._mark = skeleton_marks(self.layers)
-        self._skeleton = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
-        self._links = link_masks(self._mark, self._skeleton)
-        self.graph: NavigationGraph = self._traced()
+        self._lines = SkeletonLines(map.shape)
+        cells = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
+        self.graph: NavigationGraph = self._traced(cells)
         self.regions: Regions = assign_regions(self.layers, self.graph)
         self._seeds = self._node_cells()
 
@@ -200,46 +200,16 @@ class NavigationMap:
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
-        from ._graph_kernels import link_masks
         from ._skeleton_kernels import refine
+        from ._update_kernels import with_neighbours
 
-        turned = np.unique(refine(self.layers.distance_m, self.layers.step, self._mark, near))
-        if len(turned):
-            kept = self._mark.ravel()[turned] != 0
-            place = np.searchsorted(self._skeleton, turned)
-            there = np.zeros(len(turned), np.bool_)
-            inside = place < len(self._skeleton)
-            there[inside] = self._skeleton[place[inside]] == turned[inside]
-            gone, new = there & ~kept, kept & ~there
-            left = np.delete(self._skeleton, place[gone])
-            links = np.delete(self._links, place[gone])
-            place = np.searchsorted(left, turned[new])
-            self._skeleton = np.insert(left, place, turned[new])
-            self._links = np.insert(links, place, 0)
-            columns = self.map.shape[1]
-            offsets = np.array(
-                [-columns - 1, -columns, 1 - columns, -1, 0, 1, columns - 1, columns, columns + 1]
-            )
-            beside = np.unique((turned[:, None] + offsets).ravel())
-            place = np.searchsorted(self._skeleton, beside)
-            inside = place < len(self._skeleton)
-            place = place[inside][self._skeleton[place[inside]] == beside[inside]]
-            self._links[place] = link_masks(self._mark, self._skeleton[place])
-        self.graph = self._traced()
+        turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
+        beside = with_neighbours(turned, *self.map.shape)
+        self.graph = self._traced(np.concatenate([near, beside]))
 
-    def _traced(self) -> NavigationGraph:
-        from ._graph_kernels import trace
-
-        layers = self.layers
-        lines = trace(
-            layers.distance_m,
-            self._mark,
-            self._skeleton,
-            self._links,
-            layers.map.resolution_m,
-            _speeds(layers),
-        )
-        return graph_from_lines(layers, lines, self._stub_length_m, self._spacing_m)
+    def _traced(self, touched: Int32[np.ndarray, "c"]) -> NavigationGraph:
+        lines = self._lines.follow(self.layers, self._mark, touched)
+        return graph_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
 
     def _node_cells(self) -> Int32[np.ndarray, "n"]:
         return self._flat(self.graph.node_cells).astype(np.int32)
