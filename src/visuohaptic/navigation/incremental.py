@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Int32
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 from ._lines import SkeletonLines
-from .graph import NavigationGraph, graph_from_lines
+from .graph import NavigationGraph, decisions_from_lines, graph_from_decisions
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
@@ -86,9 +86,25 @@ class NavigationMap:
         self._mark = skeleton_marks(self.layers)
         self._lines = SkeletonLines(map.shape)
         cells = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
-        self.graph: NavigationGraph = self._traced(cells)
-        self.regions: Regions = assign_regions(self.layers, self.graph)
-        self._seeds = self._node_cells()
+        self._decisions = self._traced(cells)
+        self._graph: NavigationGraph | None = None
+        first = assign_regions(self.layers, self.graph)
+        self._potential, self._seed = first.potential, first.seed
+        self._regions: Regions | None = first
+
+    @property
+    def graph(self) -> NavigationGraph:
+        """The graph as the map is now; made when it is first asked for after an edit, and never changed."""
+        if self._graph is None:
+            self._graph = graph_from_decisions(self.layers, self._decisions)
+        return self._graph
+
+    @property
+    def regions(self) -> Regions:
+        """The regions as the map is now; their arrays change with the next edit."""
+        if self._regions is None:
+            self._regions = Regions(self._potential, self._seed, self.layers.unit_s, self.layers, self.graph)
+        return self._regions
 
     @property
     def map(self) -> OccupancyMap:
@@ -205,14 +221,13 @@ class NavigationMap:
 
         turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
         beside = with_neighbours(turned, *self.map.shape)
-        self.graph = self._traced(np.concatenate([near, beside]))
+        self._before = self._decisions[0]
+        self._decisions = self._traced(np.concatenate([near, beside]))
+        self._graph = self._regions = None
 
-    def _traced(self, touched: Int32[np.ndarray, "c"]) -> NavigationGraph:
+    def _traced(self, touched: Int32[np.ndarray, "c"]) -> tuple[np.ndarray, ...]:
         lines = self._lines.follow(self.layers, self._mark, touched)
-        return graph_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
-
-    def _node_cells(self) -> Int32[np.ndarray, "n"]:
-        return self._flat(self.graph.node_cells).astype(np.int32)
+        return decisions_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
 
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
@@ -222,9 +237,9 @@ class NavigationMap:
 
         layers = self.layers
         rows, columns = layers.shape
-        potential, seed = self.regions.potential, self.regions.seed
-        seeds = self._node_cells()
-        removed, added = differences(self._seeds, seeds)
+        potential, seed = self._potential, self._seed
+        seeds = self._decisions[0]
+        removed, added = differences(self._before, seeds)
         release(potential, seed, removed, self._tiles)
         forget(layers.step, self._mark, potential, seed, changed, self._tiles)
         # Nodes that are new, and those that stand on cells that were taken back.
@@ -237,8 +252,6 @@ class NavigationMap:
         ]
         if left:
             spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
-        self._seeds = seeds
-        self.regions = Regions(potential, seed, layers.unit_s, layers, self.graph)
 
 
 def _boxes(cells: Int[np.ndarray, "c 2"]) -> list[tuple[int, int, int, int]]:
