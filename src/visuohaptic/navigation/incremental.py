@@ -17,6 +17,9 @@ __all__ = ["NavigationMap", "footprint_cells"]
 
 #: Edits whose boxes are at most so many cells apart are worked out in one window.
 _ONE_WINDOW = 20
+#: So few cells are done sooner by the queue than by further passes, of which there are at most so many.
+_FEW = 256
+_MORE_SWEEPS = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
@@ -219,6 +222,8 @@ class NavigationMap:
         from ._skeleton_kernels import refine
         from ._update_kernels import with_neighbours
 
+        # Small distances first: few cells are then looked at more than once.
+        near = near[np.argsort(self.layers.distance_m.ravel()[near])]
         turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
         beside = with_neighbours(turned, *self.map.shape)
         self._before = self._decisions[0]
@@ -247,9 +252,18 @@ class NavigationMap:
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
         touch(self._tiles, lost, columns)
-        left = [
-            sweep(layers.step, potential, seed, *window) for window in windows(self._tiles, rows, columns)
-        ]
+        left = []
+        for window in windows(self._tiles, rows, columns):
+            found = sweep(layers.step, potential, seed, *window)
+            for _ in range(_MORE_SWEEPS):
+                if len(found) < _FEW:
+                    break
+                # Ways that turn back need more passes; those that leave the window are for the queue.
+                row, column = np.divmod(found, columns)
+                within = (row >= window[0]) & (row <= window[1]) & (column >= window[2]) & (column <= window[3])
+                left.append(found[~within])
+                found = sweep(layers.step, potential, seed, *window)
+            left.append(found)
         if left:
             spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
 
