@@ -115,8 +115,11 @@ def cpu_ms(work: Any, repeats: int) -> float:
     return float(np.median(spent))
 
 
-def edit_times_ms(grid: Any, edits: int, seed: int = _SEED) -> np.ndarray:
-    """CPU time of moves of one box of 0.4 m: every second to anywhere, the others by up to 0.5 m."""
+def edit_times_ms(grid: Any, edits: int, seed: int = _SEED, ask: bool = True) -> np.ndarray:
+    """CPU time of moves of one box of 0.4 m: every second to anywhere, the others by up to 0.5 m.
+
+    ``ask``: with the time until graph and regions have been read, which are made on request.
+    """
     from visuohaptic.navigation.grid import SpeedLimits
     from visuohaptic.navigation.incremental import NavigationMap
 
@@ -136,6 +139,8 @@ def edit_times_ms(grid: Any, edits: int, seed: int = _SEED) -> np.ndarray:
         )
         started = time.process_time()
         live.move_obstacle("box", place_m + box_m)
+        if ask:
+            assert live.regions.graph is live.graph
         spent.append(1e3 * (time.process_time() - started))
     return np.array(spent[4:])
 

@@ -1,4 +1,4 @@
-"""From skeleton cells to a graph: trace the lines, remove stubs, merge what is no decision."""
+"""From skeleton cells to lines and their graph; lines that no edit has touched are kept."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ from numba import njit
 
 from ._skeleton_kernels import ADJACENT, COLUMN_STEP, ROW_STEP
 
-__all__ = ["keep_edges", "link_masks", "prune", "trace"]
+__all__ = ["compact_lines", "find_lines", "find_specials", "forget_lines", "join_lines", "measure_paths"]
 
 _ADJACENT = ADJACENT
-_SEEN = np.uint8(4)
-_SPECIAL = np.uint8(16)
+_DEAD = np.int32(-2)
 _BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
 
 
@@ -30,28 +29,6 @@ def _links(mark: np.ndarray, row: int, column: int) -> int:
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def link_masks(mark: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Masks of linked neighbours of skeleton cells (flat indices)."""
-    columns = mark.shape[1]
-    masks = np.zeros(len(cells), np.uint8)
-    for k in range(len(cells)):
-        masks[k] = _links(mark, cells[k] // columns, cells[k] % columns)
-    return masks
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _find(cells: np.ndarray, cell: int) -> int:
-    low, high = 0, len(cells)
-    while low < high:
-        middle = (low + high) >> 1
-        if cells[middle] < cell:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
 def _cost(distance: float, speeds: np.ndarray) -> float:
     """Eq. (4.1) [s/m]; ``speeds`` = (radius, 1 / v_min, 1 / v_max)."""
     share = min(max((distance / speeds[0] - 1.0) / 2.0, 0.0), 1.0)
@@ -60,7 +37,7 @@ def _cost(distance: float, speeds: np.ndarray) -> float:
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def _clusters(
-    distance: np.ndarray, special: np.ndarray, masks: np.ndarray, resolution_m: float
+    distance: np.ndarray, place: np.ndarray, special: np.ndarray, masks: np.ndarray, resolution_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Junction cells that are one decision: node (position in ``special``) and next cell towards it.
 
@@ -69,22 +46,34 @@ def _clusters(
     """
     columns = distance.shape[1]
     flat = distance.ravel()
+    flat_place = place.ravel()
     count = len(special)
-    owner = np.full(count, -1, np.int32)
+    owner = np.empty(count, np.int32)
     parent = np.full(count, -1, np.int32)
     keys = np.empty(count, np.float32)
-    for k in range(count):
-        keys[k] = -flat[special[k]]
-    # Stable: of equal distances the first cell leads.
-    order = np.argsort(keys, kind="mergesort")
+    joined = np.empty(count, np.int32)
     queue = np.empty(count, np.int32)
-    for position in range(count):
-        leader = order[position]
+    several = 0
+    for k in range(count):
+        owner[k] = k
+        if _BITS[masks[k]] < 3:
+            continue
+        for j in range(8):
+            if masks[k] >> j & 1:
+                other = -1 - flat_place[special[k] + ROW_STEP[j] * columns + COLUMN_STEP[j]]
+                if other >= 0 and _BITS[masks[other]] >= 3:
+                    owner[k] = -1  # it may belong to another
+        if owner[k] < 0:
+            joined[several] = k
+            keys[several] = -flat[special[k]]
+            several += 1
+    # Stable: of equal distances the first cell leads.
+    order = np.argsort(keys[:several], kind="mergesort")
+    for position in range(several):
+        leader = joined[order[position]]
         if owner[leader] >= 0:
             continue
         owner[leader] = leader
-        if _BITS[masks[leader]] < 3:
-            continue
         row, column = special[leader] // columns, special[leader] % columns
         reach = max(float(flat[special[leader]]) / resolution_m, 1.5)
         queue[0] = leader
@@ -98,8 +87,8 @@ def _clusters(
                     continue
                 r, c = r0 + ROW_STEP[k], c0 + COLUMN_STEP[k]
                 cell = r * columns + c
-                other = _find(special, cell)
-                if other == count or special[other] != cell:
+                other = -1 - flat_place[cell]
+                if other < 0:
                     continue
                 if owner[other] >= 0 or _BITS[masks[other]] < 3:
                     continue
@@ -143,133 +132,163 @@ def _measure(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def trace(
-    distance: np.ndarray,
-    mark: np.ndarray,
-    cells: np.ndarray,
-    masks: np.ndarray,
-    resolution_m: float,
-    speeds: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Graph of all lines of a skeleton.
+def forget_lines(
+    mark: np.ndarray, place: np.ndarray, table: np.ndarray, path: np.ndarray, touched: np.ndarray
+) -> np.ndarray:
+    """Forget lines that touched cells (flat) are on or at the end of; returns cells that may be in a ring.
 
-    ``distance`` (rows, columns) float32 [m]; ``mark`` uint8, bit 0 = skeleton (given back as it was);
-    ``cells`` its cells (flat, ascending); ``masks`` from :func:`link_masks`.
-
-    Returns cells of the nodes (n,), ends of the edges (m, 2), their length, cost and
-    clearance (m, 3), and their path cells from node to node in CSR form.
+    ``place`` (rows, columns) int32: 0, the number of a cell's line + 1, or -1 and less where lines meet or end.
     """
-    columns = distance.shape[1]
+    rows, columns = place.shape
+    flat = place.ravel()
     flat_mark = mark.ravel()
-    flat_distance = distance.ravel()
+    found = np.empty(len(touched) + 1024, np.int32)
     count = 0
-    links = 0
-    for k in range(len(cells)):
-        degree = _BITS[masks[k]]
-        links += degree
-        if degree != 2:
+    for cell in touched:
+        if count == len(found):
+            found = _longer(found)
+        if flat_mark[cell] & 1:
+            found[count] = cell
             count += 1
-    special = np.empty(count, np.int32)
-    special_masks = np.empty(count, np.uint8)
-    count = 0
-    for k in range(len(cells)):
-        if _BITS[masks[k]] != 2:
-            special[count] = cells[k]
-            special_masks[count] = masks[k]
-            flat_mark[cells[k]] |= _SPECIAL
-            count += 1
-    owner, parent = _clusters(distance, special, special_masks, resolution_m)
-
-    edge_room = links // 2 + 1
-    ends = np.empty((edge_room, 2), np.int32)
-    start = np.empty(edge_room + 1, np.int32)
-    path = np.empty(2 * len(cells) + 1024, np.int32)
-    start[0] = 0
-    edges = 0
-    size = 0
-    for first in range(count):
-        for k in range(8):
-            if not special_masks[first] >> k & 1:
-                continue
-            row, column = special[first] // columns, special[first] % columns
-            before = special[first]
-            cell = before + ROW_STEP[k] * columns + COLUMN_STEP[k]
-            if flat_mark[cell] & _SEEN:
-                continue  # traced from its other end
-            direct = flat_mark[cell] & _SPECIAL != 0
-            last = _find(special, cell) if direct else -1
-            if direct and (cell < before or parent[last] == first or parent[first] == last):
-                continue
-            begin = size
-            here = first
-            while here != -1:
-                if size + 1 >= len(path):
-                    path = _longer(path)
-                path[size] = special[here]
-                size += 1
-                here = parent[here]
-            _reverse(path, begin, size)
-            while not direct:
-                if size + 1 >= len(path):
-                    path = _longer(path)
-                path[size] = cell
-                size += 1
-                flat_mark[cell] |= _SEEN
-                row, column = cell // columns, cell % columns
-                mask = _links(mark, row, column)
-                following = -1
-                for j in range(8):
-                    if mask >> j & 1:
-                        other = cell + ROW_STEP[j] * columns + COLUMN_STEP[j]
-                        if other != before:
-                            following = other
-                before = cell
-                cell = following
-                direct = flat_mark[cell] & _SPECIAL != 0
-            here = last = _find(special, cell)
-            while here != -1:
-                if size + 1 >= len(path):
-                    path = _longer(path)
-                path[size] = special[here]
-                size += 1
-                here = parent[here]
-            ends[edges, 0] = special[owner[first]]
-            ends[edges, 1] = special[owner[last]]
-            edges += 1
-            start[edges] = size
-
-    # Rings that no special cell is on: one node each, where it is widest.
-    rings = np.empty(len(cells) // 4 + 1, np.int32)
-    ring_count = 0
-    for k in range(len(cells)):
-        if _BITS[masks[k]] != 2 or flat_mark[cells[k]] & _SEEN:
+        value = flat[cell]
+        if value == 0:
             continue
-        widest = cells[k]
-        before, cell = -1, cells[k]
-        while not flat_mark[cell] & _SEEN:
-            flat_mark[cell] |= _SEEN
-            if flat_distance[cell] > flat_distance[widest] or (
-                flat_distance[cell] == flat_distance[widest] and cell < widest
-            ):
-                widest = cell
-            mask = _links(mark, cell // columns, cell % columns)
-            following = -1
-            for j in range(8):
-                if mask >> j & 1:
-                    other = cell + ROW_STEP[j] * columns + COLUMN_STEP[j]
-                    if other != before and (before != -1 or following == -1):
-                        following = other
-            before = cell
-            cell = following
-        rings[ring_count] = widest
-        ring_count += 1
-        before, cell = -1, widest
+        row = cell // columns
+        column = cell - row * columns
+        # A cell where lines meet is part of all of them.
+        for k in range(9):
+            other = cell
+            if k < 8:
+                if value > 0:
+                    continue
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if r < 0 or r >= rows or c < 0 or c >= columns:
+                    continue
+                other = r * columns + c
+            line = flat[other] - 1
+            if line < 0:
+                continue
+            for position in range(table[line, 2], table[line, 3]):
+                part = path[position]
+                if flat[part] == line + 1:
+                    flat[part] = 0
+                    if count == len(found):
+                        found = _longer(found)
+                    found[count] = part
+                    count += 1
+            table[line, 0] = _DEAD
+        if value < 0:
+            flat[cell] = 0
+    return found[:count]
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def find_specials(
+    mark: np.ndarray, place: np.ndarray, special: np.ndarray, masks: np.ndarray, touched: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cells where lines meet or end, ascending, and their masks of linked neighbours.
+
+    ``special`` and ``masks`` are those of before; only ``touched`` cells (some twice) are looked at, all of
+    which :func:`forget_lines` has seen.
+    """
+    columns = place.shape[1]
+    flat = place.ravel()
+    flat_mark = mark.ravel()
+    new = np.empty(1024, np.int32)
+    count = 0
+    for cell in touched:
+        if flat_mark[cell] & 1 and flat[cell] == 0:
+            row = cell // columns
+            if _BITS[_links(mark, row, cell - row * columns)] != 2:
+                if count == len(new):
+                    new = _longer(new)
+                new[count] = cell
+                count += 1
+                flat[cell] = -1
+    new = np.sort(new[:count])
+    for cell in new:
+        flat[cell] = 0
+    out = np.empty(len(special) + count, np.int32)
+    out_masks = np.empty(len(special) + count, np.uint8)
+    total = 0
+    j = 0
+    for i in range(len(special) + 1):
+        while j < count and (i == len(special) or new[j] < special[i]):
+            out[total] = new[j]
+            row = new[j] // columns
+            out_masks[total] = _links(mark, row, new[j] - row * columns)
+            total += 1
+            j += 1
+        if i < len(special) and flat[special[i]] < 0:
+            out[total] = special[i]
+            out_masks[total] = masks[i]
+            total += 1
+    for k in range(total):
+        flat[out[k]] = -1 - k
+    return out[:total].copy(), out_masks[:total].copy()
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _walk(
+    mark: np.ndarray, place: np.ndarray, before: int, cell: int, line: int, path: np.ndarray, size: int
+) -> tuple[np.ndarray, int]:
+    """Cells of a line from ``before``, where lines meet, through ``cell`` to where they meet again."""
+    columns = mark.shape[1]
+    flat = place.ravel()
+    path[size] = before
+    size += 1
+    while flat[cell] >= 0:
+        if size + 2 >= len(path):
+            path = _longer(path)
+        path[size] = cell
+        size += 1
+        flat[cell] = line + 1
+        row = cell // columns
+        mask = _links(mark, row, cell - row * columns)
+        following = -1
+        for j in range(8):
+            if mask >> j & 1:
+                other = cell + ROW_STEP[j] * columns + COLUMN_STEP[j]
+                if other != before:
+                    following = other
+        before = cell
+        cell = following
+    path[size] = cell
+    return path, size + 1
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _walk_ring(
+    mark: np.ndarray,
+    place: np.ndarray,
+    distance: np.ndarray,
+    cell: int,
+    line: int,
+    path: np.ndarray,
+    size: int,
+) -> tuple[np.ndarray, int]:
+    """Cells of a ring, from the widest round to it again."""
+    columns = mark.shape[1]
+    flat = place.ravel()
+    flat_distance = distance.ravel()
+    widest = cell
+    begin = size
+    for turn in range(2):
+        start = widest
+        before, cell = -1, start
+        size = begin
         while True:
             if size + 2 >= len(path):
                 path = _longer(path)
             path[size] = cell
             size += 1
-            mask = _links(mark, cell // columns, cell % columns)
+            flat[cell] = line + 1
+            if flat_distance[cell] > flat_distance[widest] or (
+                flat_distance[cell] == flat_distance[widest] and cell < widest
+            ):
+                widest = cell
+            row = cell // columns
+            mask = _links(mark, row, cell - row * columns)
             following = -1
             for j in range(8):
                 if mask >> j & 1:
@@ -278,297 +297,228 @@ def trace(
                         following = other
             before = cell
             cell = following
-            if cell == widest:
+            if cell == start:
                 break
-        path[size] = widest
-        size += 1
-        ends[edges] = widest
-        edges += 1
-        start[edges] = size
-    for k in range(len(cells)):
-        flat_mark[cells[k]] &= np.uint8(3)
+        if turn == 1:
+            path[size] = start
+            size += 1
+    return path, size
 
-    nodes = np.empty(count + ring_count, np.int32)
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def find_lines(
+    distance: np.ndarray,
+    mark: np.ndarray,
+    place: np.ndarray,
+    special: np.ndarray,
+    masks: np.ndarray,
+    maybe: np.ndarray,
+    table: np.ndarray,
+    measured: np.ndarray,
+    path: np.ndarray,
+    used: int,
+    size: int,
+    resolution_m: float,
+    speeds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, int]:
+    """Walk the lines that are not known; the others are left as they are.
+
+    ``table`` (lines, 4): first and last cell, where in ``path`` it begins and stops; the first
+    is -1 for a ring, less for one that is gone. ``measured`` (lines, 3): length [m], cost [s], clearance [m].
+    ``maybe`` (flat) are cells that may be in a new ring. Returns both, ``path``, and how much of them is used.
+    """
+    columns = mark.shape[1]
+    flat = place.ravel()
+    flat_mark = mark.ravel()
+    for k in range(len(special) + len(maybe)):
+        for j in range(8 if k < len(special) else 1):
+            if k < len(special):
+                if not masks[k] >> j & 1:
+                    continue
+                cell = special[k] + ROW_STEP[j] * columns + COLUMN_STEP[j]
+            else:
+                cell = maybe[k - len(special)]
+            if flat[cell] != 0 or not flat_mark[cell] & 1:
+                continue
+            if used == len(table):
+                larger_table = np.empty((2 * used, 4), np.int32)
+                larger_table[:used] = table
+                table = larger_table
+                larger_measured = np.empty((2 * used, 3))
+                larger_measured[:used] = measured
+                measured = larger_measured
+            if size + 4 >= len(path):
+                path = _longer(path)
+            table[used, 2] = size
+            if k < len(special):
+                path, size = _walk(mark, place, special[k], cell, used, path, size)
+                table[used, 0], table[used, 1] = special[k], path[size - 1]
+            else:
+                path, size = _walk_ring(mark, place, distance, cell, used, path, size)
+                table[used, 0], table[used, 1] = -1, path[size - 1]
+            table[used, 3] = size
+            length, cost, clearance = _measure(path, table[used, 2], size, distance, resolution_m, speeds)
+            measured[used, 0], measured[used, 1], measured[used, 2] = length, cost, clearance
+            used += 1
+    return table, measured, path, used, size
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def compact_lines(
+    place: np.ndarray, table: np.ndarray, measured: np.ndarray, path: np.ndarray, used: int
+) -> tuple[int, int]:
+    """Close the gaps that forgotten lines have left; returns how many lines and path cells there are."""
+    flat = place.ravel()
+    lines, size = 0, 0
+    for line in range(used):
+        if table[line, 0] == _DEAD:
+            continue
+        begin, stop = table[line, 2], table[line, 3]
+        table[lines, 0], table[lines, 1], table[lines, 2] = table[line, 0], table[line, 1], size
+        for position in range(begin, stop):
+            cell = path[position]
+            path[size] = cell
+            size += 1
+            if flat[cell] > 0:
+                flat[cell] = lines + 1
+        table[lines, 3] = size
+        for k in range(3):
+            measured[lines, k] = measured[line, k]
+        lines += 1
+    return lines, size
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def join_lines(
+    distance: np.ndarray,
+    place: np.ndarray,
+    special: np.ndarray,
+    masks: np.ndarray,
+    table: np.ndarray,
+    measured: np.ndarray,
+    path: np.ndarray,
+    used: int,
+    size: int,
+    resolution_m: float,
+    speeds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Graph of all lines: junction cells that touch become one node, lines are led on to it.
+
+    Returns cells of the nodes (n,), ends of the edges (m, 2), their length, cost and
+    clearance (m, 3), and their path cells from node to node in CSR form. The order does not
+    depend on the numbers of the lines.
+    """
+    columns = place.shape[1]
+    flat = place.ravel()
+    count = len(special)
+    owner, parent = _clusters(distance, place, special, masks, resolution_m)
+    room = used + 4 * count + 1
+    ends = np.empty((room, 2), np.int32)
+    measures = np.empty((room, 3))
+    start = np.empty(room + 1, np.int32)
+    out = np.empty(size + 1024, np.int32)
+    start[0] = 0
+    edges = 0
     total = 0
-    for k in range(count):
-        if owner[k] == k:
-            nodes[total] = special[k]
-            total += 1
-    for k in range(ring_count):
-        nodes[total] = rings[k]
-        total += 1
-    nodes = np.sort(nodes[:total])
-    measures = np.empty((edges, 3))
+    for first in range(count):
+        for k in range(8):
+            if not masks[first] >> k & 1:
+                continue
+            cell = special[first] + ROW_STEP[k] * columns + COLUMN_STEP[k]
+            line = flat[cell] - 1
+            if line >= 0:
+                if table[line, 0] != special[first] or path[table[line, 2] + 1] != cell:
+                    continue  # led on from its other end
+                last = -1 - flat[table[line, 1]]
+                inner = table[line, 3] - table[line, 2] - 2
+            else:
+                last = -1 - flat[cell]
+                if last < first or parent[last] == first or parent[first] == last:
+                    continue
+                inner = 0
+            begin = total
+            here = first
+            while here != -1:
+                if total + inner + 4 >= len(out):
+                    out = _longer(out)
+                out[total] = special[here]
+                total += 1
+                here = parent[here]
+            _reverse(out, begin, total)
+            middle = total - 1
+            for position in range(inner):
+                out[total] = path[table[line, 2] + 1 + position]
+                total += 1
+            tail = total
+            here = last
+            while here != -1:
+                if total + 4 >= len(out):
+                    out = _longer(out)
+                out[total] = special[here]
+                total += 1
+                here = parent[here]
+            if line >= 0:
+                length, cost, clearance = measured[line, 0], measured[line, 1], measured[line, 2]
+            else:
+                length, cost, clearance = _measure(out, middle, tail + 1, distance, resolution_m, speeds)
+            for part in range(2):
+                low, high = (begin, middle + 1) if part == 0 else (tail, total)
+                if high - low > 1:
+                    more, dearer, narrower = _measure(out, low, high, distance, resolution_m, speeds)
+                    length += more
+                    cost += dearer
+                    clearance = min(clearance, narrower)
+            measures[edges, 0], measures[edges, 1], measures[edges, 2] = length, cost, clearance
+            ends[edges, 0], ends[edges, 1] = owner[first], owner[last]
+            edges += 1
+            start[edges] = total
+
+    rings = np.empty(1024, np.int32)
+    ring_count = 0
+    for line in range(used):
+        if table[line, 0] == -1:
+            if ring_count == len(rings):
+                rings = _longer(rings)
+            rings[ring_count] = table[line, 1]
+            ring_count += 1
+    rings = np.sort(rings[:ring_count])
+    # Nodes in the order of their cells; ``number`` says which one a leader has become.
+    nodes = np.empty(count + ring_count, np.int32)
+    number = np.empty(count, np.int32)
+    n = 0
+    k = 0
+    for position in range(count + 1):
+        if position < count and owner[position] != position:
+            continue
+        while k < ring_count and (position == count or rings[k] < special[position]):
+            nodes[n] = rings[k]
+            line = flat[rings[k]] - 1
+            while total + table[line, 3] - table[line, 2] >= len(out):
+                out = _longer(out)
+            for place_in in range(table[line, 2], table[line, 3]):
+                out[total] = path[place_in]
+                total += 1
+            for j in range(3):
+                measures[edges, j] = measured[line, j]
+            ends[edges, 0] = ends[edges, 1] = -1 - n
+            edges += 1
+            start[edges] = total
+            n += 1
+            k += 1
+        if position < count:
+            nodes[n] = special[position]
+            number[position] = n
+            n += 1
     for edge in range(edges):
         for side in range(2):
-            ends[edge, side] = _find(nodes, ends[edge, side])
-        length, cost, clearance = _measure(path, start[edge], start[edge + 1], distance, resolution_m, speeds)
-        measures[edge, 0] = length
-        measures[edge, 1] = cost
-        measures[edge, 2] = clearance
-    return nodes, ends[:edges].copy(), measures, start[: edges + 1].copy(), path[:size].copy()
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _longer(path: np.ndarray) -> np.ndarray:
-    larger = np.empty(2 * len(path), path.dtype)
-    larger[: len(path)] = path
-    return larger
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _reverse(path: np.ndarray, begin: int, end: int) -> None:
-    low, high = begin, end - 1
-    while low < high:
-        path[low], path[high] = path[high], path[low]
-        low += 1
-        high -= 1
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _incidence(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half-edges of every node in CSR form; half-edge 2 e leaves the first end of e, 2 e + 1 the second."""
-    start = np.zeros(count + 1, np.int32)
-    for edge in range(len(ends)):
-        start[ends[edge, 0] + 1] += 1
-        start[ends[edge, 1] + 1] += 1
-    for node in range(count):
-        start[node + 1] += start[node]
-    place = start[:-1].copy()
-    half = np.empty(2 * len(ends), np.int32)
-    for edge in range(len(ends)):
-        for side in range(2):
-            node = ends[edge, side]
-            half[place[node]] = 2 * edge + side
-            place[node] += 1
-    return start, half
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:
-    """The half-edge by which a line goes on through a node of degree 2; ``came`` arrives there."""
-    for k in range(start[node], start[node + 1]):
-        if alive[half[k] >> 1] and half[k] != came:
-            return half[k]
-    return -1
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def prune(
-    clearance: np.ndarray, ends: np.ndarray, lengths: np.ndarray, stub_length_m: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Remove stubs, round by round; returns which edges and nodes are left, and the nodes' degree.
-
-    ``clearance`` (n,) of the nodes. An edge (chain of edges through nodes of degree 2) that ends
-    dead goes if it is shorter than ``stub_length_m``; where that is negative, if it reaches
-    less than the clearance of its other end beyond the disc of that clearance, each of its
-    own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
-    """
-    count = len(clearance)
-    start, half = _incidence(count, ends)
-    alive = np.ones(len(ends), np.bool_)
-    stays = np.ones(count, np.bool_)
-    degree = np.zeros(count, np.int32)
-    for node in range(count):
-        degree[node] = start[node + 1] - start[node]
-    going = np.empty(len(ends), np.int32)
-    tips = np.empty(count, np.int32)
-    tip_count = 0
-    for node in range(count):
-        if degree[node] == 1:
-            tips[tip_count] = node
-            tip_count += 1
-    while tip_count > 0:
-        gone = 0
-        for k in range(tip_count):
-            tip = tips[k]
-            begin = gone
-            length = 0.0
-            way = _onward(tip, -1, start, half, alive)
-            while True:
-                edge = way >> 1
-                going[gone] = edge
-                gone += 1
-                length += lengths[edge]
-                came = way ^ 1
-                node = ends[edge, came & 1]
-                if degree[node] != 2:
-                    break
-                way = _onward(node, came, start, half, alive)
-            if degree[node] == 1 and (clearance[tip], -tip) > (clearance[node], -node):
-                gone = begin  # a line with two ends is judged from its narrower one
-                continue
-            if stub_length_m >= 0.0:
-                stub = length < stub_length_m
-            else:
-                stub = length - max(0.0, clearance[node] - clearance[tip]) < clearance[node]
-            if not stub:
-                gone = begin
-        if gone == 0:
-            break
-        # Ends that lost a line may be tips now; tips that stayed may belong to longer lines.
-        for k in range(gone):
-            edge = going[k]
-            if alive[edge]:
-                alive[edge] = False
-                for side in range(2):
-                    degree[ends[edge, side]] -= 1
-        for k in range(gone):
-            for side in range(2):
-                node = ends[going[k], side]
-                if degree[node] == 0:
-                    stays[node] = False
-        tip_count = 0
-        for node in range(count):
-            if degree[node] == 1:
-                tips[tip_count] = node
-                tip_count += 1
-        _keep_one(going[:gone], ends, clearance, degree, stays)
-    return alive, stays, degree
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _keep_one(
-    gone: np.ndarray, ends: np.ndarray, clearance: np.ndarray, degree: np.ndarray, stays: np.ndarray
-) -> None:
-    """Where a round left nothing of a tree, its inner end stays: stubs of one junction share that."""
-    seen = np.zeros(len(stays), np.uint8)
-    for edge in gone:
-        for side in range(2):
-            node = ends[edge, side]
-            seen[node] = min(seen[node] + 1, 2)
-    # Isolated nodes linked by edges of this round: the component's widest stays, if none has edges left.
-    root = np.arange(len(stays)).astype(np.int32)
-    for edge in gone:
-        a, b = ends[edge, 0], ends[edge, 1]
-        while root[a] != a:
-            a = root[a]
-        while root[b] != b:
-            b = root[b]
-        if a == b:
-            continue
-        a_lives, b_lives = degree[a] > 0, degree[b] > 0
-        if (a_lives, clearance[a], -a) >= (b_lives, clearance[b], -b):
-            root[b] = a
-        else:
-            root[a] = b
-    for edge in gone:
-        for side in range(2):
-            node = ends[edge, side]
-            if root[node] == node and degree[node] == 0:
-                stays[node] = True
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def keep_edges(
-    cells: np.ndarray,
-    clearance: np.ndarray,
-    ends: np.ndarray,
-    measures: np.ndarray,
-    path_start: np.ndarray,
-    path: np.ndarray,
-    alive: np.ndarray,
-    stays: np.ndarray,
-    degree: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The graph that is left, lines merged through nodes of degree 2; same form as :func:`trace`.
-
-    A ring of such nodes keeps its widest. Edges run from the smaller node to the larger.
-    """
-    count = len(cells)
-    start, half = _incidence(count, ends)
-    number = np.full(count, -1, np.int32)
-    for node in range(count):
-        if stays[node] and degree[node] != 2:
-            number[node] = 0
-    seen = np.zeros(len(ends), np.bool_)
-    # Rings first, to know all nodes before they are numbered.
-    for node in range(count):
-        if number[node] == 0:
-            for k in range(start[node], start[node + 1]):
-                way = half[k]
-                if not alive[way >> 1]:
-                    continue
-                while True:
-                    seen[way >> 1] = True
-                    came = way ^ 1
-                    other = ends[way >> 1, came & 1]
-                    if number[other] == 0:
-                        break
-                    way = _onward(other, came, start, half, alive)
-    for edge in range(len(ends)):
-        if not alive[edge] or seen[edge]:
-            continue
-        way = 2 * edge
-        widest = ends[edge, 0]
-        while not seen[way >> 1]:
-            seen[way >> 1] = True
-            came = way ^ 1
-            other = ends[way >> 1, came & 1]
-            if (clearance[other], -other) > (clearance[widest], -widest):
-                widest = other
-            way = _onward(other, came, start, half, alive)
-        number[widest] = 0
-    total = 0
-    for node in range(count):
-        if number[node] == 0:
-            number[node] = total
-            total += 1
-    out_cells = np.empty(total, np.int32)
-    for node in range(count):
-        if number[node] >= 0:
-            out_cells[number[node]] = cells[node]
-
-    seen[:] = False
-    out_ends = np.empty((len(ends), 2), np.int32)
-    out_measures = np.empty((len(ends), 3))
-    out_start = np.zeros(len(ends) + 1, np.int32)
-    out_path = np.empty(len(path), np.int32)
-    edges = 0
-    size = 0
-    for node in range(count):
-        if number[node] < 0:
-            continue
-        for k in range(start[node], start[node + 1]):
-            way = half[k]
-            if not alive[way >> 1] or seen[way >> 1]:
-                continue
-            length, cost, width = 0.0, 0.0, np.inf
-            begin = size
-            while True:
-                edge = way >> 1
-                seen[edge] = True
-                length += measures[edge, 0]
-                cost += measures[edge, 1]
-                width = min(width, measures[edge, 2])
-                low, high = path_start[edge], path_start[edge + 1]
-                skip = 1 if size > begin else 0  # the cell that two edges share
-                if way & 1 == 0:
-                    for cell in range(low + skip, high):
-                        out_path[size] = path[cell]
-                        size += 1
-                else:
-                    for cell in range(high - 1 - skip, low - 1, -1):
-                        out_path[size] = path[cell]
-                        size += 1
-                came = way ^ 1
-                other = ends[edge, came & 1]
-                if number[other] >= 0:
-                    break
-                way = _onward(other, came, start, half, alive)
-            out_ends[edges, 0] = number[node]
-            out_ends[edges, 1] = number[other]
-            out_measures[edges, 0] = length
-            out_measures[edges, 1] = cost
-            out_measures[edges, 2] = width
-            edges += 1
-            out_start[edges] = size
+            value = ends[edge, side]
+            ends[edge, side] = number[value] if value >= 0 else -1 - value
     return (
-        out_cells,
-        out_ends[:edges].copy(),
-        out_measures[:edges].copy(),
-        out_start[: edges + 1].copy(),
-        out_path[:size].copy(),
+        nodes[:n].copy(),
+        ends[:edges].copy(),
+        measures[:edges].copy(),
+        start[: edges + 1].copy(),
+        out[:total],
     )
 
 
@@ -589,30 +539,16 @@ def measure_paths(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
-    """Component of each node, numbered by their smallest nodes, and how many there are."""
-    root = np.arange(count).astype(np.int32)
-    for edge in range(len(ends)):
-        a, b = ends[edge, 0], ends[edge, 1]
-        while root[a] != a:
-            root[a] = root[root[a]]
-            a = root[a]
-        while root[b] != b:
-            root[b] = root[root[b]]
-            b = root[b]
-        root[max(a, b)] = min(a, b)
-    components = 0
-    for node in range(count):
-        if root[node] == node:
-            root[node] = -1 - components
-            components += 1
-        else:
-            root[node] = root[root[node]] if root[root[node]] < 0 else root[_top(root, node)]
-    return -1 - root, components
+def _longer(path: np.ndarray) -> np.ndarray:
+    larger = np.empty(2 * len(path), path.dtype)
+    larger[: len(path)] = path
+    return larger
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def _top(root: np.ndarray, node: int) -> int:
-    while root[node] >= 0:
-        node = root[node]
-    return node
+def _reverse(path: np.ndarray, begin: int, end: int) -> None:
+    low, high = begin, end - 1
+    while low < high:
+        path[low], path[high] = path[high], path[low]
+        low += 1
+        high -= 1

@@ -8,7 +8,21 @@ from numba import njit
 from ._region_kernels import UNREACHED, diagonal
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
-__all__ = ["cells_near_changes", "distance_window", "footprint", "forget"]
+__all__ = [
+    "TILE",
+    "cells_near_changes",
+    "differences",
+    "distance_window",
+    "footprint",
+    "forget",
+    "release",
+    "touch",
+    "windows",
+    "with_neighbours",
+]
+
+#: Edge of the tiles by which places of the map are noted where potentials have to be found again [cells].
+TILE = 16
 
 _QUEUED = np.uint8(2)
 _FORGOTTEN = np.uint8(8)
@@ -167,13 +181,138 @@ def cells_near_changes(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
+def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What is in ``old`` only and what is in ``new`` only; both ascending."""
+    removed, added = np.empty_like(old), np.empty_like(new)
+    gone, come, i, j = 0, 0, 0, 0
+    while i < len(old) or j < len(new):
+        if j == len(new) or (i < len(old) and old[i] < new[j]):
+            removed[gone] = old[i]
+            gone += 1
+            i += 1
+        elif i == len(old) or new[j] < old[i]:
+            added[come] = new[j]
+            come += 1
+            j += 1
+        else:
+            i += 1
+            j += 1
+    return removed[:gone].copy(), added[:come].copy()
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def touch(tiles: np.ndarray, cells: np.ndarray, columns: int) -> None:
+    """Note the tiles of cells (flat)."""
+    for cell in cells:
+        row = cell // columns
+        tiles[row // TILE, (cell - row * columns) // TILE] = 1
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def windows(tiles: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Windows (first and last row, first and last column) round tiles that hang together, (w, 4)."""
+    high, wide = tiles.shape
+    stack = np.empty(high * wide, np.int32)
+    found = np.empty((16, 4), np.int64)
+    count = 0
+    for row in range(high):
+        for column in range(wide):
+            if tiles[row, column] == 0:
+                continue
+            tiles[row, column] = 0
+            stack[0] = row * wide + column
+            used = 1
+            low_row, top_row, low_column, top_column = row, row, column, column
+            while used > 0:
+                used -= 1
+                r0, c0 = stack[used] // wide, stack[used] % wide
+                low_row, top_row = min(low_row, r0), max(top_row, r0)
+                low_column, top_column = min(low_column, c0), max(top_column, c0)
+                for r in range(max(r0 - 1, 0), min(r0 + 2, high)):
+                    for c in range(max(c0 - 1, 0), min(c0 + 2, wide)):
+                        if tiles[r, c] != 0:
+                            tiles[r, c] = 0
+                            stack[used] = r * wide + c
+                            used += 1
+            if count == len(found):
+                larger = np.empty((2 * count, 4), np.int64)
+                larger[:count] = found
+                found = larger
+            found[count, 0] = low_row * TILE
+            found[count, 1] = min((top_row + 1) * TILE, rows) - 1
+            found[count, 2] = low_column * TILE
+            found[count, 3] = min((top_column + 1) * TILE, columns) - 1
+            count += 1
+    return found[:count].copy()
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _holds(seed: np.ndarray, node: int, window: tuple[int, int, int, int]) -> bool:
+    """Whether a cell of a window belongs to a node."""
+    first_row, last_row, first_column, last_column = window
+    for row in range(first_row, last_row + 1):
+        line = seed[row, first_column : last_column + 1]
+        found = 0
+        for k in range(len(line)):
+            found += line[k] == node
+        if found > 0:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: np.ndarray) -> None:
+    """Take back the values of all cells that belong to ``nodes`` (flat cells), and note their tiles.
+
+    A region hangs together: its window is complete when no strip beside it has a cell of it.
+    """
+    rows, columns = seed.shape
+    for node in nodes:
+        bottom, left = node // columns // TILE * TILE, node % columns // TILE * TILE
+        top, right = min(bottom + TILE, rows) - 1, min(left + TILE, columns) - 1
+        growing = True
+        while growing:
+            growing = False
+            a, b = max(left - TILE, 0), min(right + TILE, columns - 1)
+            if top < rows - 1:
+                wanted = min(top + TILE, rows - 1)
+                if _holds(seed, node, (top + 1, wanted, a, b)):
+                    top, growing = wanted, True
+            if bottom > 0 and _holds(seed, node, (bottom - TILE, bottom - 1, a, b)):
+                bottom, growing = bottom - TILE, True
+            a, b = max(bottom - TILE, 0), min(top + TILE, rows - 1)
+            if right < columns - 1:
+                wanted = min(right + TILE, columns - 1)
+                if _holds(seed, node, (a, b, right + 1, wanted)):
+                    right, growing = wanted, True
+            if left > 0 and _holds(seed, node, (a, b, left - TILE, left - 1)):
+                left, growing = left - TILE, True
+        for row in range(bottom, top + 1):
+            for place in range(left, right + 1, TILE):
+                here = seed[row, place : min(place + TILE, right + 1)]
+                value = potential[row, place : min(place + TILE, right + 1)]
+                found = 0
+                for k in range(len(here)):
+                    own = here[k] == node
+                    found += own
+                    value[k] = UNREACHED if own else value[k]
+                    here[k] = -1 if own else here[k]
+                if found > 0:
+                    tiles[row // TILE, place // TILE] = 1
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
 def forget(
-    step: np.ndarray, mark: np.ndarray, potential: np.ndarray, seed: np.ndarray, roots: np.ndarray
-) -> np.ndarray:
+    step: np.ndarray,
+    mark: np.ndarray,
+    potential: np.ndarray,
+    seed: np.ndarray,
+    roots: np.ndarray,
+    tiles: np.ndarray,
+) -> None:
     """Take back the values of ``roots`` and of all cells that may have got theirs through them.
 
-    Returns the cells beside them that keep a value, from which the gap is filled again.
-    ``mark`` is used in between.
+    Their tiles are noted; ``mark`` is used in between.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -221,31 +360,24 @@ def forget(
     for place in range(count):
         flat_potential[gone[place]] = UNREACHED
         flat_seed[gone[place]] = -1
-    border = np.empty(1024, np.int32)
-    total = 0
-    for place in range(count):
-        cell = gone[place]
-        row = cell // columns
-        column = cell - row * columns
-        inside = 0 < row < rows - 1 and 0 < column < columns - 1
-        if total + 8 > len(border):
-            border = _longer(border)
-        for k in range(8):
-            if not inside:
-                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
-                if r < 0 or r >= rows or c < 0 or c >= columns:
-                    continue
-            other = cell + offsets[k]
-            # All that are forgotten have no node any more.
-            if flat_seed[other] >= 0 and not flat_mark[other] & _FORGOTTEN:
-                flat_mark[other] |= _FORGOTTEN
-                border[total] = other
-                total += 1
     for place in range(count):
         flat_mark[gone[place]] &= np.uint8(7)
-    for place in range(total):
-        flat_mark[border[place]] &= np.uint8(7)
-    return border[:total].copy()
+    touch(tiles, gone[:count], columns)
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Cells (flat) and those round them, some more than once."""
+    found = np.empty(9 * len(cells), np.int32)
+    count = 0
+    for cell in cells:
+        row = cell // columns
+        column = cell - row * columns
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(column - 1, 0), min(column + 2, columns)):
+                found[count] = r * columns + c
+                count += 1
+    return found[:count]
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

@@ -170,7 +170,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     InputError
         Names the file and the feature, with what was found and what was expected.
     """
-    from ._graph_kernels import label_components
+    from ._prune_kernels import label_components
 
     nodes, edges, data = _read(path)
     grid: Any = data.get("grid")

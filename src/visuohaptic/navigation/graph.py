@@ -90,23 +90,21 @@ def graph_from_marks(
     spacing_m: float | None,
 ) -> NavigationGraph:
     """The graph of a skeleton; ``mark`` is 1 on its cells."""
-    from ._graph_kernels import link_masks, trace
+    from ._lines import SkeletonLines
 
     for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
     cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
-    raw = trace(
-        layers.distance_m, mark, cells, link_masks(mark, cells), layers.map.resolution_m, _speeds(layers)
-    )
-    return graph_from_lines(layers, raw, stub_length_m, spacing_m)
+    raw = SkeletonLines(layers.shape).follow(layers, mark, cells)
+    return graph_from_decisions(layers, decisions_from_lines(layers, raw, stub_length_m, spacing_m))
 
 
-def graph_from_lines(
+def decisions_from_lines(
     layers: GridLayers, raw: tuple[np.ndarray, ...], stub_length_m: float | None, spacing_m: float | None
-) -> NavigationGraph:
-    """The graph of traced lines, see ``_graph_kernels.trace``."""
-    from ._graph_kernels import keep_edges, label_components, prune
+) -> tuple[np.ndarray, ...]:
+    """What stays of traced lines: cells of the nodes, then edges and paths as of ``_graph_kernels.join_lines``."""
+    from ._prune_kernels import keep_edges, prune
 
     cells, ends, measures, path_start, path = raw
     clearance = layers.distance_m.ravel()[cells]
@@ -120,6 +118,14 @@ def graph_from_lines(
         nodes, ends, measures, path_start, path = _spaced(
             layers, nodes, ends, measures, path_start, path, spacing_m
         )
+    return nodes, ends, measures, path_start, path
+
+
+def graph_from_decisions(layers: GridLayers, found: tuple[np.ndarray, ...]) -> NavigationGraph:
+    """The graph of what :func:`decisions_from_lines` has left."""
+    from ._prune_kernels import label_components
+
+    nodes, ends, measures, path_start, path = found
     columns = layers.shape[1]
     component, components = label_components(len(nodes), ends)
     node_cells = np.column_stack(np.divmod(nodes, columns)).astype(np.int32)

@@ -7,7 +7,8 @@ from jaxtyping import Float, Int, Int32
 
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
-from .graph import NavigationGraph, _speeds, graph_from_lines
+from ._lines import SkeletonLines
+from .graph import NavigationGraph, decisions_from_lines, graph_from_decisions
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
@@ -16,6 +17,9 @@ __all__ = ["NavigationMap", "footprint_cells"]
 
 #: Edits whose boxes are at most so many cells apart are worked out in one window.
 _ONE_WINDOW = 20
+#: So few cells are done sooner by the queue than by further passes, of which there are at most so many.
+_FEW = 256
+_MORE_SWEEPS = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
@@ -68,7 +72,7 @@ class NavigationMap:
         stub_length_m: float | None = None,
         spacing_m: float | None = None,
     ) -> None:
-        from ._graph_kernels import link_masks
+        from ._update_kernels import TILE
 
         self._base = np.array(map.cells, dtype=np.int8, order="C")
         self._covered = np.zeros(map.shape, np.uint16)  # obstacles on each cell
@@ -81,12 +85,29 @@ class NavigationMap:
         )
         self._bounds = step_bounds(self.layers)
         self._steps = limits.step_table(map.resolution_m)[0]
+        self._tiles = np.zeros([-(-side // TILE) for side in map.shape], np.uint8)
         self._mark = skeleton_marks(self.layers)
-        self._skeleton = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
-        self._links = link_masks(self._mark, self._skeleton)
-        self.graph: NavigationGraph = self._traced()
-        self.regions: Regions = assign_regions(self.layers, self.graph)
-        self._seeds = self._node_cells()
+        self._lines = SkeletonLines(map.shape)
+        cells = np.flatnonzero(self._mark.view(np.bool_)).astype(np.int32)
+        self._decisions = self._traced(cells)
+        self._graph: NavigationGraph | None = None
+        first = assign_regions(self.layers, self.graph)
+        self._potential, self._seed = first.potential, first.seed
+        self._regions: Regions | None = first
+
+    @property
+    def graph(self) -> NavigationGraph:
+        """The graph as the map is now; made when it is first asked for after an edit, and never changed."""
+        if self._graph is None:
+            self._graph = graph_from_decisions(self.layers, self._decisions)
+        return self._graph
+
+    @property
+    def regions(self) -> Regions:
+        """The regions as the map is now; their arrays change with the next edit."""
+        if self._regions is None:
+            self._regions = Regions(self._potential, self._seed, self.layers.unit_s, self.layers, self.graph)
+        return self._regions
 
     @property
     def map(self) -> OccupancyMap:
@@ -198,69 +219,53 @@ class NavigationMap:
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
-        from ._graph_kernels import link_masks
         from ._skeleton_kernels import refine
+        from ._update_kernels import with_neighbours
 
-        turned = np.unique(refine(self.layers.distance_m, self.layers.step, self._mark, near))
-        if len(turned):
-            kept = self._mark.ravel()[turned] != 0
-            place = np.searchsorted(self._skeleton, turned)
-            there = np.zeros(len(turned), np.bool_)
-            inside = place < len(self._skeleton)
-            there[inside] = self._skeleton[place[inside]] == turned[inside]
-            gone, new = there & ~kept, kept & ~there
-            left = np.delete(self._skeleton, place[gone])
-            links = np.delete(self._links, place[gone])
-            place = np.searchsorted(left, turned[new])
-            self._skeleton = np.insert(left, place, turned[new])
-            self._links = np.insert(links, place, 0)
-            columns = self.map.shape[1]
-            offsets = np.array(
-                [-columns - 1, -columns, 1 - columns, -1, 0, 1, columns - 1, columns, columns + 1]
-            )
-            beside = np.unique((turned[:, None] + offsets).ravel())
-            place = np.searchsorted(self._skeleton, beside)
-            inside = place < len(self._skeleton)
-            place = place[inside][self._skeleton[place[inside]] == beside[inside]]
-            self._links[place] = link_masks(self._mark, self._skeleton[place])
-        self.graph = self._traced()
+        # Small distances first: few cells are then looked at more than once.
+        near = near[np.argsort(self.layers.distance_m.ravel()[near])]
+        turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
+        beside = with_neighbours(turned, *self.map.shape)
+        self._before = self._decisions[0]
+        self._decisions = self._traced(np.concatenate([near, beside]))
+        self._graph = self._regions = None
 
-    def _traced(self) -> NavigationGraph:
-        from ._graph_kernels import trace
-
-        layers = self.layers
-        lines = trace(
-            layers.distance_m,
-            self._mark,
-            self._skeleton,
-            self._links,
-            layers.map.resolution_m,
-            _speeds(layers),
-        )
-        return graph_from_lines(layers, lines, self._stub_length_m, self._spacing_m)
-
-    def _node_cells(self) -> Int32[np.ndarray, "n"]:
-        return self._flat(self.graph.node_cells).astype(np.int32)
+    def _traced(self, touched: Int32[np.ndarray, "c"]) -> tuple[np.ndarray, ...]:
+        lines = self._lines.follow(self.layers, self._mark, touched)
+        return decisions_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
 
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
         from ._region_kernels import spread
-        from ._update_kernels import forget
+        from ._sweep_kernels import sweep
+        from ._update_kernels import differences, forget, release, touch, windows
 
         layers = self.layers
-        potential, seed = self.regions.potential, self.regions.seed
-        seeds = self._node_cells()
-        removed = np.setdiff1d(self._seeds, seeds, assume_unique=True)
-        added = np.setdiff1d(seeds, self._seeds, assume_unique=True)
-        roots = np.concatenate([changed, removed, added]).astype(np.int32)
-        border = forget(layers.step, self._mark, potential, seed, roots)
-        # Nodes that stand on changed cells were taken back too.
-        lost = seeds[seed.ravel()[seeds] != seeds]
+        rows, columns = layers.shape
+        potential, seed = self._potential, self._seed
+        seeds = self._decisions[0]
+        removed, added = differences(self._before, seeds)
+        release(potential, seed, removed, self._tiles)
+        forget(layers.step, self._mark, potential, seed, changed, self._tiles)
+        # Nodes that are new, and those that stand on cells that were taken back.
+        lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        spread(layers.step, potential, seed, np.concatenate([border, lost]), *self._bounds, SQUARE)
-        self._seeds = seeds
-        self.regions = Regions(potential, seed, layers.unit_s, layers, self.graph)
+        touch(self._tiles, lost, columns)
+        left = []
+        for window in windows(self._tiles, rows, columns):
+            found = sweep(layers.step, potential, seed, *window)
+            for _ in range(_MORE_SWEEPS):
+                if len(found) < _FEW:
+                    break
+                # Ways that turn back need more passes; those that leave the window are for the queue.
+                row, column = np.divmod(found, columns)
+                within = (row >= window[0]) & (row <= window[1]) & (column >= window[2]) & (column <= window[3])
+                left.append(found[~within])
+                found = sweep(layers.step, potential, seed, *window)
+            left.append(found)
+        if left:
+            spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
 
 
 def _boxes(cells: Int[np.ndarray, "c 2"]) -> list[tuple[int, int, int, int]]:

@@ -90,6 +90,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     with the smaller cell, so that the result does not depend on the order of the work.
     """
     from ._region_kernels import UNREACHED, spread
+    from ._sweep_kernels import sweep
 
     columns = layers.shape[1]
     potential = np.full(layers.shape, UNREACHED, np.int32)
@@ -97,8 +98,9 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
-    slowest, fastest = step_bounds(layers)
-    spread(layers.step, potential, seed, cells, slowest, fastest, SQUARE)
+    left = sweep(layers.step, potential, seed, 0, layers.shape[0] - 1, 0, columns - 1)
+    if len(left):
+        spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE)
     return Regions(potential, seed, layers.unit_s, layers, graph)
 
 

@@ -1,0 +1,187 @@
+"""Potentials and nearest nodes by passes over rows: most ways from a node are straight enough for two.
+
+The pair (potential, seed) of ``_region_kernels`` is one whole number here, potential * 2^31 + seed, so that
+one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
+upwards follow every way that does not turn back twice; a third looks for cells that are not
+final yet. From those ``_region_kernels.spread`` goes on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from ._region_kernels import UNREACHED
+
+__all__ = ["sweep"]
+
+_SHIFT = 31
+_SEED = np.int64(2**31 - 1)
+#: Pair of a cell that no node is reached from.
+_FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _runs(
+    step: np.ndarray, first_row: int, last_row: int, first_column: int, last_column: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Runs of reachable cells of a window: (first, stop) columns, and where a row's begin."""
+    width = last_column - first_column + 1
+    runs = np.empty((max(width, 1024), 2), np.int32)
+    start = np.zeros(last_row - first_row + 2, np.int32)
+    change = np.empty(width + 2, np.int32)
+    count = 0
+    for row in range(first_row, last_row + 1):
+        line = step[row, first_column : last_column + 1]
+        # No branch: where runs begin and end cannot be guessed.
+        changes = np.uint32(0)
+        before = False
+        for k in range(width):
+            reachable = line[k] != 0
+            change[changes] = k
+            changes += np.uint32(reachable != before)
+            before = reachable
+        change[changes] = width
+        if count + width > len(runs):
+            larger = np.empty((2 * len(runs), 2), np.int32)
+            larger[:count] = runs[:count]
+            runs = larger
+        for k in range(0, np.int64(changes), 2):
+            runs[count, 0] = first_column + change[k]
+            runs[count, 1] = first_column + change[k + 1]
+            count += 1
+        start[row - first_row + 1] = count
+    return runs, start
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: int, pair: np.ndarray) -> None:
+    """Pairs of columns ``first - 1`` to ``stop``, those beside the map too."""
+    rows, columns = potential.shape
+    if row < 0 or row >= rows:
+        pair[: stop - first + 2] = _FAR
+        return
+    low, high = max(first - 1, 0), min(stop + 1, columns)
+    here, origin = potential[row, low:high], seed[row, low:high]
+    out = pair[low - first + 1 :]
+    for k in range(high - low):
+        out[k] = (np.int64(here[k]) << _SHIFT) | (np.int64(origin[k]) & _SEED)
+    if first == 0:
+        pair[0] = _FAR
+    if stop == columns:
+        pair[stop - first + 1] = _FAR
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndarray) -> None:
+    """Ways onto a run of cells from the row beside it; fills ``cost`` of straight steps."""
+    own, left, middle, right = here[1:], beside, beside[1:], beside[2:]
+    for k in range(len(line)):
+        step = np.int64(line[k])
+        straight = step << _SHIFT
+        crooked = ((step * 92682 + 32768) >> 16) << _SHIFT
+        cost[k] = straight
+        best = min(own[k], middle[k] + straight)
+        own[k] = min(best, min(left[k], right[k]) + crooked)
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
+    """Ways along a run of cells, to the right and to the left; the result goes back to the map."""
+    count = len(potential)
+    value = here[0]
+    own = here[1:]
+    for k in range(count):
+        value = min(own[k], value + cost[k])
+        own[k] = value
+    value = own[count]
+    for k in range(count):
+        place = np.uint32(count - 1 - k)
+        value = min(own[place], value + cost[place])
+        own[place] = value
+    for k in range(count):
+        potential[k] = np.int32(own[k] >> _SHIFT)
+        # Where there is no node the seed's bits are all ones: -1 once the sign is put back.
+        origin = own[k] & _SEED
+        seed[k] = np.int32(origin) if origin != _SEED else np.int32(-1)
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _better(
+    line: np.ndarray, here: np.ndarray, below: np.ndarray, above: np.ndarray, best: np.ndarray
+) -> int:
+    """Best ways onto a run of cells from all eight sides; returns on how many cells that is news."""
+    own, right = here[1:], here[2:]
+    below1, below2, above1, above2 = below[1:], below[2:], above[1:], above[2:]
+    news = 0
+    for k in range(len(line)):
+        step = np.int64(line[k])
+        straight = step << _SHIFT
+        crooked = ((step * 92682 + 32768) >> 16) << _SHIFT
+        side = min(min(below1[k], above1[k]), min(here[k], right[k]))
+        corner = min(min(below[k], below2[k]), min(above[k], above2[k]))
+        value = min(side + straight, corner + crooked)
+        best[k] = value
+        news += value < own[k]
+    return news
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def sweep(
+    step: np.ndarray,
+    potential: np.ndarray,
+    seed: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+) -> np.ndarray:
+    """Improve the values of a window (both ends included) from each other and from the cells round it.
+
+    ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``. Returns the
+    cells (flat) of the window and of the ring round it whose ways onward have to be looked at still.
+    """
+    rows, columns = step.shape
+    here = np.empty(columns + 2, np.int64)
+    below = np.empty(columns + 2, np.int64)
+    above = np.empty(columns + 2, np.int64)
+    best = np.empty(columns + 2, np.int64)
+    bottom, top, low, high = first_row, last_row, first_column, last_column
+    runs, start = _runs(step, bottom, top, low, high)
+    for way in (1, -1):
+        row = bottom if way == 1 else top
+        for _ in range(bottom, top + 1):
+            for run in range(start[row - bottom], start[row - bottom + 1]):
+                first, stop = runs[run, 0], runs[run, 1]
+                _load(potential, seed, row - way, first, stop, below)
+                _load(potential, seed, row, first, stop, here)
+                _enter(step[row, first:stop], here, below, best)
+                _along(here, best, potential[row, first:stop], seed[row, first:stop])
+            row += way
+    # The ring is looked at as well: the window's new values may lead there.
+    bottom, top = max(first_row - 1, 0), min(last_row + 1, rows - 1)
+    low, high = max(first_column - 1, 0), min(last_column + 1, columns - 1)
+    if (bottom, top, low, high) != (first_row, last_row, first_column, last_column):
+        runs, start = _runs(step, bottom, top, low, high)
+    found = np.empty(1024, np.int32)
+    count = 0
+    for row in range(bottom, top + 1):
+        for run in range(start[row - bottom], start[row - bottom + 1]):
+            first, stop = runs[run, 0], runs[run, 1]
+            _load(potential, seed, row - 1, first, stop, below)
+            _load(potential, seed, row, first, stop, here)
+            _load(potential, seed, row + 1, first, stop, above)
+            better = _better(step[row, first:stop], here, below, above, best)
+            if better == 0:
+                continue
+            while count + better > len(found):
+                larger = np.empty(2 * len(found), np.int32)
+                larger[:count] = found[:count]
+                found = larger
+            for k in range(stop - first):
+                if best[k] < here[k + 1]:
+                    potential[row, first + k] = np.int32(best[k] >> _SHIFT)
+                    seed[row, first + k] = np.int32(best[k] & _SEED)
+                    found[count] = row * columns + first + k
+                    count += 1
+    return found[:count].copy()
