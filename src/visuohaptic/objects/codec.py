@@ -15,7 +15,7 @@ import typing
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import StrEnum
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ def _encode(value: Any, place: str, arrays: Arrays) -> Any:
     raise InputError(place, f"found {type(value).__name__}, which cannot be stored")
 
 
-@lru_cache
+@cache
 def _defaults(kind: type) -> tuple[tuple[str, Any], ...]:
     return tuple((f.name, f.default if f.default_factory is MISSING else ()) for f in fields(kind))
 
@@ -112,7 +112,7 @@ class _Context:
 _Reader = Callable[[Any, _Context, str], Any]
 
 
-@lru_cache(maxsize=None)
+@cache
 def _reader(hint: Any) -> _Reader:
     """A function that reads a value of this type."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)

@@ -421,7 +421,7 @@ class ObjectDatabase:
                 import pyarrow.parquet as pq
 
                 data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
-                arrays = unpack(pq.ParquetFile(io.BytesIO(data)), row.row_group, where)
+                arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), row.row_group, where)
             if row.shard is not None and codec.arrays_digest(arrays) != row.arrays_sha256:
                 raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
             return codec.decode(json.loads(row.card), arrays, where)

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
-from functools import lru_cache
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -87,13 +87,13 @@ def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
         for name, inner in item.items():
             yield from estimates_of(inner, f"{prefix}.{name}" if prefix else str(name))
     elif is_dataclass(item) and not isinstance(item, type):
-        for name in _branches(type(item)):
+        for name in _branches(item.__class__):
             inner = getattr(item, name)
             if inner is not None:
                 yield from estimates_of(inner, f"{prefix}.{name}" if prefix else name)
 
 
-@lru_cache
+@cache
 def _branches(kind: type) -> tuple[str, ...]:
     """Fields below which estimates can be."""
     if kind is VisuoHapticObject:
@@ -218,10 +218,10 @@ _EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": Obje
 def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
     """A copy with the estimate at its place; what is missing on the way is made."""
     name, rest = steps[0], steps[1:]
-    if name not in _branches(type(item)):
+    if name not in _branches(item.__class__):
         raise InputError(
             place,
-            f"there is no such property: {name!r}, expected one of {', '.join(_branches(type(item))) or 'none'}",
+            f"there is no such property: {name!r}, expected one of {', '.join(_branches(item.__class__)) or 'none'}",
         )
     if name in ("parts", "states"):
         entries = getattr(item, name)
@@ -233,12 +233,12 @@ def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
         if not rest:
             raise InputError(place, f"found the whole {name!r}, expected one of its properties")
         return replace(item, **{name: _put(getattr(item, name) or _EMPTY[name](), rest, estimate, place)})
-    if rest or not _holds_estimate(type(item), name):
+    if rest or not _holds_estimate(item.__class__, name):
         raise InputError(place, f"{name!r} is not a measured property")
     return replace(item, **{name: estimate})
 
 
-@lru_cache
+@cache
 def _holds_estimate(kind: type, name: str) -> bool:
     return any(f.name == name and "Estimate" in str(f.type) for f in fields(kind))
 
@@ -259,7 +259,7 @@ def _newer(
     for value, obj in there:
         origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])
         # The contents are only compared where the times cannot tell: that takes their hash.
-        contents = codec.order_of(value) if len(there) > 1 else ""
+        contents = codec.order_of(value) if len(there) > 1 and mine is not yours else ""
         ranked.append((_time(origin), contents, repr(origin), value, origin))
     *_, value, origin = max(ranked, key=lambda entry: entry[:3])
     if origin is not None:

@@ -86,7 +86,7 @@ def _from_nothing(connection: Connection) -> None:
     for table in (meta, counter, shard, object_, feature):
         table.to_metadata(first)
     old = first.tables["object"]
-    old._columns.remove(old.c.deleted_s)  # type: ignore[attr-defined]
+    old._columns.remove(old.c.deleted_s)
     first.create_all(connection)
     connection.execute(
         meta.insert(), [{"key": "id", "value": uuid.uuid4().hex}, {"key": "schema", "value": "1"}]
