@@ -44,6 +44,8 @@ OPTIONAL = (
     Library("mcap", "mcap", "recording", "MCAP recordings"),
     Library("mcap_ros2", "mcap-ros2-support", "recording", "ROS 2 messages in MCAP recordings"),
     Library("pyarrow", "pyarrow", "recording", "Parquet tables", "import pyarrow.parquet"),
+    Library("sqlalchemy", "SQLAlchemy", "database", "databases of objects"),
+    Library("psycopg", "psycopg", "shared", "databases that robots share"),
     Library("uvc", "pupil-labs-uvc", "live", "live UVC cameras with fixed focus and exposure"),
     Library("sklearn", "scikit-learn", "learn", "training of the colour model", "import sklearn.mixture"),
     Library(

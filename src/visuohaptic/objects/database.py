@@ -247,7 +247,7 @@ class ObjectDatabase:
         objects: Iterable[VisuoHapticObject],
         *,
         batch: int = BATCH,
-        stored: Callable[[Sequence[str]], None] | None = None,
+        stored: Callable[[Sequence[str]], object] | None = None,
     ) -> int:
         """Store many objects, ``batch`` in a transaction; returns how many.
 
