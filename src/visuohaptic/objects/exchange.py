@@ -94,7 +94,7 @@ def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = 
 
 def export_objects(objects: Iterable[VisuoHapticObject], folder: Path | str, *, licence: str = "") -> int:
     """Write objects into folders of their own; returns how many."""
-    return sum(1 for obj in objects if export_object(obj, folder, licence=licence))
+    return len([export_object(obj, folder, licence=licence) for obj in objects])
 
 
 def import_object(folder: Path | str) -> VisuoHapticObject:
