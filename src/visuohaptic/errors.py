@@ -8,6 +8,7 @@ from __future__ import annotations
 
 __all__ = [
     "CalibrationError",
+    "DatabaseError",
     "DeviceError",
     "InputError",
     "MissingExtraError",
@@ -57,6 +58,10 @@ def _rebuild_input_error(
 
 class CalibrationError(InputError):
     """Calibration data that would give a sensor that lies: refused, with the reason."""
+
+
+class DatabaseError(VisuohapticError):
+    """A database that cannot be opened, read or written now: full disk, lost server, damage."""
 
 
 class DeviceError(VisuohapticError):

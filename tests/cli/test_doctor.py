@@ -49,7 +49,8 @@ def test_the_table_agrees_with_the_project_file():
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
 
     def names(requirements):
-        return {text.partition(">")[0].partition(";")[0].strip() for text in requirements}
+        plain = {text.partition(">")[0].partition(";")[0].partition("[")[0].strip() for text in requirements}
+        return plain - {"visuohaptic"}  # an extra that brings another one
 
     declared = dict.fromkeys(names(project["dependencies"]), "")
     for extra, requirements in project["optional-dependencies"].items():

@@ -44,6 +44,8 @@ OPTIONAL = (
     Library("mcap", "mcap", "recording", "MCAP recordings"),
     Library("mcap_ros2", "mcap-ros2-support", "recording", "ROS 2 messages in MCAP recordings"),
     Library("pyarrow", "pyarrow", "recording", "Parquet tables", "import pyarrow.parquet"),
+    Library("sqlalchemy", "SQLAlchemy", "database", "databases of objects"),
+    Library("psycopg", "psycopg", "shared", "databases that robots share"),
     Library("uvc", "pupil-labs-uvc", "live", "live UVC cameras with fixed focus and exposure"),
     Library("sklearn", "scikit-learn", "learn", "training of the colour model", "import sklearn.mixture"),
     Library(
@@ -67,6 +69,7 @@ OPTIONAL = (
     Library("small_gicp", "small-gicp", "geometry", "registration of point clouds"),
     Library("embreex", "embreex", "geometry", "fast ray casting", "import embreex.rtcore_scene"),
     Library("cholespy", "cholespy", "elastic", "fast solves with many loads"),
+    Library("distributed", "distributed", "cluster", "builds over several machines"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
     Library("collada", "pycollada", "geometry", "COLLADA meshes"),
 )

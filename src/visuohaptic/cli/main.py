@@ -54,22 +54,29 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
     "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
     "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
-    "objects build": (
-        "visuohaptic.cli.objects_build",
-        "compute stiffness maps and features of whole classes",
+    "reconstruct": (
+        "visuohaptic.cli.reconstruct",
+        "fuse a depth sequence into a surface and find what is transparent",
     ),
     "complete": (
         "visuohaptic.cli.complete",
         "complete a surface where it could not be seen, and say where to touch",
     ),
+    "objects list": ("visuohaptic.cli.objects_list", "list the objects of a database"),
+    "objects show": ("visuohaptic.cli.objects_show", "say all that is known of one object"),
+    "objects add": ("visuohaptic.cli.objects_add", "add an object, or new evidence of one that is known"),
+    "objects import": ("visuohaptic.cli.objects_import", "import objects from folders with cards"),
+    "objects export": ("visuohaptic.cli.objects_export", "export objects as folders with cards"),
+    "objects sync": ("visuohaptic.cli.objects_sync", "exchange what is new with a shared database"),
+    "objects search": ("visuohaptic.cli.objects_search", "find the objects with the most similar features"),
+    "objects build": (
+        "visuohaptic.cli.objects_build",
+        "compute stiffness maps and features of whole classes",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "recording import": (
         "visuohaptic.cli.recording_import",
         "make a depth sequence from depth pictures and poses of another layout",
-    ),
-    "reconstruct": (
-        "visuohaptic.cli.reconstruct",
-        "fuse a depth sequence into a surface and find what is transparent",
     ),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),

@@ -14,12 +14,17 @@ from ..errors import InputError
 __all__ = [
     "Appearance",
     "Estimate",
+    "Evidence",
+    "FeatureVector",
     "Geometry",
     "HapticTag",
     "Material",
+    "ObjectPart",
     "Primitive",
     "PrimitiveKind",
     "Provenance",
+    "Sighting",
+    "StateModel",
     "StiffnessMap",
     "VisuoHapticObject",
 ]
@@ -149,6 +154,53 @@ class Provenance:
     note: str = ""
 
 
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One observation (or simulation) of one property; the property is what all of them say together."""
+
+    property: str  #: place in the object, with dots: "material.youngs_modulus_Pa", "parts.lid.tag.drift"
+    estimate: Estimate
+    provenance: Provenance = Provenance()
+    key: str = ""  #: names this observation where two could look alike, as "run 7, contact 2"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureVector:
+    """A description of fixed length, to find similar objects by."""
+
+    values: Float[np.ndarray, "n"]
+    sigma: Float[np.ndarray, "n"] | None = None  #: standard deviations; none when not known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectPart:
+    """What is known of a part alone, as a lid or a handle."""
+
+    vertices: Int[np.ndarray, "k"] | None = None  #: its vertices in the object's geometry
+    material: Material | None = None
+    tag: HapticTag | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateModel:
+    """How the object feels in one state, as "open", "closed" or "full"."""
+
+    stiffness: StiffnessMap | None = None
+    features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
+    tag: HapticTag | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Where the object was last, and among what (Alt 2016, Sec. 6.3.3)."""
+
+    position_m: tuple[float, float, float]  #: of the object's origin, in ``frame``
+    sigma_m: float  #: standard deviation along each axis
+    t_s: float  #: seconds since the epoch
+    frame: str = "map"
+    context: tuple[str, ...] = ()  #: room, furniture and neighbours, as ("kitchen", "sink")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class VisuoHapticObject:
     """All that a robot knows of one object."""
@@ -162,3 +214,11 @@ class VisuoHapticObject:
     tag: HapticTag | None = None
     state: Mapping[str, str | float] = field(default_factory=dict)  #: e.g. closed, fill level
     provenance: Mapping[str, Provenance] = field(default_factory=dict)  #: by field name
+    #: what vision calls it; several objects with different haptic models may share one
+    visual_class: str = ""
+    parts: Mapping[str, ObjectPart] = field(default_factory=dict)  #: by name
+    states: Mapping[str, StateModel] = field(default_factory=dict)  #: haptic models by state
+    features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
+    evidence: tuple[Evidence, ...] = ()  #: what the estimates above were combined from
+    seen: Sighting | None = None  #: last known position, knowledge of one robot alone
+    licence: str = ""  #: under which the data may be passed on, an SPDX identifier

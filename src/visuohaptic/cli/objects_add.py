@@ -1,0 +1,85 @@
+"""``visuohaptic objects add``: one object, or new evidence of it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ..errors import InputError
+from ._objects import add_database, described, opened
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Add an object, or new evidence of one that is known."
+EPILOG = """\
+writes  into the database; it is on the disk when the verb returns
+        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it
+
+example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("id", help="of the object, new or known")
+    parser.add_argument("--name", default="", help="for people")
+    parser.add_argument("--class", dest="visual_class", default="", help="what vision calls it")
+    parser.add_argument("--licence", default="", help="SPDX identifier")
+    parser.add_argument(
+        "--state", action="append", default=[], metavar="NAME=VALUE", help="as lid=open, fill=0.5"
+    )
+    parser.add_argument(
+        "--estimate", action="append", default=[], metavar="PLACE=VALUE+-SIGMA", help="SI units"
+    )
+    parser.add_argument("--source", default="command line", help="where the evidence comes from")
+    parser.add_argument(
+        "--seen", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where it is now, in the map [m]"
+    )
+    parser.add_argument("--context", action="append", default=[], help="room, furniture, neighbours")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Add; the mapping is what ``--json`` prints."""
+    import time
+
+    from ..objects import Provenance, Sighting, VisuoHapticObject
+    from ..objects.merge import add_evidence
+
+    origin = Provenance(args.source, time.time())
+    evidence = [_evidence(text, origin) for text in args.estimate]
+    state = dict(_state(text) for text in args.state)
+    seen = None
+    if args.seen is not None:
+        seen = Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
+    given = {"name": args.name, "visual_class": args.visual_class, "licence": args.licence, "state": state}
+    obj = VisuoHapticObject(
+        args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
+    )
+    with opened(args, create=True) as database:
+        return described(database.add(add_evidence(obj, *evidence)))
+
+
+def _evidence(text: str, origin: Any) -> Any:
+    from ..objects import Estimate, Evidence
+
+    place, _, numbers = text.partition("=")
+    value, separator, sigma = numbers.partition("+-")
+    try:
+        if not separator:
+            raise ValueError
+        return Evidence(place, Estimate(float(value), float(sigma)), origin)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError("--estimate", f"found {text!r}, expected PLACE=VALUE+-SIGMA") from error
+
+
+def _state(text: str) -> tuple[str, str | float]:
+    name, separator, value = text.partition("=")
+    if not separator or not name:
+        raise InputError("--state", f"found {text!r}, expected NAME=VALUE")
+    try:
+        return name, float(value)
+    except ValueError:
+        return name, value

@@ -1,0 +1,34 @@
+"""``visuohaptic objects list``: what is in a database."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ._objects import add_database, opened
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "List the objects of a database."
+EPILOG = """\
+reads   a database of objects
+
+example: visuohaptic objects list --class cup
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--class", dest="visual_class", help="only those that vision calls so")
+    parser.add_argument("--name", help="only those with this text in their name")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """List; the mapping is what ``--json`` prints."""
+    with opened(args) as database:
+        found = database.summaries(visual_class=args.visual_class, name=args.name)
+    for one in found:
+        args.report(f"{one.id:<24} {one.visual_class:<16} {one.name}")
+    args.report(f"{len(found)} objects")
+    return {"objects": [{"id": one.id, "class": one.visual_class, "name": one.name} for one in found]}

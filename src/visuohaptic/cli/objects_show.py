@@ -1,0 +1,29 @@
+"""``visuohaptic objects show``: all that is known of one object."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ._objects import add_database, described, opened
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Say all that is known of one object."
+EPILOG = """\
+reads   a database of objects
+
+example: visuohaptic objects show cup-1 --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("id", help="of the object")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Show; the mapping is what ``--json`` prints."""
+    with opened(args) as database:
+        return described(database.get(args.id))

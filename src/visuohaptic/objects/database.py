@@ -1,0 +1,558 @@
+"""Databases of objects: one of a robot's own in a folder (SQLite), or one that robots share (PostgreSQL).
+
+What is acknowledged is on the disk: a call that writes returns after its transaction, and the arrays
+before it, have reached it. A write is whole or has not happened, whatever interrupts it. Writers, in this
+or other processes, take turns; readers never wait.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import re
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float
+from sqlalchemy import Connection, and_, bindparam, create_engine, event, func, select, text
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+from ..errors import DatabaseError, InputError, MissingExtraError
+from . import codec, schema
+from .merge import merge_objects
+from .model import VisuoHapticObject
+from .schema import counter, feature, meta, object_, shard
+from .shards import ShardFolder, file_sha256, pack, unpack
+
+__all__ = ["BATCH", "Check", "ObjectDatabase", "Summary", "open_database"]
+
+_log = logging.getLogger(__name__)
+
+#: Objects that :meth:`ObjectDatabase.add_many` writes in one transaction.
+BATCH = 128
+#: Ids are names of folders in an export, too.
+_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+#: How long a writer waits for the others [s].
+_WAIT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a list says of an object."""
+
+    id: str
+    name: str
+    visual_class: str
+    change: int  #: number of the write that it comes from
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Result of an integrity check."""
+
+    objects: int
+    shards: int
+    problems: tuple[str, ...]  #: empty when all is well
+
+
+@dataclass(frozen=True, slots=True)
+class _Stored:
+    obj: VisuoHapticObject
+    deleted_s: float | None
+    row: Any
+
+
+def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabase:
+    """Open a folder (SQLite) or a URL as ``postgresql://host/name``; made when it is not there.
+
+    Raises
+    ------
+    DatabaseError
+        It cannot be opened, or comes from a newer version.
+    InputError
+        There is none and ``create`` is off.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with open_database(tempfile.mkdtemp()) as db:
+    ...     db.add(VisuoHapticObject("cup-1", visual_class="cup"))
+    ...     db.get("cup-1").visual_class
+    'cup'
+    """
+    return ObjectDatabase(location, create=create)
+
+
+class ObjectDatabase:
+    """Objects by id; see :func:`open_database`."""
+
+    def __init__(self, location: Path | str, *, create: bool = True) -> None:
+        self.where = str(location)
+        self._folder: ShardFolder | None = None
+        self._tidy_due = True
+        self._turn = threading.RLock()
+        if "://" in self.where:
+            self._engine = _connect_server(self.where)
+            # A password does not belong into messages.
+            self.where = self._engine.url.render_as_string(hide_password=True)
+        else:
+            folder = Path(location)
+            if not create and not (folder / "objects.sqlite").is_file():
+                raise InputError(
+                    folder, "is not a database of objects", remedy="add or import an object first"
+                )
+            try:
+                (folder / "shards").mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(folder, f"cannot be made ({error.strerror})") from error
+            self._folder = ShardFolder(folder / "shards")
+            self._engine = _connect_file(folder / "objects.sqlite")
+        try:
+            with self._reading() as connection:
+                known = schema.version_of(connection)
+            if known != schema.VERSION:
+                with self._transaction() as connection:
+                    schema.migrate(connection, self.where)
+            with self._reading() as connection:
+                #: identity of this database, for peers
+                self.id = str(connection.scalar(select(meta.c.value).where(meta.c.key == "id")))
+        except BaseException:
+            self._engine.dispose()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close all connections and files."""
+        self._engine.dispose()
+        if self._folder is not None:
+            self._folder.close()
+
+    # ---- reading
+
+    def __len__(self) -> int:
+        with self._reading() as connection:
+            return int(
+                connection.scalar(
+                    select(func.count()).select_from(object_).where(object_.c.deleted_s.is_(None))
+                )
+                or 0
+            )
+
+    def __contains__(self, object_id: object) -> bool:
+        with self._reading() as connection:
+            return connection.execute(_ALIVE, {"wanted": object_id}).first() is not None
+
+    def get(self, object_id: str) -> VisuoHapticObject:
+        """An object with all its arrays, checked against their hash.
+
+        Raises
+        ------
+        InputError
+            There is no such object.
+        DatabaseError
+            Its arrays are damaged.
+        """
+        for _ in range(5):
+            with self._reading() as connection:
+                row = connection.execute(_ALIVE, {"wanted": object_id}).first()
+                if row is None:
+                    raise InputError(
+                        self.where, f"there is no object {object_id!r}", remedy="list them first"
+                    )
+                try:
+                    return self._decode(row, connection)
+                except FileNotFoundError:
+                    continue  # replaced between the two reads: look again
+        raise DatabaseError(f"{self.where}: the arrays of {object_id!r} are missing; check the database")
+
+    def summaries(self, *, visual_class: str | None = None, name: str | None = None) -> list[Summary]:
+        """Objects by id; of one visual class, or with a text in their name.
+
+        One visual class may have several haptic models: each of them is an object here.
+        """
+        query = select(object_.c.id, object_.c.name, object_.c.visual_class, object_.c.change)
+        query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
+        if visual_class is not None:
+            query = query.where(object_.c.visual_class == visual_class)
+        if name is not None:
+            query = query.where(func.lower(object_.c.name).contains(name.lower(), autoescape=True))
+        with self._reading() as connection:
+            return [Summary(*row) for row in connection.execute(query)]
+
+    def features(self, kind: str, *, since: int = 0) -> tuple[Sequence[str], Float[np.ndarray, "m n"], int]:
+        """Ids, feature vectors of one kind, and the number of the last change; only those written after ``since``."""
+        with self._reading() as connection:
+            last = int(connection.scalar(select(counter.c.value)) or 0)
+            rows = connection.execute(
+                select(feature.c.object_id, feature.c.data)
+                .where(feature.c.kind == kind, feature.c.change > since)
+                .order_by(feature.c.object_id)
+            ).all()
+        lengths = {len(row.data) for row in rows}
+        if len(lengths) > 1:
+            raise InputError(
+                self.where,
+                f"found features {kind!r} of {sorted(n // 8 for n in lengths)} numbers, expected one length",
+            )
+        ids = [row.object_id for row in rows]
+        flat = np.frombuffer(b"".join(row.data for row in rows), "<f8")
+        return ids, flat.reshape(len(ids), -1) if ids else flat.reshape(0, 0), last
+
+    def changed(self, since: int) -> tuple[Sequence[str], int]:
+        """Ids, deleted ones too, written after change ``since``, and the number of the last change."""
+        with self._reading() as connection:
+            last = int(connection.scalar(select(counter.c.value)) or 0)
+            rows = connection.execute(
+                select(object_.c.id).where(object_.c.change > since).order_by(object_.c.change)
+            ).scalars()
+            return rows.all(), last
+
+    def stored(self, ids: Sequence[str]) -> dict[str, tuple[VisuoHapticObject, float | None]]:
+        """Objects with the time of their deletion (``None`` for living ones)."""
+        for _ in range(5):
+            try:
+                with self._reading() as connection:
+                    found = self._fetch(connection, ids)
+                return {one: (item.obj, item.deleted_s) for one, item in found.items()}
+            except FileNotFoundError:
+                continue
+        raise DatabaseError(f"{self.where}: arrays are missing; check the database")
+
+    # ---- writing
+
+    def add(self, obj: VisuoHapticObject) -> VisuoHapticObject:
+        """Store an object, or what it adds to the one of this id; returns what is now stored.
+
+        It is on the disk when this returns.
+        """
+        return self._write([obj])[0]
+
+    def add_many(
+        self,
+        objects: Iterable[VisuoHapticObject],
+        *,
+        batch: int = BATCH,
+        stored: Callable[[Sequence[str]], object] | None = None,
+    ) -> int:
+        """Store many objects, ``batch`` in a transaction; returns how many.
+
+        ``stored`` is called with the ids of each transaction after it has reached the disk.
+        """
+        count = 0
+        waiting: list[VisuoHapticObject] = []
+
+        def flush() -> int:
+            self._write(waiting)
+            if stored is not None:
+                stored([obj.id for obj in waiting])
+            return len(waiting)
+
+        for obj in objects:
+            waiting.append(obj)
+            if len(waiting) >= batch:
+                count += flush()
+                waiting = []
+        return count + (flush() if waiting else 0)
+
+    def remove(self, object_id: str, *, t_s: float | None = None) -> None:
+        """Delete an object; synchronisation carries the deletion on. Evidence newer than it brings it back."""
+        if object_id not in self:
+            raise InputError(self.where, f"there is no object {object_id!r}")
+        now_s = time.time() if t_s is None else t_s
+        self.write_merged({object_id: (VisuoHapticObject(object_id), now_s)})
+
+    def write_merged(
+        self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]
+    ) -> dict[str, tuple[VisuoHapticObject, float | None]]:
+        """Join versions from elsewhere, deletions too, with those here, in one transaction."""
+        objects = [obj for obj, _ in items.values()]
+        done = self._write(objects, {one: deleted_s for one, (_, deleted_s) in items.items()})
+        return {obj.id: (obj, self._last_deleted.get(obj.id)) for obj in done}
+
+    _last_deleted: dict[str, float | None]
+
+    def _write(
+        self, objects: Sequence[VisuoHapticObject], deletions: Mapping[str, float | None] | None = None
+    ) -> list[VisuoHapticObject]:
+        latest: dict[str, VisuoHapticObject] = {}
+        for obj in objects:
+            if not _ID.fullmatch(obj.id):
+                raise InputError(
+                    "object", f"found the id {obj.id!r}, expected up to 128 letters, digits, '.', '_', '-'"
+                )
+            latest[obj.id] = merge_objects(latest.get(obj.id, obj), obj)
+        unneeded: list[str] = []
+        dead: dict[str, float | None] = {}
+        with self._turn, self._transaction() as connection:
+            change = int(
+                connection.scalar(
+                    counter.update().values(value=counter.c.value + 1).returning(counter.c.value)
+                )
+            )
+            self._tidy(connection)
+            known = self._fetch(connection, list(latest))
+            rows, blobs = [], []
+            for one, obj in latest.items():
+                old = known.get(one)
+                gone_s = None if deletions is None else deletions.get(one)
+                if old is not None:
+                    obj, gone_s = _join(old.obj, old.deleted_s, obj, gone_s, asked=deletions is None)
+                latest[one], dead[one] = obj, gone_s
+                card, arrays = codec.encode(obj)
+                row = {
+                    "id": one,
+                    "name": obj.name,
+                    "visual_class": obj.visual_class,
+                    "change": change,
+                    "card": codec.card_text(card),
+                    "arrays_sha256": codec.arrays_digest(arrays) if arrays else "",
+                    "deleted_s": gone_s,
+                    "shard": None,
+                    "row_group": None,
+                }
+                row["digest"] = codec.digest_of(str(row["card"]), str(row["arrays_sha256"]))
+                if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], gone_s):
+                    continue  # nothing new
+                if old is not None and old.row.arrays_sha256 == row["arrays_sha256"]:
+                    row["shard"], row["row_group"] = old.row.shard, old.row.row_group
+                elif arrays:
+                    blobs.append((row, arrays))
+                rows.append((row, old, obj))
+            self._store_arrays(connection, blobs)
+            _store_rows(connection, rows)
+            unneeded = _drop_shards(connection, [old.row.shard for _, old, _ in rows if old is not None])
+        if self._folder is not None:
+            self._folder.remove(unneeded)
+        self._last_deleted = dead
+        return [latest[obj.id] for obj in objects]
+
+    def _store_arrays(self, connection: Connection, blobs: list[tuple[dict[str, Any], codec.Arrays]]) -> None:
+        """Arrays into shards, before the rows that name them."""
+        if not blobs:
+            return
+        # On a server one object is one shard: reading it should not carry the others over the net.
+        groups = [blobs] if self._folder is not None else [[blob] for blob in blobs]
+        for group in groups:
+            if self._folder is not None:
+                name, sha256, size = self._folder.write([arrays for _, arrays in group])
+                data = None
+            else:
+                import hashlib
+                import uuid
+
+                buffer = io.BytesIO()
+                pack([arrays for _, arrays in group], buffer)
+                data = buffer.getvalue()
+                name, sha256, size = uuid.uuid4().hex, hashlib.sha256(data).hexdigest(), len(data)
+            connection.execute(shard.insert(), {"name": name, "sha256": sha256, "bytes": size, "data": data})
+            for number, (row, _) in enumerate(group):
+                row["shard"], row["row_group"] = name, number
+
+    def _tidy(self, connection: Connection) -> None:
+        """Once, and while no one else writes: remove what killed writers left."""
+        if self._tidy_due and self._folder is not None:
+            known = set(connection.execute(select(shard.c.name)).scalars())
+            if removed := self._folder.tidy(known):
+                _log.info("%s: removed %d files of interrupted writers", self.where, removed)
+        self._tidy_due = False
+
+    # ---- integrity
+
+    def check(self) -> Check:
+        """Read everything and compare every hash."""
+        problems = []
+        with self._reading() as connection:
+            if self._folder is not None:
+                said = connection.execute(text("PRAGMA integrity_check")).scalars().all()
+                problems += [f"SQLite: {line}" for line in said if line != "ok"]
+                said = connection.execute(text("PRAGMA foreign_key_check")).all()
+                problems += [f"SQLite: broken reference {tuple(row)}" for row in said]
+            shards = connection.execute(select(shard.c.name, shard.c.sha256, shard.c.bytes)).all()
+            for row in shards:
+                if self._folder is not None:
+                    path = self._folder.path(row.name)
+                    if not path.is_file():
+                        problems.append(f"shard {row.name} is missing")
+                    elif file_sha256(path) != row.sha256:
+                        problems.append(f"shard {row.name} has another hash")
+            count = 0
+            for row in connection.execute(select(object_)).all():
+                count += 1
+                try:
+                    self._decode(row, connection)
+                except (DatabaseError, InputError, FileNotFoundError) as error:
+                    problems.append(f"object {row.id}: {error}")
+                if codec.digest_of(row.card, row.arrays_sha256) != row.digest:
+                    problems.append(f"object {row.id} has another hash")
+        return Check(count, len(shards), tuple(problems))
+
+    # ---- inside
+
+    def _fetch(self, connection: Connection, ids: Sequence[str]) -> dict[str, _Stored]:
+        found = {}
+        for start in range(0, len(ids), 500):
+            some = list(ids[start : start + 500])
+            for row in connection.execute(_MANY, {"wanted": some}):
+                found[row.id] = _Stored(self._decode(row, connection), row.deleted_s, row)
+        return found
+
+    def _decode(self, row: Any, connection: Connection) -> VisuoHapticObject:
+        where = f"{self.where}, object {row.id}"
+        arrays: codec.Arrays = {}
+        try:
+            if row.shard is not None and self._folder is not None:
+                arrays = self._folder.read(row.shard, row.row_group)
+            elif row.shard is not None:
+                import pyarrow.parquet as pq
+
+                data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
+                arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), row.row_group, where)
+            if row.shard is not None and codec.arrays_digest(arrays) != row.arrays_sha256:
+                raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
+            return codec.decode(json.loads(row.card), arrays, where)
+        except (InputError, ValueError) as error:
+            raise DatabaseError(f"{where}: is damaged: {error}") from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[Connection]:
+        with self._guarded(), self._engine.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def _transaction(self) -> Iterator[Connection]:
+        engine = self._engine.execution_options(writes=True)
+        with self._guarded(), engine.connect() as connection, connection.begin():
+            yield connection
+
+    @contextmanager
+    def _guarded(self) -> Iterator[None]:
+        """Errors of the libraries below in our words."""
+        try:
+            yield
+        except DBAPIError as error:
+            said = " ".join(str(error.orig).split())
+            raise DatabaseError(f"{self.where}: {said}; what was being written is not stored") from error
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise DatabaseError(
+                f"{self.where}: {error.strerror or error}; what was being written is not stored"
+            ) from error
+
+
+_ALIVE = select(object_).where(and_(object_.c.id == bindparam("wanted"), object_.c.deleted_s.is_(None)))
+_MANY = select(object_).where(object_.c.id.in_(bindparam("wanted", expanding=True)))
+
+
+def _join(
+    mine: VisuoHapticObject,
+    mine_gone_s: float | None,
+    yours: VisuoHapticObject,
+    yours_gone_s: float | None,
+    *,
+    asked: bool,
+) -> tuple[VisuoHapticObject, float | None]:
+    """Two versions with deletions: the last deletion holds unless something is known from after it.
+
+    ``asked``: somebody adds the object again here and now, which undoes a deletion.
+    """
+    gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
+    both = merge_objects(mine, yours)
+    if not gone:
+        return both, None
+    last_s = max(gone)
+    if asked:
+        return yours, None
+    times = [origin.t_s for origin in both.provenance.values()]
+    times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
+    return both, None if any(t_s > last_s for t_s in times) else last_s
+
+
+def _store_rows(
+    connection: Connection, rows: list[tuple[dict[str, Any], _Stored | None, VisuoHapticObject]]
+) -> None:
+    new = [row for row, old, _ in rows if old is None]
+    if new:
+        connection.execute(object_.insert(), new)
+    replaced = [
+        {f"new_{key}": value for key, value in row.items()} for row, old, _ in rows if old is not None
+    ]
+    if replaced:
+        connection.execute(
+            object_.update()
+            .where(object_.c.id == bindparam("new_id"))
+            .values({key: bindparam(f"new_{key}") for key in rows[0][0] if key != "id"}),
+            replaced,
+        )
+        connection.execute(
+            feature.delete().where(feature.c.object_id == bindparam("old_id")),
+            [{"old_id": row["new_id"]} for row in replaced],
+        )
+    vectors = [
+        {
+            "object_id": row["id"],
+            "kind": kind,
+            "change": row["change"],
+            "data": np.asarray(vector.values, "<f8").tobytes(),
+        }
+        for row, _, obj in rows
+        if row["deleted_s"] is None
+        for kind, vector in obj.features.items()
+    ]
+    if vectors:
+        connection.execute(feature.insert(), vectors)
+
+
+def _drop_shards(connection: Connection, names: list[str | None]) -> list[str]:
+    """Remove shards from the table that no object names any more."""
+    some = sorted({name for name in names if name is not None})
+    if not some:
+        return []
+    used = set(connection.execute(select(object_.c.shard).where(object_.c.shard.in_(some))).scalars())
+    unneeded = [name for name in some if name not in used]
+    if unneeded:
+        connection.execute(shard.delete().where(shard.c.name.in_(unneeded)))
+    return unneeded
+
+
+def _connect_file(path: Path) -> Any:
+    engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": _WAIT_S, "check_same_thread": False})
+
+    @event.listens_for(engine, "connect")
+    def prepare(connection: Any, _record: Any) -> None:
+        connection.isolation_level = None  # BEGIN is ours, below
+        for line in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
+            connection.execute(f"PRAGMA {line}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        # A writer takes its turn at once: a read that becomes a write could be refused half-way.
+        writes = connection.get_execution_options().get("writes", False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+    return engine
+
+
+def _connect_server(url: str) -> Any:
+    url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
+    try:
+        return create_engine(url, pool_pre_ping=True)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("psycopg", "shared", "a shared database") from error
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise InputError(url, f"is not the address of a database ({error})") from error

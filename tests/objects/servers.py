@@ -1,0 +1,46 @@
+"""A PostgreSQL server of the tests' own, on a private socket, where the Debian packages are."""
+
+from __future__ import annotations
+
+import os
+import pwd
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+
+def postgres_url(factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Start it, yield its address, stop it; the test is skipped where there is none."""
+    pytest.importorskip("psycopg")
+    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+    if not found:
+        pytest.skip("PostgreSQL is not installed: apt-get install postgresql-15")
+    tools = found[-1].parent
+    # The path of a socket is limited to 107 characters: not below pytest's folder.
+    folder = Path(tempfile.mkdtemp(prefix="vhpg"))
+    user = None
+    if os.geteuid() == 0:  # the server refuses to run as root
+        user = "nobody"
+        entry = pwd.getpwnam(user)
+        os.chown(folder, entry.pw_uid, entry.pw_gid)
+
+    def run(*words: str) -> None:
+        subprocess.run(
+            words, check=True, user=user, cwd=folder, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+
+    try:
+        run(str(tools / "initdb"), "-D", str(folder / "data"), "-U", "robot", "-A", "trust", "-E", "UTF8")
+        options = f"-k {folder} -c listen_addresses=''"
+        control = (str(tools / "pg_ctl"), "-D", str(folder / "data"), "-w")
+        run(*control, "-l", str(folder / "log"), "-o", options, "start")
+        try:
+            yield f"postgresql://robot@/postgres?host={folder}"
+        finally:
+            run(*control, "-m", "immediate", "stop")
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
