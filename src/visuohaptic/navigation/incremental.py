@@ -260,7 +260,9 @@ class NavigationMap:
                     break
                 # Ways that turn back need more passes; those that leave the window are for the queue.
                 row, column = np.divmod(found, columns)
-                within = (row >= window[0]) & (row <= window[1]) & (column >= window[2]) & (column <= window[3])
+                within = (
+                    (row >= window[0]) & (row <= window[1]) & (column >= window[2]) & (column <= window[3])
+                )
                 left.append(found[~within])
                 found = sweep(layers.step, potential, seed, *window)
             left.append(found)
