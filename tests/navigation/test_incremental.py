@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.errors import InputError
+from visuohaptic.navigation import incremental
 from visuohaptic.navigation.grid import SpeedLimits
 from visuohaptic.navigation.incremental import NavigationMap, footprint_cells
 from visuohaptic.recording import OccupancyMap
@@ -77,6 +78,13 @@ def run_edits(seed: int, maps: int, edits: int = 8) -> int:
 
 def test_random_edits_equal_a_rebuild():
     run_edits(11, 25)
+
+
+def test_random_edits_equal_a_rebuild_where_much_changes(monkeypatch):
+    # What is done from thousands of cells on, on maps small enough to compare.
+    for name, value in (("_MANY", 20), ("_FEW", 1), ("_GROW", 5)):
+        monkeypatch.setattr(incremental, name, value)
+    run_edits(12, 25)
 
 
 @pytest.mark.data

@@ -309,10 +309,12 @@ def forget(
     seed: np.ndarray,
     roots: np.ndarray,
     tiles: np.ndarray,
-) -> None:
+    limit: int,
+) -> bool:
     """Take back the values of ``roots`` and of all cells that may have got theirs through them.
 
-    Their tiles are noted; ``mark`` is used in between.
+    Their tiles are noted; ``mark`` is used in between. Returns whether there were at most
+    ``limit``; if not, nothing is changed.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -331,6 +333,10 @@ def forget(
             count += 1
     head = 0
     while head < count:
+        if count > limit:
+            for place in range(count):
+                flat_mark[gone[place]] &= np.uint8(7)
+            return False
         cell = gone[head]
         head += 1
         origin = flat_seed[cell]
@@ -363,6 +369,7 @@ def forget(
     for place in range(count):
         flat_mark[gone[place]] &= np.uint8(7)
     touch(tiles, gone[:count], columns)
+    return True
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

@@ -17,9 +17,13 @@ __all__ = ["NavigationMap", "footprint_cells"]
 
 #: Edits whose boxes are at most so many cells apart are worked out in one window.
 _ONE_WINDOW = 20
+#: At most so many cells, and those that changed, are taken back one by one.
+_MANY = 8000
 #: So few cells are done sooner by the queue than by further passes, of which there are at most so many.
-_FEW = 256
-_MORE_SWEEPS = 3
+_FEW = 24
+_MORE_SWEEPS = 6
+#: A window that values leave grows by so many cells.
+_GROW = 160
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
@@ -246,7 +250,11 @@ class NavigationMap:
         seeds = self._decisions[0]
         removed, added = differences(self._before, seeds)
         release(potential, seed, removed, self._tiles)
-        forget(layers.step, self._mark, potential, seed, changed, self._tiles)
+        if not forget(layers.step, self._mark, potential, seed, changed, self._tiles, _MANY):
+            # Whole regions are taken back faster than so many cells one by one.
+            owners = np.unique(seed.ravel()[changed])
+            release(potential, seed, owners[owners >= 0], self._tiles)
+            forget(layers.step, self._mark, potential, seed, changed, self._tiles, seed.size)
         # Nodes that are new, and those that stand on cells that were taken back.
         lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
@@ -258,12 +266,20 @@ class NavigationMap:
             for _ in range(_MORE_SWEEPS):
                 if len(found) < _FEW:
                     break
-                # Ways that turn back need more passes; those that leave the window are for the queue.
+                # Ways that turn back need more passes, and those that leave the window a larger one.
                 row, column = np.divmod(found, columns)
-                within = (
-                    (row >= window[0]) & (row <= window[1]) & (column >= window[2]) & (column <= window[3])
+                window = (
+                    window[0] - _GROW * (row.min() < window[0]),
+                    window[1] + _GROW * (row.max() > window[1]),
+                    window[2] - _GROW * (column.min() < window[2]),
+                    window[3] + _GROW * (column.max() > window[3]),
                 )
-                left.append(found[~within])
+                window = (
+                    max(window[0], 0),
+                    min(window[1], rows - 1),
+                    max(window[2], 0),
+                    min(window[3], columns - 1),
+                )
                 found = sweep(layers.step, potential, seed, *window)
             left.append(found)
         if left:
