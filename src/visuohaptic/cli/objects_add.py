@@ -12,6 +12,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 
 HELP = "Add an object, or new evidence of one that is known."
 EPILOG = """\
+reads   the arguments, and what is known of the object
 writes  into the database; it is on the disk when the verb returns
         --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it
 

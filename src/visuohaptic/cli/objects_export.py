@@ -11,6 +11,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 
 HELP = "Export objects as folders with cards."
 EPILOG = """\
+reads   a database of objects
 writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb
 
 example: visuohaptic objects export cup-1 --licence CC-BY-4.0 --out kitchen_export

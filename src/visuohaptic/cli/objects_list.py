@@ -12,6 +12,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 HELP = "List the objects of a database."
 EPILOG = """\
 reads   a database of objects
+writes  the answer, to stdout
 
 example: visuohaptic objects list --class cup
 """

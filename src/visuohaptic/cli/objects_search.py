@@ -13,6 +13,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 HELP = "Find the objects with the most similar features."
 EPILOG = """\
 reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
+writes  the answer, to stdout
 
 example: visuohaptic objects search --like cup-1 --count 5
 """

@@ -12,6 +12,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 HELP = "Say all that is known of one object."
 EPILOG = """\
 reads   a database of objects
+writes  the answer, to stdout
 
 example: visuohaptic objects show cup-1 --json
 """
