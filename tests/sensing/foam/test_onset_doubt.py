@@ -58,17 +58,21 @@ def test_bodies_without_dents_have_none(depth, radius, tilt, seed) -> None:
     body = depth - radius + np.sqrt(np.maximum(radius**2 - s**2, 0.0)) if radius < 0.1 else depth + tilt * s
     delta = np.maximum(body, 0.0) + SIGMA_M * np.clip(np.random.default_rng(seed).standard_normal(K), -3, 3)
     # Three sigmas, beside the hull that goes through the highest of them: within 0.05 mm and 3 %.
-    assert np.array_equal(without_dents(S_M, delta, SIGMA_M), delta)
+    assert np.array_equal(without_dents(S_M, delta, SIGMA_M, 0.02), delta)
 
 
 def test_a_dent_is_filled_and_a_gap_is_not() -> None:
-    plate = np.full(K, 0.006)
-    dented = plate.copy()
-    dented[20:30] -= 0.001
-    assert np.allclose(without_dents(S_M, dented, SIGMA_M), plate)
-    two = plate.copy()
-    two[20:30] = 0.001
-    assert np.array_equal(without_dents(S_M, two, SIGMA_M), two), "two bodies with foam between them"
+    plate = np.full(K, 0.009)
+    for bottom_m in (0.008, 0.004):
+        dented = plate.copy()
+        dented[20:40] = bottom_m
+        assert np.allclose(without_dents(S_M, dented, SIGMA_M, 0.02), plate), bottom_m
+    for first, last in ((20, 40), (20, 30), (20, 23)):
+        for decay_m in (0.003, 0.006):  # of free foam: 0.15 to 0.3 of the width
+            a, c = S_M[first - 1], S_M[last]
+            catenary = 0.009 * np.cosh((S_M - 0.5 * (a + c)) / decay_m) / np.cosh(0.5 * (c - a) / decay_m)
+            two = np.where((a < S_M) & (c > S_M), catenary, plate)
+            assert np.array_equal(without_dents(S_M, two, SIGMA_M, 0.02), two), "two bodies, free foam"
 
 
 def test_force_in_doubt_is_a_quarter_of_what_is_not_proved(material) -> None:

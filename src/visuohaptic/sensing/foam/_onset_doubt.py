@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -29,9 +28,10 @@ _NEW_S = 0.1
 _FREE_M = 5e-4
 #: Dents that are shallower than this and than this part of the depth are texture, kinks and noise.
 _SHALLOW_M, _SHALLOW = 5e-5, 0.03
-#: A dent lies between points that reach this part of the contact's depth, and its own foam is pressed to
-#: this part of theirs: what is less is free foam between two contacts.
-_BESIDE, _PRESSED = 0.5, 0.5
+#: A dent lies between points that reach this part of the contact's depth.
+_BESIDE = 0.5
+#: Longest decay length of free foam by its width: what lies well beyond it in a dent is pressed or covered.
+_DECAY_PER_WIDTH = 0.4
 
 
 class NewContact:
@@ -65,17 +65,22 @@ class NewContact:
 
 
 def without_dents(
-    s_m: Float[np.ndarray, "n"], delta_m: Float[np.ndarray, "n"], sigma_m: Float[np.ndarray, "n"]
+    s_m: Float[np.ndarray, "n"],
+    delta_m: Float[np.ndarray, "n"],
+    sigma_m: Float[np.ndarray, "n"],
+    width_m: float,
 ) -> Float[np.ndarray, "n"]:
     """Deflection of one contact if its dents were as deep as what lies beside them [m].
 
     The concave hull between the outermost points that reach half of the contact's depth, where
-    it lies clearly above the points.
+    it lies clearly above the points and most of these are deeper than free foam between two bodies.
 
     Parameters
     ----------
     s_m, delta_m, sigma_m
         Points of the contact, their deflection and its standard deviation, finite.
+    width_m
+        Width of the strip at rest.
     """
     result = delta_m.copy()
     core = np.flatnonzero(delta_m > _BESIDE * delta_m.max(initial=0.0))
@@ -92,11 +97,14 @@ def without_dents(
         hull.append(i)
     level = np.interp(s, s[hull], delta[hull])
     dent = level - delta > _SHALLOW_M + _SHALLOW * level + 3.0 * sigma_m[part]
-    for a, b in pairwise(hull):
-        # Free foam between two bodies is no dent.
-        inner = slice(a + 1, b)
-        if dent[inner].any() and (delta[inner] > _PRESSED * level[inner]).all():
-            result[part][inner] = np.where(dent[inner], level[inner], delta[inner])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], dent.astype(np.int8), [0]])))
+    for first, stop in zip(edges[::2], edges[1::2], strict=True):
+        # Free foam between two bodies is no dent: it decays from both. (The hull's ends are no dents.)
+        a, b = first - 1, stop
+        inner, decay = slice(first, stop), _DECAY_PER_WIDTH * width_m
+        free = delta[a] * np.exp((s[a] - s[inner]) / decay) + delta[b] * np.exp((s[inner] - s[b]) / decay)
+        if np.median(delta[inner] - free) > _FREE_M:
+            result[part][inner] = level[inner]
     return result
 
 
@@ -124,7 +132,7 @@ def unproved_force(
     s, before, delta, sigma = s_m[finite], before_m[finite], delta_m[finite], sigma_m[finite]
     if len(s) < 2:
         return 0.0
-    depths = np.stack([before, delta, without_dents(s, delta, sigma)])
+    depths = np.stack([before, delta, without_dents(s, delta, sigma, material.width_m)])
     pressure = material.stress(np.maximum(depths, 0.0) / material.width_m)
     old, seen, filled = material.height_m * pressure @ np.gradient(s)
     return _OF_FORCE * float(abs(seen - old) + abs(filled - seen))
