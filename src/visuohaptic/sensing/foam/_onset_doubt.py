@@ -89,10 +89,12 @@ def without_dents(
     part = slice(int(core[0]), int(core[-1]) + 1)
     s, delta = s_m[part], delta_m[part]
     hull: list[int] = []
-    for i in range(len(s)):
-        while len(hull) >= 2 and (delta[hull[-1]] - delta[hull[-2]]) * (s[i] - s[hull[-2]]) <= (
-            delta[i] - delta[hull[-2]]
-        ) * (s[hull[-1]] - s[hull[-2]]):
+    x, y = s.tolist(), delta.tolist()  # plain numbers: three times as fast in a loop
+    for i in range(len(x)):
+        while len(hull) >= 2:
+            p, q = hull[-2], hull[-1]
+            if (y[q] - y[p]) * (x[i] - x[p]) > (y[i] - y[p]) * (x[q] - x[p]):
+                break
             hull.pop()
         hull.append(i)
     level = np.interp(s, s[hull], delta[hull])
