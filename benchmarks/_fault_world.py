@@ -186,7 +186,7 @@ def _mixed(made: list[Delivery], first: int, last: int, rng: np.random.Generator
     it tells its age.
     """
     result = list(made[:first])
-    for i in range(first, last + 1):
+    for i in range(first, min(last + 1, len(made))):  # frames may have been dropped before
         kind = rng.integers(5)
         if kind == 0:
             result.append(made[i])

@@ -19,6 +19,7 @@ from ...tracking import SHARED_NOISE, PointReason
 from ._appearance import covered_points, other_surface
 from ._flank import stepped_points
 from ._gaps import bridged, plausible
+from ._onset_doubt import NewContact, with_unproved
 from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
@@ -145,6 +146,7 @@ class FoamSensor:
         points = len(self.setup.geometry.s_m)
         self._memory = HysteresisState.at_rest(points)
         self._onset = OnsetWatch(points, self.setup.config.max_contact_speed_m_s)
+        self._new = NewContact(points)
         self._focus = FocusWatch()
         self._seen_t_s: float | None = None  # when the whole front was seen last
         self._frame_s = np.inf  # shortest time between two frames
@@ -244,9 +246,12 @@ class FoamSensor:
         )
         reading = self._with_unknown_branch(reading, strip.t_s, gap)
         limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
-        reading = self.reading = replace(
+        reading = replace(
             reading,
             budget=self._with_unexplained(reading, delta, sigma, rest_offset(delta, sigma, seen), limit),
+        )
+        reading = self.reading = with_unproved(
+            reading, geometry.s_m, self._new.before(strip.t_s, delta), delta, sigma, material
         )
         reason = self._judge(reading, gap, covered, strip)
         if reason is Reason.OK and (self._focus.changing(strip.blur_px) or rough > _TOO_ROUGH):
