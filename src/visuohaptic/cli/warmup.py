@@ -27,6 +27,7 @@ WARMUPS = (
     "visuohaptic.sensing.foam._warmup:warmup",
     "visuohaptic.sensing.beam._warmup:warmup",
     "visuohaptic.navigation._warmup:warmup",
+    "visuohaptic.reconstruction._warmup:warmup",
     "visuohaptic.deformation._warmup:warmup",
     "visuohaptic.simulation._warmup:warmup",
 )
