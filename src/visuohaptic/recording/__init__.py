@@ -1,8 +1,8 @@
 """Frames and measurements in and out: video, image folders, live cameras, depth, MCAP, tables, maps."""
 
-from .depth_import import ImportedSequence, import_sequence
+from typing import TYPE_CHECKING, Any
+
 from .depth_pictures import DepthEncoding, read_depth, write_depth
-from .depth_sequence import DepthFrame, DepthSequence
 from .frames import open_source
 from .image_folder import ImageFolderSource, read_image
 from .live import CameraBackend, CameraSettings, FoundCamera, LiveSource, find_cameras, open_camera
@@ -14,6 +14,10 @@ from .poses import StampedPose, read_poses, write_poses
 from .source import RecordedSource, indices_from_times
 from .tables import ForceTable, TableWriter, read_force_table, read_wrench_table
 from .video import VideoSource
+
+if TYPE_CHECKING:
+    from .depth_import import ImportedSequence, import_sequence
+    from .depth_sequence import DepthFrame, DepthSequence
 
 __all__ = [
     "CameraBackend",
@@ -50,3 +54,14 @@ __all__ = [
     "write_depth",
     "write_poses",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Depth sequences are described by pydantic models, which are heavy: imported when first used."""
+    if name in {"DepthFrame", "DepthSequence"}:
+        from . import depth_sequence as module
+    elif name in {"ImportedSequence", "import_sequence"}:
+        from . import depth_import as module  # type: ignore[no-redef]
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(module, name)
