@@ -31,7 +31,18 @@ from visuohaptic.files import write_text
 __all__ = ["Report", "Row", "benchmark_names", "cpu_seconds", "run", "save", "table", "use_one_thread"]
 
 #: Campaigns of more than a few minutes: they run when they are named.
-CAMPAIGNS = ("foam_faults", "foam_tags", "objects_db", "objects_faults")
+CAMPAIGNS = (
+    "beam",
+    "build_faults",
+    "completion",
+    "foam_faults",
+    "foam_tags",
+    "nav_push",
+    "objects_db",
+    "objects_faults",
+    "scene",
+    "transparency",
+)
 
 #: Modules of this folder that are not benchmarks.
 _NOT_BENCHMARKS = {"harness"}
