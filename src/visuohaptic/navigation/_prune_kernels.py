@@ -5,26 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from ._search_kernels import half_edges
+
 __all__ = ["keep_edges", "label_components", "prune"]
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def _incidence(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half-edges of every node in CSR form; half-edge 2 e leaves the first end of e, 2 e + 1 the second."""
-    start = np.zeros(count + 1, np.int32)
-    for edge in range(len(ends)):
-        start[ends[edge, 0] + 1] += 1
-        start[ends[edge, 1] + 1] += 1
-    for node in range(count):
-        start[node + 1] += start[node]
-    place = start[:-1].copy()
-    half = np.empty(2 * len(ends), np.int32)
-    for edge in range(len(ends)):
-        for side in range(2):
-            node = ends[edge, side]
-            half[place[node]] = 2 * edge + side
-            place[node] += 1
-    return start, half
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -48,7 +31,7 @@ def prune(
     own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
     """
     count = len(clearance)
-    start, half = _incidence(count, ends)
+    start, half = half_edges(count, ends)
     alive = np.ones(len(ends), np.bool_)
     stays = np.ones(count, np.bool_)
     degree = np.zeros(count, np.int32)
@@ -159,7 +142,7 @@ def keep_edges(
     A ring of such nodes keeps its widest. Edges run from the smaller node to the larger.
     """
     count = len(cells)
-    start, half = _incidence(count, ends)
+    start, half = half_edges(count, ends)
     number = np.full(count, -1, np.int32)
     for node in range(count):
         if stays[node] and degree[node] != 2:
