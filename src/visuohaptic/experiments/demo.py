@@ -22,8 +22,6 @@ from ..sensing.scene_record import write_scene
 from ..simulation.look import Look
 from ..simulation.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.platform import PlatformConfig
-from ..simulation.renderer import SceneRenderer
-from ..simulation.scene import FoamScene
 from ..simulation.sensor_camera import SimulatedSensorCamera
 from ..simulation.world import PushWorld
 from ..tasks import Exploration, ExploreSettings, ExploreStep, explore_obstacle
@@ -120,7 +118,8 @@ def run_demo(
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
     grid, paths = _scene(folder, map_path, say)
-    virtual = VirtualSensor()
+    # In colour, as a webcam sees it: in grey a blue bin and a brown floor can look the same.
+    virtual = VirtualSensor(look=Look.photo(colour=True))
     say("foam sensor: press, calibrate, mount, zero")
     sensor = virtual.build(folder, rng)
     material = sensor.setup.material
@@ -187,7 +186,7 @@ class _Push:
         self.seed, self.say, self.page, self.recording, self.table = seed, say, page, recording, table
         self.track = track
         self.samples: list[DemoSample] = []
-        self.best: tuple[float, FoamScene, ObservedStrip] | None = None
+        self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
         self.touching = False
         self.yaw_rad: list[float] = []  # of a movable obstacle, from its touch on
 
@@ -214,8 +213,7 @@ class _Push:
             place = (body.x_m, body.y_m, body.yaw_rad)
         picture, strip = None, None
         if self.best is not None:
-            _, scene, strip = self.best
-            picture = self._photograph(scene)
+            _, picture, strip = self.best
         turn = self.yaw_rad[-1] - self.yaw_rad[0] if self.yaw_rad else math.nan
         touched = next((e.t_s for e in found.events if e.kind is EventKind.CONTACT), math.nan)
         times = [profile.t_s for profile in found.profiles]
@@ -260,17 +258,9 @@ class _Push:
             self.say(f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
         strip = self.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
-            self.best = (profile.force_N, self.world.scene(), strip)
+            self.best = (profile.force_N, step.frame.image, strip)
         if self.page is not None:
             self._show(step, truth)
-
-    def _photograph(self, scene: FoamScene) -> UInt8[np.ndarray, "rows columns 3"]:
-        """The same view in colour; the sensor itself works on the grey one."""
-        rig = self.virtual.rig
-        renderer = SceneRenderer(
-            rig.camera, rig.pose_camera_foam, Look.photo(colour=True), self.virtual.effects
-        )
-        return renderer.render(scene, rng=np.random.default_rng(self.seed))
 
     def _show(self, step: ExploreStep, truth_N: float) -> None:
         assert self.page is not None

@@ -96,7 +96,13 @@ def annotated_push(
     plane = PlaneView(setup.camera, setup.pose_camera_foam)
     strip = one.strip
     profile = max((p for p in one.exploration.profiles if p.valid), key=lambda p: p.force_N)
-    contacts = [plane.project(contact.points_foam_m) for contact in profile.contacts]
+    # Where it is pressed: beside the object the foam is only drawn along.
+    pressed = [contact.delta_m > 0.1 * np.max(contact.delta_m) for contact in profile.contacts]
+    contacts = [
+        plane.project(contact.points_foam_m[inside])
+        for contact, inside in zip(profile.contacts, pressed, strict=True)
+        if np.count_nonzero(inside) > 1
+    ]
     shapes = []
     best = one.exploration.fit.best if one.exploration.fit is not None else None
     if best is not None:

@@ -247,8 +247,11 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
         axes.plot(s_mm, shown, color=colour, marker=".", ms=3.5)
         axes.plot(s_mm[~good], np.zeros((~good).sum()), "x", color=COLOURS["grey"], ms=5)
         axes.set_ylabel(label)
-        for contact in profile.contacts:
-            axes.axvspan(1e3 * contact.s_start_m, 1e3 * contact.s_end_m, color="#f1ede2", lw=0, zorder=0)
+        # Where it is pressed; beside that the foam is only drawn along.
+        axes.fill_between(
+            s_mm, 0.0, 1.0, where=profile.pressure_Pa > 0, transform=axes.get_xaxis_transform(),
+            color="#f1ede2", lw=0, zorder=0,
+        )  # fmt: skip
     for contact in profile.contacts:
         said = f"{contact.force_N:.2f} ± {contact.force_sigma_N:.2f} N"
         upper.annotate(

@@ -180,6 +180,7 @@ class Obstacle:
     proximity_sigma_m: float
     y_m: float  #: where along the sensor it is nearest; NaN when free
     at_border: bool  #: it reaches the lower border of the strip: it may be nearer than ``proximity_m``
+    remembered: bool = False  #: not of this frame: seen before, and carried on by the platform's motion
 
 
 class ObstacleDetector:
@@ -214,6 +215,12 @@ class ObstacleDetector:
         high = np.array([[0.5 * self.floor_view.camera.width, self.settings.least_height_px + 0.0]])
         far = float(self.floor_view.cast(high)[0, 0]) - self.front_m
         return far if np.isfinite(far) and far > 0 else float("inf")
+
+    @property
+    def blind_m(self) -> float:
+        """How far ahead of the foam the strip begins: what is nearer is not watched."""
+        low = np.array([[0.5 * self.floor_view.camera.width, self._rows - 0.5]])
+        return max(float(self.floor_view.cast(low)[0, 0]) - self.front_m, 0.0)
 
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
         """Look at one frame, grey or colour."""

@@ -19,6 +19,7 @@ from ..robots import BaseState
 from ..tracking.flow import FlowSettings, FlowStep, PointTracker
 from .ego_motion import EgoMotionFilter, EgoMotionSettings
 from .floor_motion import FloorMotionSettings, FloorTracker
+from .near_memory import NearMemory
 from .object_face import contact_face, face_curvature
 from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker
 from .obstacle_mask import MixtureSettings, Obstacle, ObstacleDetector
@@ -123,6 +124,7 @@ class SceneTracker:
         self.ego = EgoMotionFilter(s.ego)
         self._object = ObjectTracker(camera, pose_camera_foam, s.object)
         self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
+        self._near = NearMemory(self._obstacles.blind_m)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
         self._angle, self._angle_before = 0.0, 0.0
         self._flat_angle = float("nan")  # direction of a flat face, less the turn that it had then
@@ -209,6 +211,7 @@ class SceneTracker:
             self._angle = angle
         if face is not None:
             self._look_afresh(*face, obstacle)
+        obstacle = self._near.update(obstacle, motion, in_contact)
         return SceneReading(
             t_s, motion, floor, self.ego.pose.copy(), self.ego.pose_covariance.copy(), moved, angle, events, obstacle,
             len(on_floor.ids), len(on_object.ids),

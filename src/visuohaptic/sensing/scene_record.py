@@ -44,6 +44,7 @@ SCENE_COLUMNS = (
     "obstacle_valid",
     "proximity_m",
     "proximity_sigma_m",
+    "proximity_remembered",
     "events",
 )
 
@@ -70,6 +71,7 @@ def _values(reading: SceneReading) -> dict[str, Any]:
         "obstacle_valid": bool(obstacle.valid),
         "proximity_m": float(obstacle.proximity_m),
         "proximity_sigma_m": float(obstacle.proximity_sigma_m),
+        "proximity_remembered": bool(obstacle.remembered),
         "events": " ".join(event.kind.value for event in reading.events),
     }
 

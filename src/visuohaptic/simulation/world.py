@@ -348,8 +348,10 @@ class PushWorld:
             if touching and (name, EventKind.CONTACT) not in self._happened:
                 self._start[name] = self._placement(index)
                 place = [k for k, (i, _) in enumerate(self._near) if i == index]
-                centre = np.nanmean([self._state.centre_m(k) for k in place])
-                self._note(name, EventKind.CONTACT, t_s, float(centre))
+                centres = np.array([self._state.centre_m(k) for k in place])
+                known = centres[np.isfinite(centres)]  # hard bodies behind the foam have none
+                centre = float(known.mean()) if len(known) else float("nan")
+                self._note(name, EventKind.CONTACT, t_s, centre)
             if name not in self._start:
                 continue
             if not touching:
