@@ -349,7 +349,7 @@ class PushWorld:
                 self._start[name] = self._placement(index)
                 place = [k for k, (i, _) in enumerate(self._near) if i == index]
                 centres = np.array([self._state.centre_m(k) for k in place])
-                known = centres[np.isfinite(centres)]  # hard bodies behind the foam have none
+                known = centres[np.isfinite(centres)]  # none where the foam has just let go
                 centre = float(known.mean()) if len(known) else float("nan")
                 self._note(name, EventKind.CONTACT, t_s, centre)
             if name not in self._start:
