@@ -207,11 +207,11 @@ def gauss_newton_sums(
 def solve_step(matrix, vector, active, damping, step):
     """Solve the damped system for the active unknowns by Cholesky; False if it is singular.
 
-    ``step`` (10,) becomes ``-(M + damping diag M)^-1 v`` on the active unknowns, 0 elsewhere.
+    ``step`` (m,) becomes ``-(M + damping diag M)^-1 v`` on the active unknowns, 0 elsewhere.
     """
     n = 0
-    which = np.zeros(10, np.int64)
-    for k in range(10):
+    which = np.zeros(len(active), np.int64)
+    for k in range(len(active)):
         step[k] = 0.0
         if active[k]:
             which[n] = k

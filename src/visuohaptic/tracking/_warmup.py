@@ -31,10 +31,16 @@ def warmup() -> None:
 
 def _planar() -> None:
     """Align a small template, which compiles the kernels of the planar tracker."""
+    from ..camera import Camera, Pose
     from .esm import align
     from .esm_template import EsmTemplate
+    from .plane_pose import estimate_plane_poses
 
     y, x = np.mgrid[:64, :64]
     image = (128 + 60 * np.sin(x / 5.0) * np.cos(y / 7.0)).astype(np.uint8)
     template = EsmTemplate.from_image(image[8:56, 8:56].copy())
     align(template, image, np.array([[1, 0, 8.5], [0, 1, 7.5], [0, 0, 1.0]]))
+    camera = Camera.simple(64, 64, 100.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 5.0]))
+    estimate_plane_poses(camera, square, camera.project(pose.apply(square)), np.eye(8), starts=(pose,))

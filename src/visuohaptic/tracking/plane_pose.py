@@ -21,7 +21,7 @@ from ..camera import Camera, Pose
 from ..errors import InputError
 from .homography import decompose_homography, estimate_homography, facing_motions
 
-__all__ = ["PlanePose", "estimate_plane_poses", "pose_difference", "tilted_back"]
+__all__ = ["PlanePose", "estimate_plane_poses", "lens_numbers", "pose_difference", "tilted_back"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +63,7 @@ def estimate_plane_poses(
     tuple of PlanePose
         Empty when no pose has the plane in front of the camera.
     """
-    points = np.asarray(points_template_m, dtype=np.float64)
+    points = np.ascontiguousarray(points_template_m, dtype=np.float64)
     if points.shape != (4, 3) or not np.allclose(points[:, 2], 0):
         raise InputError("estimate_plane_poses", "expected four points (4, 3) with z = 0", field="points")
     # A floor of a thousandth of a pixel keeps a noise-free covariance invertible.
@@ -72,9 +72,10 @@ def estimate_plane_poses(
     if not starts:
         start = _from_decomposition(camera, points, corners_px)
         starts = (start, tilted_back(start)) if start is not None else ()
+    corners_px, lens = np.ascontiguousarray(corners_px, dtype=np.float64), lens_numbers(camera)
     found: list[PlanePose] = []
     for start in starts:
-        refined = _refine(camera, points, corners_px, whiten, start)
+        refined = _refine(points, corners_px, whiten, lens, start)
         if refined is not None and all(
             _angle(refined.pose_camera_template, other.pose_camera_template) > 1e-4 for other in found
         ):
@@ -84,9 +85,10 @@ def estimate_plane_poses(
 
 def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
     """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
-    from scipy.spatial.transform import Rotation
+    import cv2
 
-    turn = Rotation.from_matrix(b.rotation @ a.rotation.T).as_rotvec()
+    # Of two small matrices; SciPy's class takes ten times as long.
+    turn = cv2.Rodrigues(b.rotation @ a.rotation.T)[0].ravel()
     return np.concatenate([b.translation_m - a.translation_m, turn])
 
 
@@ -118,81 +120,32 @@ def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarr
 def tilted_back(pose: Pose) -> Pose:
     """The pose with its tilt mirrored about the line of sight: same picture without perspective."""
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
-    side = np.cross(sight, [0.0, 1.0, 0.0])
-    side /= np.linalg.norm(side)
-    frame = np.array([side, np.cross(sight, side), sight])
-    flip = np.diag([1.0, 1.0, -1.0])
-    return Pose(frame.T @ flip @ frame @ pose.rotation @ flip, pose.translation_m)
+    # Mirrored in the plane across the line of sight, and the template's own axis turned back.
+    rotation = pose.rotation - 2.0 * np.outer(sight, sight @ pose.rotation)
+    rotation[:, 2] *= -1.0
+    return Pose(rotation, pose.translation_m)
 
 
 def _refine(
-    camera: Camera, points: np.ndarray, corners_px: np.ndarray, whiten: np.ndarray, start: Pose
+    points: np.ndarray, corners_px: np.ndarray, whiten: np.ndarray, lens: np.ndarray, start: Pose
 ) -> PlanePose | None:
     """Levenberg-Marquardt on the six parameters, residuals whitened by the corners' covariance."""
+    from ._pose_kernels import refine_pose
 
-    def residual(pose: Pose) -> np.ndarray | None:
-        predicted = camera.project(pose.apply(points))
-        if not np.isfinite(predicted).all():
-            return None
-        return np.asarray(whiten @ (predicted - corners_px).ravel())
-
-    pose, error, damping = start, residual(start), 1e-6
-    if error is None:
+    rotation, translation, normal = start.rotation.copy(), start.translation_m.copy(), np.zeros((6, 6))
+    chi2 = float(refine_pose(points, corners_px, whiten, lens, rotation, translation, normal))
+    if not np.isfinite(chi2):
         return None
-    normal = np.eye(6)
-    for _ in range(20):
-        jacobian = whiten @ _pose_jacobian(camera, pose, points)
-        normal = jacobian.T @ jacobian
-        gradient = jacobian.T @ error
-        step = np.zeros(6)
-        for _ in range(8):
-            step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-            moved = _moved(pose, step)
-            next_error = residual(moved)
-            if next_error is not None and next_error @ next_error <= error @ error * (1 + 1e-12):
-                pose, error, damping = moved, next_error, max(damping / 10, 1e-9)
-                break
-            damping *= 10
-        else:
-            break
-        # In units of the standard deviations of the parameters: a thousandth of a sigma is enough.
-        if step @ normal @ step < 1e-6:
-            break
     try:
         covariance = np.linalg.inv(normal)
     except np.linalg.LinAlgError:
         return None
-    return PlanePose(pose, 0.5 * (covariance + covariance.T), float(error @ error))
+    return PlanePose(Pose(rotation, translation), 0.5 * (covariance + covariance.T), chi2)
 
 
-def _moved(pose: Pose, step: np.ndarray) -> Pose:
-    """Translation added, rotation turned about the axes of the camera."""
-    angle = float(np.linalg.norm(step[3:]))
-    if angle < 1e-15:
-        return Pose(pose.rotation, pose.translation_m + step[:3])
-    x, y, z = step[3:] / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    rotation = turn @ pose.rotation
-    # Many small steps must not leave the group.
-    u, _, vt = np.linalg.svd(rotation)
-    return Pose(u @ vt, pose.translation_m + step[:3])
-
-
-def _pose_jacobian(camera: Camera, pose: Pose, points: np.ndarray) -> np.ndarray:
-    """d(pixels) / d(x, y, z, rx, ry, rz), (8, 6); the projection by central differences."""
-    turned = points @ pose.rotation.T
-    spatial = turned + pose.translation_m
-    step = 1e-5 * float(spatial[:, 2].mean())
-    moves = step * np.vstack([np.eye(3), -np.eye(3)])
-    pixels = camera.project(spatial[:, None, :] + moves[None])
-    projection = (pixels[:, :3] - pixels[:, 3:]).transpose(0, 2, 1) / (2 * step)
-    result = np.zeros((4, 2, 6))
-    result[:, :, :3] = projection
-    # d(w x a) / dw = -[a]x; np.cross would cost more than all the rest here.
-    turns = np.zeros((4, 3, 3))
-    turns[:, 0, 1], turns[:, 0, 2] = turned[:, 2], -turned[:, 1]
-    turns[:, 1, 0], turns[:, 1, 2] = -turned[:, 2], turned[:, 0]
-    turns[:, 2, 0], turns[:, 2, 1] = turned[:, 1], -turned[:, 0]
-    result[:, :, 3:] = projection @ turns
-    return result.reshape(8, 6)
+def lens_numbers(camera: Camera) -> Float[np.ndarray, "12"]:
+    """What the kernels know of a camera: fx, fy, cx, cy, and eight coefficients of distortion."""
+    k, result = camera.matrix, np.zeros(12)
+    result[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
+    result[4 : 4 + len(camera.distortion)] = camera.distortion
+    return result

@@ -74,7 +74,9 @@ class _Track:
     last_seen: np.ndarray | None = None  #: homography when it was seen last
     pose: Pose | None = None
     advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
-    offset: Float32[np.ndarray, "2 R C"] | None = None
+    least_chi2: float = 0.0  #: what the best start left when the last pose was none
+    lens: Float32[np.ndarray, "17 17 2"] | None = None  #: what the lens adds to the homography [px]
+    offset: Float32[np.ndarray, "2 R C"] | None = None  #: the same at every pixel
     tries: int = 0  #: detections since it was lost
     blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
     blur_age: int = 0  #: frames since that was measured
@@ -281,7 +283,8 @@ class TemplateTracker:
     def _loose(self, track: _Track, t_s: float, detail: str, alignment: Alignment | None) -> TemplatePose:
         if track.pose is not None:
             _log.info("%s lost at %.3f s: %s", track.template.name, t_s, detail)
-        track.homography, track.before, track.pose, track.advantage = None, None, None, 0.0
+        track.homography, track.before, track.pose = None, None, None
+        track.advantage = track.least_chi2 = 0.0
         return _no_pose(track.template.name, t_s, Reason.LOST, detail, alignment)
 
     # -- pose --------------------------------------------------------------------------
@@ -296,10 +299,12 @@ class TemplateTracker:
         found = estimate_plane_poses(
             self.camera, points, alignment.corners, alignment.corner_covariance, starts=starts
         )
-        if starts and (not found or found[0].chi2 > 100.0):
+        if starts and (not found or found[0].chi2 > max(100.0, 2.0 * track.least_chi2)):
             # The last pose was no start: begin with the decomposition.
             found += estimate_plane_poses(self.camera, points, alignment.corners, alignment.corner_covariance)
             found = tuple(sorted(found, key=lambda pose: pose.chi2))[:2]
+            # What is left then (a print that is not flat, a bad calibration) is left in the next frame, too.
+            track.least_chi2 = found[0].chi2 if found else 0.0
         return found
 
     def _with_distortion(
@@ -310,12 +315,12 @@ class TemplateTracker:
         poses: tuple[PlanePose, ...],
     ) -> tuple[Alignment, tuple[PlanePose, ...]]:
         """Bend the template as the lens does, and align once more if that changed."""
-        offset = _lens_offset(self.camera, track.template, poses[0].pose_camera_template)
-        old = track.offset if track.offset is not None else np.zeros_like(offset)
-        track.offset = offset
+        samples = _lens_samples(self.camera, track.template, poses[0].pose_camera_template)
+        old = np.zeros_like(samples) if track.lens is None else track.lens
         # Below a two-hundredth of a pixel the change is far inside the noise.
-        if np.abs(offset - old)[:, ::8, ::8].max() < 0.005:
+        if np.abs(samples - old).max() < 0.005:
             return alignment, poses
+        track.lens, track.offset = samples, _lens_offset(samples, track.template)
         again = self._align(track, grey, alignment.homography)
         if not again.valid:
             return alignment, poses
@@ -395,22 +400,27 @@ def _region(homography: np.ndarray, template: Template) -> tuple[int, int, int, 
     return int(box[0]), int(box[1]), int(box[2]) + 1, int(box[3]) + 1
 
 
-def _lens_offset(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "2 R C"]:
-    """What projection with the lens adds to the homography through the four corners [px].
-
-    It is smooth: 17 x 17 exact points and a cubic interpolation leave less than 1e-3 px.
-    """
-    import cv2
-
+def _lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:
+    """What projection with the lens adds to the homography through the four corners [px], at 17 x 17 points."""
     rows, columns = template.image.shape
     x, y = np.meshgrid(np.linspace(0, columns - 1, 17), np.linspace(0, rows - 1, 17))
     pixels = np.stack([x, y], axis=-1)
     seen = camera.project(pose.apply(template.points_m(pixels)))
     corners = camera.project(pose.apply(template.points_m(template.esm.corners)))
     homography = estimate_homography(template.esm.corners, corners)
-    difference = (seen - apply_homography(homography, pixels)).astype(np.float32)
+    return np.nan_to_num((seen - apply_homography(homography, pixels)).astype(np.float32))
+
+
+def _lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> Float32[np.ndarray, "2 R C"]:
+    """The same at every pixel of the template.
+
+    It is smooth: 17 x 17 exact points and a cubic interpolation leave less than 1e-3 px.
+    """
+    import cv2
+
+    rows, columns = template.image.shape
     # The first and last sample lie on the first and last pixel: scale by samples - 1, not by size.
     sample_x = np.tile(np.linspace(0, 16, columns, dtype=np.float32), (rows, 1))
     sample_y = np.repeat(np.linspace(0, 16, rows, dtype=np.float32)[:, None], columns, axis=1)
-    spread = cv2.remap(difference, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.ascontiguousarray(np.nan_to_num(spread).transpose(2, 0, 1))
+    spread = cv2.remap(samples, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.ascontiguousarray(spread.transpose(2, 0, 1))
