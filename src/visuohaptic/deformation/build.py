@@ -314,11 +314,37 @@ def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJ
         client: Any = vars(distributed)["Client"](address, timeout="20s")
     except (OSError, ValueError) as error:
         raise InputError("cluster", f"no scheduler answers at {address} ({error})") from error
+    killed = vars(distributed)["KilledWorker"]
+    lost = (OSError, TimeoutError, vars(distributed)["CancelledError"])
     with client:
         futures = client.map(compute, jobs, pure=False, retries=MOST_DEATHS)
         by_key = {future.key: job for future, job in zip(futures, jobs, strict=True)}
-        for future in vars(distributed)["as_completed"](futures):
-            yield by_key[future.key], future.result()
+        coming = vars(distributed)["as_completed"](futures)
+        deaths = 0
+        try:
+            for future in coming:
+                job = by_key[future.key]
+                try:
+                    result = future.result()
+                except killed as error:
+                    # The scheduler gives a job up when several workers died with it.
+                    deaths += 1
+                    if deaths > MOST_DEATHS:
+                        raise VisuohapticError(
+                            f"objects build: workers of {address} died again and again with {job.file}; "
+                            "give them more memory, and run it again to go on"
+                        ) from error
+                    again = client.submit(compute, job, pure=False, retries=MOST_DEATHS)
+                    by_key[again.key] = job
+                    coming.add(again)
+                    continue
+                deaths = 0
+                yield job, result
+        except lost as error:
+            raise VisuohapticError(
+                f"objects build: the scheduler at {address} is gone ({type(error).__name__}); "
+                "start it and run it again to go on"
+            ) from error
 
 
 def _description(job: BuildJob) -> ContainerDescription:
