@@ -1,6 +1,6 @@
 """Builds that are killed, and files that are malformed: nothing lost, one clear line, bounded memory.
 
-    python -m benchmarks.build_faults --kills 200 --files 300
+    python -m benchmarks.build_faults --kills 200 --workers 20 --files 300
 
 A short slice runs with the other benchmarks' names: ``python -m benchmarks build_faults``.
 """
@@ -10,10 +10,13 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ import numpy as np
 
 from visuohaptic.deformation import load_plan, plan_jobs
 from visuohaptic.deformation.build import build
+from visuohaptic.errors import VisuohapticError
 
 SEED = 20261121
 PLAN = """\
@@ -52,9 +56,9 @@ for line in sys.stdin:
 """
 
 
-def run(kills: int = 3, files: int = 60) -> list[dict[str, Any]]:
+def run(kills: int = 3, files: int = 60, workers: int = 2) -> list[dict[str, Any]]:
     """Rows of the table."""
-    return [_kills(kills), _files(files)]
+    return [_kills(kills), _worker_kills(workers), _files(files)]
 
 
 def _kills(count: int) -> dict[str, Any]:
@@ -88,6 +92,105 @@ def _kills(count: int) -> dict[str, Any]:
         "floor": 0.0,
         "higher_is_better": False,
     }
+
+
+def _worker_kills(count: int) -> dict[str, Any]:
+    """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
+    rng = np.random.default_rng(SEED)
+    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
+        plan, killed = Path(scratch) / "classes.yaml", Path(scratch) / "killed"
+        plan.write_text(PLAN)
+        jobs = plan_jobs(*load_plan(plan))
+        whole = build(jobs, Path(scratch) / "whole")
+        port, begin = str(_free_port()), [sys.executable, "-m"]
+        address = f"tcp://127.0.0.1:{port}"
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": scratch}
+        scheduler = subprocess.Popen(
+            [
+                *begin,
+                "distributed.cli.dask_scheduler",
+                "--host",
+                "127.0.0.1",
+                "--port",
+                port,
+                "--no-dashboard",
+            ],
+            **quiet,  # type: ignore[call-overload]
+        )
+        stack.callback(_end, scheduler)
+
+        def worker() -> subprocess.Popen[bytes]:
+            # Without a nanny: its process is the one that computes.
+            process: subprocess.Popen[bytes] = subprocess.Popen(
+                [
+                    *begin,
+                    "distributed.cli.dask_worker",
+                    address,
+                    "--nthreads",
+                    "1",
+                    "--no-nanny",
+                    "--no-dashboard",
+                ],
+                **quiet,  # type: ignore[call-overload]
+            )
+            stack.callback(_end, process)
+            return process
+
+        running = [worker(), worker()]
+        done, rounds, lost = 0, 0, 0
+        reason = ""
+        while done < count:
+            for path in killed.glob("*/*.npz"):
+                path.unlink()
+            found: list[Any] = []
+            builder = threading.Thread(target=_collect, args=(jobs, killed, address, found))
+            builder.start()
+            while builder.is_alive() and done < count:
+                before = len(list(killed.glob("*/*.npz")))
+                deadline = time.monotonic() + 60
+                while len(list(killed.glob("*/*.npz"))) <= before and time.monotonic() < deadline:
+                    if not builder.is_alive():
+                        break
+                    time.sleep(0.005)
+                time.sleep(float(rng.uniform(0, 0.05)))
+                if builder.is_alive():
+                    which = int(rng.integers(len(running)))
+                    running[which].send_signal(signal.SIGKILL)
+                    running[which].wait()
+                    running[which] = worker()
+                    done += 1
+            builder.join(600)
+            rounds += 1
+            report = found[0] if found else None
+            if isinstance(report, Exception):
+                reason = str(report)
+            lost += getattr(report, "content_sha256", "") != whole.content_sha256
+    return {
+        "name": f"builds on a cluster with another hash after {done} workers were killed -9",
+        "ours": float(lost),
+        "unit": f"of {rounds}",
+        "floor": 0.0,
+        "higher_is_better": False,
+        "note": f"two dask workers, {len(jobs)} objects a build" + (f"; {reason}" if reason else ""),
+    }
+
+
+def _collect(jobs: Any, folder: Path, address: str, found: list[Any]) -> None:
+    try:
+        found.append(build(jobs, folder, cluster=address))
+    except VisuohapticError as error:
+        found.append(error)
+
+
+def _free_port() -> int:
+    with socket.socket() as server:
+        server.bind(("127.0.0.1", 0))
+        return int(server.getsockname()[1])
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    process.wait()
 
 
 def _files(count: int) -> dict[str, Any]:
@@ -178,7 +281,8 @@ def malformed(rng: np.random.Generator, count: int) -> list[tuple[str, bytes]]:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200)
+    parser.add_argument("--workers", type=int, default=20)
     parser.add_argument("--files", type=int, default=300)
     options = parser.parse_args()
-    for row in run(options.kills, options.files):
+    for row in run(options.kills, options.files, options.workers):
         print(row)

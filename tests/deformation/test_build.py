@@ -52,6 +52,27 @@ def test_a_build_says_what_it_wrote(plan: Path, tmp_path: Path) -> None:
         assert (data["features"][1, 4:12, 2, 0] > data["features"][0, 4:12, 2, 0]).all()
 
 
+def test_features_of_curves_on_request(plan: Path, tmp_path: Path) -> None:
+    plan.write_text(PLAN.replace("variants: 3", "variants: 1").replace("variants: 2", "variants: 1"))
+    linear = build(plan_jobs(*load_plan(plan)), tmp_path / "linear")
+    plan.write_text(plan.read_text() + "nonlinear: {around: 16, heights: [4, 9, 14]}\n")
+    jobs = plan_jobs(*load_plan(plan, nonlinear=True))
+    assert {job.curve_heights for job in jobs} == {(4, 9, 14)}
+    curved = build(jobs, tmp_path / "curved")
+    assert curved.content_sha256 != linear.content_sha256
+    with (
+        np.load(tmp_path / "linear" / jobs[1].file, allow_pickle=False) as one,
+        np.load(tmp_path / "curved" / jobs[1].file, allow_pickle=False) as two,
+    ):
+        assert np.isfinite(two["features"]).all()
+        assert (one["features"][..., 2] == 0).all()
+        assert (two["features"][..., 2] != 0).all()
+        # Curves where they were asked for, departures in between.
+        assert np.isfinite(two["curve_reached"]).any(axis=(0, 2)).nonzero()[0].tolist() == [3, 8, 13]
+        # Enclosed air pushes back against a large pinch of the flat side.
+        assert (two["features"][1, 5:12, 2, 1] > two["features"][0, 5:12, 2, 1]).all()
+
+
 def test_what_is_there_is_kept_and_what_is_damaged_is_made_again(plan: Path, tmp_path: Path) -> None:
     jobs = plan_jobs(*load_plan(plan))
     first = build(jobs, tmp_path / "out")
@@ -128,6 +149,7 @@ def test_a_cluster_needs_its_extra(plan: Path, tmp_path: Path, monkeypatch: pyte
         ("classes: [{class: cup, variants: 0}]", "variants"),
         ("classes: [{class: cup}]\naround: 17", "around"),
         ("classes: [{class: cup}]\nseeds: 17", "seeds"),
+        ("classes: [{class: cup}]\nnonlinear: {heights: [0]}", "nonlinear.heights"),
     ],
 )
 def test_bad_plans_are_one_line(text: str, said: str, tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from .._version import __version__
 from ..errors import InputError, MissingExtraError, VisuohapticError
@@ -28,8 +28,9 @@ from ..files import atomic_path, load_yaml_model, write_text
 from .banded_map import object_map
 from .container import ContainerDescription, load_container
 from .contents import Contents
-from .features import linear_features
-from .mesher import mesh_container
+from .curve_features import nonlinear_features
+from .features import HEIGHTS, StiffnessFeatures, linear_features
+from .mesher import ShellObject, mesh_container
 
 __all__ = ["BuildJob", "BuildPlan", "BuildReport", "build", "load_plan", "plan_jobs"]
 
@@ -59,6 +60,20 @@ class State(_Part):
     fill: float = Field(0.0, ge=0, le=1)
 
 
+class Curves(_Part):
+    """Features from force-deformation curves instead of linear elasticity."""
+
+    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices round the wall, for the curves
+    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: of 1 .. 16; the others lie between
+
+    @field_validator("heights")
+    @classmethod
+    def _on_the_grid(cls, heights: tuple[int, ...]) -> tuple[int, ...]:
+        if not heights or not all(1 <= height <= HEIGHTS for height in heights):
+            raise ValueError(f"expected numbers from 1 to {HEIGHTS}")
+        return tuple(sorted(set(heights)))
+
+
 class BuildPlan(_Part):
     """What is to be built; read from YAML."""
 
@@ -69,6 +84,7 @@ class BuildPlan(_Part):
     states: list[State] = Field(
         [State(closed=False, fill=0.0)], min_length=1, max_length=16
     )  #: of the features
+    nonlinear: Curves | None = None  #: linear features by default
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +98,8 @@ class BuildJob:
     around: int
     band: bool
     states: tuple[tuple[bool, float], ...]
+    curve_around: int = 0  #: vertices round the wall for force-deformation curves; 0: linear features
+    curve_heights: tuple[int, ...] = ()
 
     @property
     def file(self) -> str:
@@ -105,9 +123,14 @@ class BuildReport:
     content_sha256: str  #: of all arrays of all objects
 
 
-def load_plan(path: Path | str) -> tuple[BuildPlan, list[ContainerDescription]]:
-    """Read a plan and the descriptions of its classes."""
+def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, list[ContainerDescription]]:
+    """Read a plan and the descriptions of its classes.
+
+    ``nonlinear`` asks for features from curves, with default settings where the plan has none.
+    """
     plan = load_yaml_model(path, BuildPlan)
+    if nonlinear and plan.nonlinear is None:
+        plan = plan.model_copy(update={"nonlinear": Curves.model_validate({})})
     found = []
     for entry in plan.classes:
         beside = Path(path).parent / entry.source
@@ -125,6 +148,7 @@ def load_plan(path: Path | str) -> tuple[BuildPlan, list[ContainerDescription]]:
 def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> list[BuildJob]:
     """All objects of a plan."""
     states = tuple((state.closed, state.fill) for state in plan.states)
+    curves = (plan.nonlinear.around, plan.nonlinear.heights) if plan.nonlinear else (0, ())
     jobs = []
     for entry, description in zip(plan.classes, descriptions, strict=True):
         for variant in range(entry.variants):
@@ -138,6 +162,7 @@ def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> 
                     plan.around,
                     plan.band,
                     states,
+                    *curves,
                 )
             )
     return jobs
@@ -148,13 +173,15 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
     try:
         thing = mesh_container(_description(job), around=job.around)
         found = object_map(thing, band=job.band)
-        features, points = [], np.zeros(0)
-        for closed, fill in job.states:
-            grid = linear_features(thing, Contents(closed=closed, fill=fill))
-            features.append(grid.values)
-            points = grid.points_m
+        coarse = mesh_container(_description(job), around=job.curve_around) if job.curve_around else None
+        grids = [
+            _features(job, thing, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
+        ]
     except VisuohapticError as error:
         return b"", str(error)
+    reached: dict[str, Any] = {}
+    if coarse is not None:
+        reached["curve_reached"] = np.array([grid.reached for grid in grids])
     out = io.BytesIO()
     np.savez_compressed(
         out,
@@ -162,13 +189,22 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
         faces=found.faces,
         stiffness_N_per_m=found.stiffness_N_per_m,
         stiffness_sigma_N_per_m=found.stiffness_sigma_N_per_m,
-        features=np.stack(features),
-        feature_points_m=points,
+        features=np.stack([grid.values for grid in grids]),
+        feature_points_m=grids[0].points_m,
+        **reached,
         states=np.array(job.states, dtype=float),
         container=np.array(job.container),
         key=np.array(job.key),
     )
     return out.getvalue(), ""
+
+
+def _features(
+    job: BuildJob, thing: ShellObject, coarse: ShellObject | None, contents: Contents
+) -> StiffnessFeatures:
+    if coarse is None:
+        return linear_features(thing, contents)
+    return nonlinear_features(thing, contents, heights=job.curve_heights, fill_in=True, coarse=coarse)
 
 
 def build(
@@ -278,11 +314,37 @@ def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJ
         client: Any = vars(distributed)["Client"](address, timeout="20s")
     except (OSError, ValueError) as error:
         raise InputError("cluster", f"no scheduler answers at {address} ({error})") from error
+    killed = vars(distributed)["KilledWorker"]
+    lost = (OSError, TimeoutError, vars(distributed)["CancelledError"])
     with client:
         futures = client.map(compute, jobs, pure=False, retries=MOST_DEATHS)
         by_key = {future.key: job for future, job in zip(futures, jobs, strict=True)}
-        for future in vars(distributed)["as_completed"](futures):
-            yield by_key[future.key], future.result()
+        coming = vars(distributed)["as_completed"](futures)
+        deaths = 0
+        try:
+            for future in coming:
+                job = by_key[future.key]
+                try:
+                    result = future.result()
+                except killed as error:
+                    # The scheduler gives a job up when several workers died with it.
+                    deaths += 1
+                    if deaths > MOST_DEATHS:
+                        raise VisuohapticError(
+                            f"objects build: workers of {address} died again and again with {job.file}; "
+                            "give them more memory, and run it again to go on"
+                        ) from error
+                    again = client.submit(compute, job, pure=False, retries=MOST_DEATHS)
+                    by_key[again.key] = job
+                    coming.add(again)
+                    continue
+                deaths = 0
+                yield job, result
+        except lost as error:
+            raise VisuohapticError(
+                f"objects build: the scheduler at {address} is gone ({type(error).__name__}); "
+                "start it and run it again to go on"
+            ) from error
 
 
 def _description(job: BuildJob) -> ContainerDescription:

@@ -1,9 +1,10 @@
 """Stiffness features from force-deformation curves: i, I and II of every place (Alt 2016, Sec. 6.1.6).
 
-A curve takes a hundred times what a linear stiffness takes, so curves are computed at a few heights
-only. What they say is how a coefficient departs from the linear stiffness of the same point; this
-departure varies slowly along the height and is put between them, while the linear stiffness itself
-is exact at each place.
+A curve takes a hundred times what a linear stiffness takes, so curves are computed on a coarser
+mesh, or at a few heights. What they say is how a coefficient departs from the linear stiffness of
+the same point and mesh; this departure is put between the heights and on the finer mesh, where the
+linear stiffness itself is exact at each place. On smooth walls the departure varies slowly along the
+height; where grooves snap through it does not.
 """
 
 from __future__ import annotations
@@ -29,10 +30,8 @@ from .grasp_curve import DEFORMATIONS_m, PinchPlane
 from .mesher import ShellObject
 from .symmetric_part import detect_symmetry
 
-__all__ = ["CURVE_HEIGHTS", "nonlinear_features"]
+__all__ = ["nonlinear_features"]
 
-#: Heights of 1 .. 16 that carry a data set's curves.
-CURVE_HEIGHTS = (1, 3, 6, 8, 11, 14, 16)
 #: Of Newton's method for one curve: three times what most need. A wall that snaps through again and
 #: again gets the coefficients of what was reached.
 MOST_ITERATIONS = 100
@@ -73,30 +72,32 @@ def nonlinear_features(
     points, corners, weights = feature_locations(body)
     nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
     departure = np.full((HEIGHTS, len(SIDES), 3), np.nan)
-    at_m = np.full((HEIGHTS, len(SIDES)), np.nan)
+    at_m, reached = np.full((2, HEIGHTS, len(SIDES)), np.nan)
     round_ = detect_symmetry(body).round
     for axis in range(1 if round_ else 2):
-        plane = PinchPlane(body, axis * np.pi / 2)
+        plane = PinchPlane(body, axis * np.pi / 2, one_way=True)
         for height in chosen:
             row, column = height - 1, 2 * axis
             vertex = int(nearest[row, column])
             if plane.thing.fixed[vertex]:
                 continue
-            found = _departure(plane, vertex, deformation_m, contents)
+            found, share = _departure(plane, vertex, deformation_m, contents)
             departure[row, column : column + 2] = found
+            reached[row, column : column + 2] = share
             at_m[row, column : column + 2] = body.mesh.vertices_m[vertex, 2]
     if round_:
-        departure[:, 2:], at_m[:, 2:] = departure[:, :2], at_m[:, :2]
+        for grid in (departure, at_m, reached):
+            grid[:, 2:] = grid[:, :2]
     if fill_in:
         departure = _between(departure, at_m, points[..., 2])
     # II has the unit of stiffness by deformation: it goes with the linear stiffness as well.
-    return StiffnessFeatures(linear.values[..., :1] * departure, linear.points_m)
+    return StiffnessFeatures(linear.values[..., :1] * departure, linear.points_m, reached)
 
 
 def _departure(
     plane: PinchPlane, vertex: int, deformation_m: Sequence[float], contents: Contents | None
-) -> Float[np.ndarray, "2 3"]:
-    """i, I, II of both tips, by the linear stiffness of the same vertices of the same mesh."""
+) -> tuple[Float[np.ndarray, "2 3"], float]:
+    """i, I, II of both tips by the linear stiffness of the same mesh, and how far the curve got."""
     out = np.full((2, 3), np.nan)
     compliance = plane.linear(vertex, contents)
     share = min(1.0, NOMINAL_N * float(compliance.mean()) / LOW_m)
@@ -106,10 +107,11 @@ def _departure(
         contents=contents,
         most_iterations=MOST_ITERATIONS,
     )
-    if len(curve.force_N):
-        for row, own, linear in zip(out, (curve.first_m, curve.second_m), compliance, strict=True):
-            row[:] = np.array(curve_coefficients(own, curve.force_N)) * linear
-    return out
+    if not len(curve.force_N):
+        return out, 0.0
+    for row, own, linear in zip(out, (curve.first_m, curve.second_m), compliance, strict=True):
+        row[:] = np.array(curve_coefficients(own, curve.force_N)) * linear
+    return out, float(curve.deformation_m[-1] / (share * deformation_m[-1]))
 
 
 def _between(

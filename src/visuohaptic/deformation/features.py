@@ -45,6 +45,8 @@ class StiffnessFeatures:
 
     values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
     points_m: Float[np.ndarray, "16 4 3"]  #: where on the surface
+    #: Of a curve: share of the deformations asked for that was reached; NaN without a curve there.
+    reached: Float[np.ndarray, "16 4"] | None = None
 
     def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:
         """i and I without scale, see :func:`normalised`."""

@@ -74,11 +74,17 @@ class PinchPlane:
         Direction round the height axis, from x+ towards y+.
     symmetric
         False computes the whole object even if it is mirrored.
+    one_way
+        Half the triangles, see :func:`.symmetric_part`.
     """
 
-    def __init__(self, thing: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True) -> None:
+    def __init__(
+        self, thing: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True, one_way: bool = False
+    ) -> None:
         self.thing, self.angle_rad = thing, angle_rad
-        self.part: SymmetricPart = symmetric_part(thing, angle_rad=angle_rad, reduce=symmetric)
+        self.part: SymmetricPart = symmetric_part(
+            thing, angle_rad=angle_rad, reduce=symmetric, one_way=one_way
+        )
         lid, signs = self.part.lid
         self._shell = CorotationalShell(
             self.part.model, lid=lid, lid_signs=signs, lid_share=1.0 / self.part.copies
@@ -144,10 +150,12 @@ class PinchPlane:
         return np.array([first, second])
 
     def _law(self, contents: Contents | None) -> PressureLaw | None:
-        law = None if contents is None else contents.law(self.part.whole.volume_m3)
+        # The part's own volume at rest: with cells cut one way it differs a little from the whole's.
+        copies = self.part.copies
+        rest_m3 = copies * self._shell.volume(self._shell.rest)
+        law = None if contents is None else contents.law(rest_m3)
         if law is None:
             return None
-        copies = self.part.copies
 
         def pressure(volume: float) -> tuple[float, float]:
             gauge, slope = law(copies * volume)

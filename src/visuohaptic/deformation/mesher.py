@@ -45,9 +45,15 @@ class ShellObject:
     @property
     def surface_faces(self) -> Int[np.ndarray, "f 3"]:
         """Triangles that cover the wall once, for files and pictures."""
+        return self.mesh.faces[self.covers_once]
+
+    @property
+    def covers_once(self) -> Bool[np.ndarray, "f"]:
+        """Which triangles cover the wall once."""
         share = np.asarray(self.mesh.share)
         # Of the four halves of a crossed cell, the first two are one way to cut it.
-        return self.mesh.faces[(share == 1.0) | (np.arange(len(share)) % 4 < 2)]
+        out: np.ndarray = (share == 1.0) | (np.arange(len(share)) % 4 < 2)
+        return out
 
     @property
     def volume_m3(self) -> float:

@@ -74,7 +74,9 @@ def turned(thing: ShellObject, angle_rad: float) -> ShellObject:
     return replace(thing, mesh=mesh, axis_point_m=(0.0, 0.0))
 
 
-def symmetric_part(thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True) -> SymmetricPart:
+def symmetric_part(
+    thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True, one_way: bool = False
+) -> SymmetricPart:
     """The smallest part that pinches along the direction ``angle_rad`` need.
 
     Parameters
@@ -85,6 +87,9 @@ def symmetric_part(thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool =
         Direction of the pinch round the height axis, from x+ towards y+; it is x+ of the part.
     reduce
         False keeps the whole.
+    one_way
+        Cut each cell of a structured mesh one way only: half the triangles. A part's mirrors make up
+        for the direction that this prefers; the result differs by the error of the mesh.
     """
     whole = turned(thing, angle_rad)
     mesh = whole.mesh
@@ -106,6 +111,10 @@ def symmetric_part(thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool =
     for axis in planes:
         inside &= mesh.vertices_m[:, axis] >= -near
     kept = inside[mesh.faces].all(axis=1)
+    share = np.asarray(mesh.share)
+    if one_way:
+        kept &= whole.covers_once
+        share = np.ones_like(share)
     number = np.cumsum(inside) - 1
     points = mesh.vertices_m[inside]
     fixed = np.repeat(whole.fixed[inside][:, None], 6, axis=1)
@@ -114,9 +123,7 @@ def symmetric_part(thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool =
         points[flat, axis] = 0.0
         held = [axis, 3 + (1 - axis), 5]
         fixed[np.ix_(flat, held)] = True
-    part = ShellMesh(
-        points, number[mesh.faces[kept]], np.asarray(mesh.thickness_m)[kept], np.asarray(mesh.share)[kept]
-    )
+    part = ShellMesh(points, number[mesh.faces[kept]], np.asarray(mesh.thickness_m)[kept], share[kept])
     return SymmetricPart(
         whole, ShellModel(part, whole.material, fixed), 2 ** len(planes), number[image], signs
     )

@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError, MissingExtraError, VisuohapticError
+from ._mesh_diagnosis import diagnose, first_zero_index, missing_lines
 
 __all__ = ["FORMATS", "TriangleMesh", "load_mesh"]
 
@@ -84,18 +85,21 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     except ImportError as error:
         raise MissingExtraError("pycollada", "elastic", "reading COLLADA meshes") from error
     except Exception as error:
-        reason = " ".join(str(error).split())[:120] or type(error).__name__
+        reason = diagnose(kind, data) or " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(path, f"cannot be read as {kind[1:].upper()}: {reason}") from error
     finally:
         logger.setLevel(level)
     if faces.ndim != 2 or not len(faces) or faces.shape[1] != 3 or vertices.ndim != 2:
-        raise InputError(path, "has no triangles")
+        found = diagnose(kind, data)
+        raise InputError(path, "has no triangles" + (f": {found}" if found else ""))
     if vertices.shape[1:] != (3,):
         raise InputError(path, f"found vertices of shape {vertices.shape}, expected three coordinates each")
     if len(faces) > MAX_FACES:
         raise InputError(path, f"has {len(faces)} triangles, expected at most {MAX_FACES}")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise InputError(path, f"a triangle names vertex {faces.max()}, expected 0 to {len(vertices) - 1}")
+        face = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
+        plain = f"triangle {face} names vertex {faces[face].max()}, expected 0 to {len(vertices) - 1}"
+        raise InputError(path, diagnose(kind, data) or plain)
     used = vertices[faces.ravel()]
     if not np.isfinite(used).all() or np.abs(used).max() > 1e9:
         face = int(np.argmax(~(np.abs(used) <= 1e9).all(axis=1))) // 3
@@ -111,6 +115,8 @@ def _distrust(path: Path, kind: str, data: bytes) -> None:
         count = data.count(b"<instance_node")
         if count > MAX_INSTANCES:
             raise InputError(path, f"has {count} nested instances, expected at most {MAX_INSTANCES}")
+    if kind == ".obj" and (found := first_zero_index(data)):
+        raise InputError(path, found)
     if kind == ".ply":
         _distrust_ply(path, data)
     if kind == ".glb":
@@ -128,6 +134,9 @@ def _distrust_ply(path: Path, data: bytes) -> None:
             # An element of a binary file has at least one byte, of a text file one line.
             if not 0 <= count <= len(data):
                 raise InputError(path, f"says {words[2][:20]} {words[1][:20]}, more than the file can hold")
+    # Its reader takes a text file that was cut off for a smaller mesh.
+    if found := missing_lines(data):
+        raise InputError(path, found)
 
 
 def _distrust_glb(path: Path, data: bytes) -> None:

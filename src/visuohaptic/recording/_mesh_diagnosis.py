@@ -1,0 +1,125 @@
+"""What is wrong with a mesh file that a reader stumbled over, in the file's own numbering."""
+
+from __future__ import annotations
+
+import re
+import struct
+
+__all__ = ["diagnose", "first_zero_index", "missing_lines"]
+
+
+def diagnose(kind: str, data: bytes) -> str:
+    """The first defect of an OBJ, PLY or STL file; empty where none is found.
+
+    Only for files that could not be read: it walks through all lines.
+    """
+    if kind == ".obj":
+        return _obj(data)
+    if kind == ".ply":
+        return _ply(data)
+    if kind == ".stl":
+        return _stl(data)
+    return ""
+
+
+def first_zero_index(data: bytes) -> str:
+    """OBJ counts from 1; a reader takes 0 for the last vertex and says nothing."""
+    if re.search(rb"^f[^\n]*?[ \t]0+(?=[/ \t\r\n]|$)", data, re.MULTILINE):
+        return _obj(data)
+    return ""
+
+
+def _obj(data: bytes) -> str:
+    vertices = sum(1 for line in data.splitlines() if line.lstrip()[:2] in {b"v ", b"v\t"})
+    seen = faces = 0
+    for number, line in enumerate(data.decode("utf-8", "replace").splitlines(), 1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        if words[0] == "v":
+            seen += 1
+            if len(words) < 4 or not all(_is_number(word) for word in words[1:4]):
+                return f"line {number}: vertex {seen} is {_shown(words[1:])}, expected three numbers"
+        if words[0] != "f":
+            continue
+        faces += 1
+        if len(words) < 4:
+            return f"line {number}: face {faces} has {len(words) - 1} corners, expected at least 3"
+        for word in words[1:]:
+            text = word.split("/")[0]
+            try:
+                index = int(text)
+            except ValueError:
+                return f"line {number}: face {faces} names vertex {text[:20]!r}, expected a whole number"
+            if index == 0:
+                return f"line {number}: face {faces} names vertex 0, OBJ counts from 1"
+            if index > vertices or index < -seen:
+                return f"line {number}: face {faces} names vertex {index}, the file has {vertices}"
+    return ""
+
+
+def missing_lines(data: bytes) -> str:
+    """A text PLY has a line for each element that its header names."""
+    end = data.find(b"end_header")
+    head = data[: max(end, 0)].decode("ascii", "replace").splitlines()
+    if not any(line.split()[:2] == ["format", "ascii"] for line in head):
+        return ""
+    wanted = sum(int(words[2]) for line in head if _is_element(words := line.split()))
+    # As many ends of lines as lines, the header's last one included; the very last may lack its own.
+    there = data.count(b"\n", end) - (1 if data.endswith(b"\n") else 0)
+    if b"\n" not in data[end:]:
+        there = data.count(b"\r", end) - (1 if data.endswith(b"\r") else 0)
+    return f"says {wanted} lines of elements, the file has {there}" if there < wanted else ""
+
+
+def _ply(data: bytes) -> str:
+    end = data.find(b"end_header")
+    if end < 0:
+        return "the header has no end_header"
+    head = data[:end].decode("ascii", "replace").splitlines()
+    if not any(line.split()[:2] == ["format", "ascii"] for line in head):
+        return ""
+    counts = {words[1]: int(words[2]) for line in head if _is_element(words := line.split())}
+    wanted = counts.get("vertex", 0)
+    lines = data[end:].decode("ascii", "replace").splitlines()[1:]
+    if found := missing_lines(data):
+        return found
+    for number, line in enumerate(lines[:wanted], 1):
+        words = line.split()
+        if len(words) < 3 or not all(_is_number(word) for word in words[:3]):
+            return f"vertex {number} is {_shown(words)}, expected three numbers"
+    for number, line in enumerate(lines[wanted : wanted + counts.get("face", 0)], 1):
+        words = line.split()
+        if not words or not all(word.lstrip("-").isdigit() for word in words[:4]):
+            return f"face {number} is {_shown(words)}, expected a count and vertex numbers"
+        corners = [int(word) for word in words[1 : 1 + int(words[0])]]
+        bad = [corner for corner in corners if not 0 <= corner < wanted]
+        if bad:
+            return f"face {number} names vertex {bad[0]}, expected 0 to {wanted - 1}"
+        if len(corners) < 3:
+            return f"face {number} has {len(corners)} corners, expected at least 3"
+    return ""
+
+
+def _stl(data: bytes) -> str:
+    if data[:5].lower() == b"solid" or len(data) < 84:
+        return "is neither a whole text STL nor a binary one" if len(data) < 84 else ""
+    triangles = struct.unpack("<I", data[80:84])[0]
+    there = (len(data) - 84) // 50
+    return f"says {triangles} triangles, the file has room for {there}" if triangles != there else ""
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_element(words: list[str]) -> bool:
+    return len(words) == 3 and words[0] == "element" and words[2].isdigit()
+
+
+def _shown(words: list[str]) -> str:
+    return repr(" ".join(words)[:40])
