@@ -33,6 +33,8 @@ __all__ = ["Grasp", "GraspPlan", "GraspTask", "multi_contact", "plan_grasps", "p
 ArmCost = Callable[["Grasp"], float]
 #: A grasp that is closer to a better one than so many neighbourhoods is the same grasp.
 APART = 2.0
+#: Grasps that the simulation refuses before the search is given up.
+MOST_REFUSED = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,11 +164,11 @@ def plan_grasps(
     even = confirm and detect_symmetry(thing).round
     known: dict[tuple[float, float], Confirmation] = {}
 
-    def check(grasp: Grasp) -> Confirmation:
+    def check(grasp: Grasp) -> Confirmation | None:
         place = round(float(grasp.first_m[2]), 6), round(grasp.force_N, 3)
         if even and place in known:
-            # Another vertex of the same ring: the same curve, the shape turned.
-            return known[place]
+            # Another vertex of the same ring: the same curve, the shape turned; one refusal is enough.
+            return known[place] if known[place].holds else None
         known[place] = confirm_grasp(
             thing,
             grasp.vertex,
@@ -204,7 +206,7 @@ def _plan(
     spill: Callable[[GraspScores], Spill | None],
     count: int,
     arm_cost: ArmCost | None,
-    check: Callable[[Grasp], Confirmation] | None,
+    check: Callable[[Grasp], Confirmation | None] | None,
 ) -> GraspPlan:
     if count < 1:
         raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
@@ -239,12 +241,14 @@ def _plan(
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
     for goal in goals:
-        if len(kept) == count or (check is not None and len(rejected) >= 2 * count):
+        if len(kept) == count or len(rejected) > MOST_REFUSED:
             break
         if check is None:
             kept.append(goal)
             continue
         said = check(goal)
+        if said is None:
+            continue
         (kept if said.holds else rejected).append(replace(goal, confirmation=said))
     return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load)
 
