@@ -54,6 +54,7 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
     "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
     "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
+    "grasp": ("visuohaptic.cli.grasp", "say where to grasp a container that gives way, and how hard"),
     "reconstruct": (
         "visuohaptic.cli.reconstruct",
         "fuse a depth sequence into a surface and find what is transparent",

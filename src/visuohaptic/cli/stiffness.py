@@ -7,6 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from ._container import add_container_arguments, read_container
+
 __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 
 HELP = "Compute the stiffness of every surface point of a container under a dual-tip pinch."
@@ -36,27 +38,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "Z"),
         help="also say the stiffness at the surface point nearest to this one [m]; may be repeated",
     )
-    wall = parser.add_argument_group("wall")
-    wall.add_argument("--material", help="of the library; a mesh is of PET by default")
-    wall.add_argument("--thickness", type=float, dest="thickness_m", help="[m]; a mesh has 0.0005 by default")
-    wall.add_argument(
-        "--thickness-spread", type=float, dest="wall_spread", help="its relative standard deviation (0.1)"
-    )
-    wall.add_argument("--youngs-modulus", type=float, dest="youngs_modulus_Pa", metavar="PA", help="[Pa]")
-    wall.add_argument("--poisson", type=float, dest="poisson_ratio", metavar="NU", help="Poisson's ratio")
     state = parser.add_argument_group("state")
-    state.add_argument("--open-top", action="store_true", help="take the cap off")
     state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
     state.add_argument(
         "--fill", type=float, help="share of liquid in what is enclosed, 0..1; implies --closed"
     )
-    shape = parser.add_argument_group("shape")
-    shape.add_argument("--variant", type=int, help="of a class; its middle by default")
-    shape.add_argument("--seed", type=int, default=0, help="of the variants")
-    shape.add_argument("--around", type=int, help="vertices round the wall (64; 96 for a mesh)")
-    shape.add_argument("--unit", choices=("m", "dm", "cm", "mm", "in"), help="of a mesh; guessed by default")
-    shape.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="axis of a mesh")
-    shape.add_argument(
+    add_container_arguments(parser)
+    parser.add_argument(
         "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
     )
 
@@ -68,25 +56,11 @@ def run(args: Any) -> dict[str, Any]:
     from ..deformation.banded_map import nearest_value, object_map
     from ..deformation.contents import Contents
     from ..deformation.map_file import check_suffix, plot_map, save_map
-    from ..deformation.object_file import load_object
     from ..errors import InputError
 
     check_suffix(args.out, args.plot)
     begin = time.perf_counter()
-    thing = load_object(
-        args.object,
-        material_name=args.material,
-        thickness_m=args.thickness_m,
-        wall_spread=args.wall_spread,
-        youngs_modulus_Pa=args.youngs_modulus_Pa,
-        poisson_ratio=args.poisson_ratio,
-        open_top=args.open_top,
-        around=args.around,
-        variant=args.variant,
-        seed=args.seed,
-        unit=args.unit,
-        up=args.up,
-    )
+    thing = read_container(args)
     contents = None
     if args.closed or args.fill is not None:
         contents = Contents(fill=args.fill or 0.0)

@@ -1,0 +1,151 @@
+"""A grasp under large deformation: does the wall really hold? (Alt 2016, Secs. 6.1.3, 6.4.2).
+
+The map is linear. A thin wall softens, snaps through, and turns away under the finger; the
+corotational shell shows it. One grasp takes seconds, so it is done for the few that were chosen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..deformation import (
+    Contents,
+    DualTips,
+    ShellModel,
+    ShellObject,
+    contained_curve,
+    dual_tip_compliance,
+    enclosed_volume,
+    opposing_points,
+)
+from ..errors import InputError
+from .score import vertex_normals
+
+__all__ = ["Confirmation", "confirm_grasp", "pinch_at"]
+
+#: The curve is walked to this many times the deformation bound, in so many steps.
+REACH, STEPS = 1.6, 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Confirmation:
+    """What the nonlinear simulation says of one grasp."""
+
+    holds: bool  #: nothing below speaks against it
+    reason: str  #: what does
+    force_N: float
+    deformation_m: float  #: of one side, at the force; infinite where the wall gives way before
+    slant_rad: float  #: between force and the wall's inward normal, at the force or at the bound
+    pressed_out_m3: float  #: decrease of the volume, at the force or at the bound
+    curve_m: Float[np.ndarray, "k"]  #: deformations of the force-deformation curve
+    curve_N: Float[np.ndarray, "k"]  #: its forces
+    shape_m: Float[np.ndarray, "v 3"]  #: vertices at the force, or at the end of the curve
+
+
+def pinch_at(thing: ShellObject, vertex: int) -> DualTips:
+    """The pair of tips of one vertex."""
+    if not 0 <= vertex < len(thing.mesh.vertices_m):
+        raise InputError(
+            "pinch_at", f"found {vertex}, expected 0 to {len(thing.mesh.vertices_m) - 1}", field="vertex"
+        )
+    tips = opposing_points(thing.mesh, np.array([vertex]), axis_point_m=thing.axis_point_m)
+    if not tips.valid[0]:
+        raise InputError("pinch_at", f"vertex {vertex} has no wall across the height axis")
+    return tips
+
+
+def confirm_grasp(
+    thing: ShellObject,
+    vertex: int,
+    force_N: float,
+    *,
+    contents: Contents | None = None,
+    headspace_m3: float | None = None,
+    most_deformation_m: float = 0.005,
+    friction: float | None = None,
+    model: ShellModel | None = None,
+) -> Confirmation:
+    """Close two tips on a vertex and its opposite until the force is reached.
+
+    Parameters
+    ----------
+    thing, vertex
+        Object and first finger.
+    force_N
+        Of each finger.
+    contents
+        Enclosed gas and liquid; open by default.
+    headspace_m3
+        Of an open container with liquid: what may be pressed out before it runs over.
+    most_deformation_m
+        Bound of the deformation of one side.
+    friction
+        mu of the fingers: the wall must not turn away further than ``atan(mu)``.
+    """
+    if not 0 < force_N < float("inf"):
+        raise InputError("confirm_grasp", f"found {force_N} N, expected > 0", field="force_N")
+    model = model or thing.model()
+    tips = pinch_at(thing, vertex)
+    stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
+    # A stiff place reaches the force long before the bound; a soft one may soften further.
+    for far in (2.0 * force_N / stiffness, REACH * most_deformation_m):
+        far = min(far, REACH * most_deformation_m)
+        steps = far * np.arange(1, STEPS + 1) / STEPS
+        path = contained_curve(thing, model, tips, 0, list(steps), contents)
+        if far == REACH * most_deformation_m or (len(path.points) and path.load.max() >= force_N):
+            break
+    at = np.concatenate([[0.0], path.control_m])
+    load = np.concatenate([[0.0], path.load])
+    shapes = [thing.mesh.vertices_m, *(point.state.points_m for point in path.points)]
+    reached = np.flatnonzero(load >= force_N)
+    if len(reached):
+        # Up to the first time: behind it may be a snap.
+        k = int(reached[0])
+        share = (force_N - load[k - 1]) / (load[k] - load[k - 1])
+        deformation = float(at[k - 1] + share * (at[k] - at[k - 1]))
+        shape = shapes[k - 1] + share * (shapes[k] - shapes[k - 1])
+    else:
+        deformation, shape = float("inf"), shapes[-1]
+    slant = _slant_rad(thing, tips, shape)
+    pressed_out = _volume_m3(thing, thing.mesh.vertices_m) - _volume_m3(thing, shape)
+    reason = ""
+    if deformation > most_deformation_m:
+        reached_text = (
+            f"{1e3 * deformation:.1f} mm" if np.isfinite(deformation) else f"over {1e3 * at[-1]:.1f} mm"
+        )
+        reason = (
+            f"deforms by {reached_text} under {force_N:.3g} N, allowed are {1e3 * most_deformation_m:.3g} mm"
+        )
+        if not path.complete:
+            reason += f" ({path.reason})"
+    elif headspace_m3 is not None and pressed_out > headspace_m3:
+        reason = f"presses out {1e6 * pressed_out:.1f} ml, free are {1e6 * headspace_m3:.1f} ml"
+    elif friction is not None and np.tan(slant) >= friction:
+        reason = f"the wall turns away by {np.degrees(slant):.1f} degrees, friction holds {np.degrees(np.arctan(friction)):.1f}"
+    return Confirmation(not reason, reason, force_N, deformation, slant, pressed_out, at, load, shape)
+
+
+def _volume_m3(thing: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
+    """Enclosed volume with the mouth closed by a fan: a bent mouth has no plane, and no favoured chord."""
+    wall = enclosed_volume(points, thing.mesh.faces, thing.mesh.share)
+    if not len(thing.lid):
+        return wall
+    edges = np.concatenate([thing.lid[:, [0, 1]], thing.lid[:, [1, 2]], thing.lid[:, [2, 0]]])
+    _, inverse, often = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    rim = edges[often[inverse.ravel()] == 1]
+    centre = points[rim[:, 0]].mean(axis=0)
+    a, b = points[rim[:, 0]], points[rim[:, 1]]
+    return wall + float(np.einsum("i,fi->", centre, np.cross(a, b))) / 6
+
+
+def _slant_rad(thing: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:
+    """Larger of the angles of both fingers to the deformed wall's inward normal."""
+    normal = vertex_normals(points, thing.mesh.faces)
+    force = tips.direction[0]
+    first = -normal[tips.first[0]]
+    second = -(tips.weights[0] @ normal[tips.second[0]])
+    second = second / max(float(np.linalg.norm(second)), 1e-12)
+    return float(np.arccos(np.clip(min(first @ force, -(second @ force)), -1, 1)))

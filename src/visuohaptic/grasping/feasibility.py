@@ -1,0 +1,145 @@
+"""Where a grasp is possible at all, and with how much force (Alt 2016, Sec. 6.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..deformation import ShellModel, ShellObject
+from ..deformation.contents import enclosed_gradient, tip_approach
+from ..errors import InputError
+from ..objects import StiffnessMap
+from .force import GripperModel, Handling, Load, required_force_N
+from .score import GraspScores, ScoreParameters
+
+__all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
+
+#: Share of the finger that must have wall in front of it.
+LEAST_OVERLAP = 0.5
+#: The volume that a pinch presses out grows faster than the force: in nonlinear simulations of flat
+#: sides twice as fast within the allowed deformation.
+SPILL_MARGIN = 2.0
+
+
+class Verdict(IntEnum):
+    """The first thing that speaks against a grasp."""
+
+    FEASIBLE = 0
+    NOTHING_OPPOSITE = 1
+    TOO_WIDE = 2  #: for the gripper's opening
+    PARTIAL_OVERLAP = 3  #: too little wall in front of a finger
+    NEAR_FLOOR = 4  #: the finger would touch what the object stands on
+    SLANTED = 5  #: outside the friction cone
+    TOO_SOFT = 6  #: the deformation would be above its bound
+    SPILLS = 7  #: contents would run over
+    TOO_WEAK = 8  #: more force is needed than is applied or than the gripper has
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spill:
+    """An open container with liquid in it."""
+
+    headspace_m3: float  #: free volume
+    pressed_out_m3_per_N: Float[np.ndarray, "v"]  #: decrease of the volume by a pinch, linear
+
+    @property
+    def limit_N(self) -> Float[np.ndarray, "v"]:
+        """Force at which it runs over, with the margin for large deformation."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            limit = self.headspace_m3 / (SPILL_MARGIN * np.maximum(self.pressed_out_m3_per_N, 0.0))
+        return np.nan_to_num(limit, nan=np.inf, posinf=np.inf)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeasibilityMap:
+    """Of each vertex; forces are of one finger."""
+
+    verdict: Int[np.ndarray, "v"]  #: see :class:`Verdict`
+    force_N: Float[np.ndarray, "v"]  #: that the grasp would use
+    needed_N: Float[np.ndarray, "v"]  #: that holds the load; 0 where no load is known
+    deformation_limit_N: Float[np.ndarray, "v"]  #: below it the deformation stays under its bound
+    spill_limit_N: Float[np.ndarray, "v"]
+    width_m: Float[np.ndarray, "v"]  #: distance of the fingers
+    confidence: float  #: of ``deformation_limit_N``, from the map's standard deviation
+
+    @property
+    def feasible(self) -> Bool[np.ndarray, "v"]:
+        """Nothing speaks against it."""
+        out: np.ndarray = self.verdict == Verdict.FEASIBLE
+        return out
+
+
+def spill_of(thing: ShellObject, model: ShellModel, scores: GraspScores, fill: float) -> Spill:
+    """What each pinch presses out of an open container: one solve for all, by reciprocity."""
+    w = model.solve(enclosed_gradient(thing, model))
+    return Spill((1 - fill) * thing.volume_m3, -tip_approach(scores.tips, w))
+
+
+def feasibility_map(
+    surface: StiffnessMap,
+    scores: GraspScores,
+    force_N: float | Float[np.ndarray, "v"],
+    *,
+    parameters: ScoreParameters | None = None,
+    gripper: GripperModel | None = None,
+    handling: Handling | None = None,
+    load: Load | None = None,
+    spill: Spill | None = None,
+    confidence: float = 0.95,
+) -> FeasibilityMap:
+    """Check every vertex.
+
+    Parameters
+    ----------
+    surface, scores
+        Map and its scores, see :func:`.grasp_scores`.
+    force_N
+        That is applied.
+    load
+        What is lifted; without it no force is called too weak.
+    spill
+        Of an open container with liquid, see :func:`spill_of`.
+    confidence
+        Probability with which the deformation stays below its bound. The stiffness is log-normal
+        with the map's relative standard deviation; where that is NaN the best value counts.
+    """
+    from scipy.special import ndtri
+
+    p, gripper = parameters or ScoreParameters(), gripper or GripperModel()
+    if not 0.5 <= confidence < 1:
+        raise InputError("feasibility_map", f"found {confidence}, expected 0.5 to 1", field="confidence")
+    points, tips = surface.vertices_m, scores.tips
+    first = points[tips.first]
+    second = np.einsum("mk,mki->mi", tips.weights, points[tips.second])
+    width = np.where(tips.valid, np.linalg.norm(second - first, axis=1), np.nan)
+    k = surface.stiffness_N_per_m
+    with np.errstate(invalid="ignore", divide="ignore"):
+        relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=0.0, posinf=0.0)
+        limit = k * np.exp(-float(ndtri(confidence)) * relative) * p.most_deformation_m
+    slant = np.arccos(np.clip(np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular)), -1, 1))
+    needed = np.zeros(len(points))
+    if load is not None:
+        needed = required_force_N(load, first, second, slant, gripper, handling)
+    force = np.broadcast_to(np.asarray(force_N, dtype=float), needed.shape)
+    spill_limit = np.full(len(points), np.inf) if spill is None else spill.limit_N
+    floor = points[np.unique(surface.faces), 2].min()
+    checks = (
+        (Verdict.NOTHING_OPPOSITE, ~tips.valid | np.isnan(k)),
+        (Verdict.TOO_WIDE, width > gripper.opening_m),
+        (
+            Verdict.PARTIAL_OVERLAP,
+            np.minimum(scores.overlap, scores.opposite(scores.overlap)) < LEAST_OVERLAP,
+        ),
+        (Verdict.NEAR_FLOOR, points[:, 2] - floor < gripper.finger_radius_m),
+        (Verdict.SLANTED, np.tan(np.minimum(slant, 1.57)) >= gripper.friction),
+        (Verdict.TOO_SOFT, ~(force <= np.nan_to_num(limit, nan=0.0, posinf=np.inf))),
+        (Verdict.SPILLS, force > spill_limit),
+        (Verdict.TOO_WEAK, (needed > force) | (force > gripper.most_force_N)),
+    )
+    verdict = np.zeros(len(points), dtype=np.int64)
+    for why, bad in reversed(checks):
+        verdict[bad] = why
+    return FeasibilityMap(verdict, force.copy(), needed, limit, spill_limit, width, confidence)

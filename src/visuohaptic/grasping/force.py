@@ -1,0 +1,167 @@
+"""How hard two fingers have to push to hold an object (Alt 2016, Sec. 6.2).
+
+The text names friction, weight, contents and, below the centre of mass, the friction torque against
+tilting, and leaves the formula open. Here each finger is a soft contact with an elliptic limit
+surface (Howe and Cutkosky 1996): it holds a tangential force f and a moment m about its normal as
+long as ``f^2 + (m / r_t)^2 <= (mu N)^2``, with ``r_t = 2/3`` of the radius of its patch (even pressure
+on a disc). A point has no patch and holds no moment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..deformation import MATERIALS, ShellObject, enclosed_volume, liquid_level_m
+from ..errors import InputError
+
+__all__ = ["GripperModel", "Handling", "Load", "object_load", "required_force_N"]
+
+GRAVITY_m_per_s2 = 9.81
+#: Moments below this are rounding [N m].
+NO_MOMENT = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class GripperModel:
+    """Two parallel fingers that close on each other."""
+
+    opening_m: float = 0.11  #: widest
+    finger_radius_m: float = 0.01  #: of the patch that touches; 0 is a point
+    most_force_N: float = 60.0  #: of one finger
+    friction: float = 0.6  #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
+
+    def __post_init__(self) -> None:
+        for name in ("opening_m", "most_force_N", "friction"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise InputError("GripperModel", f"found {getattr(self, name)}, expected > 0", field=name)
+        if not 0 <= self.finger_radius_m < float("inf"):
+            raise InputError(
+                "GripperModel", f"found {self.finger_radius_m} m, expected >= 0", field="finger_radius_m"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Handling:
+    """What is done with the object once it is held."""
+
+    acceleration_m_per_s2: float = 1.0  #: of the arm, upwards at worst
+    tilt_rad: float = 0.17  #: about the grasp axis, that must be held against (10 degrees)
+    safety: float = 1.5  #: factor on the force
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.acceleration_m_per_s2 < 1000:
+            raise InputError(
+                "Handling",
+                f"found {self.acceleration_m_per_s2}, expected 0 to 1000",
+                field="acceleration_m_per_s2",
+            )
+        if not 0 <= self.tilt_rad <= np.pi / 2:
+            raise InputError("Handling", f"found {self.tilt_rad}, expected 0 to pi/2", field="tilt_rad")
+        if not 1 <= self.safety < 100:
+            raise InputError("Handling", f"found {self.safety}, expected 1 to 100", field="safety")
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What has to be lifted."""
+
+    mass_kg: float
+    centre_m: tuple[float, float, float]  #: centre of mass in the object's frame
+
+    def __post_init__(self) -> None:
+        if not (0 < self.mass_kg < float("inf") and np.isfinite(self.centre_m).all()):
+            raise InputError("Load", f"found {self.mass_kg} kg at {self.centre_m}, expected > 0 and finite")
+
+
+def object_load(
+    thing: ShellObject,
+    fill: float = 0.0,
+    *,
+    liquid_kg_per_m3: float = 1000.0,
+    wall_kg_per_m3: float | None = None,
+) -> Load:
+    """Wall and liquid of a container that stands upright.
+
+    ``wall_kg_per_m3`` is that of the material by default; a material that is not in the library
+    needs it.
+    """
+    if not 0 <= fill <= 1:
+        raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
+    mesh = thing.mesh
+    if wall_kg_per_m3 is None:
+        entry = MATERIALS.get(thing.material.name)
+        if entry is None or entry.density_kg_per_m3 is None:
+            raise InputError(
+                f"material {thing.material.name}", "has no density", remedy="give wall_kg_per_m3"
+            )
+        wall_kg_per_m3 = entry.density_kg_per_m3.value
+    corners = mesh.vertices_m[mesh.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    wall = wall_kg_per_m3 * area * np.asarray(mesh.share) * np.asarray(mesh.thickness_m)
+    mass, moment = float(wall.sum()), wall @ corners.mean(axis=1)
+    if fill > 0:
+        level = mesh.vertices_m[:, 2].min() + liquid_level_m(thing, fill)
+        cut = mesh.vertices_m.copy()
+        cut[:, 2] = np.minimum(cut[:, 2], level)
+        volume, first = 0.0, np.zeros(3)
+        for faces, share in ((mesh.faces, np.asarray(mesh.share)), (thing.lid, np.ones(len(thing.lid)))):
+            a, b, c = (cut[faces[:, k]] for k in range(3))
+            part = share * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
+            volume += float(part.sum())
+            # A tetrahedron from the origin, which lies in the plane of the foot.
+            first = first + part @ (a + b + c) / 4
+        if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.share) <= 0:
+            raise InputError(thing.name, "encloses no volume that could be filled")
+        # In a mesh with inner walls the cut is not exactly the share that was asked for.
+        liquid = liquid_kg_per_m3 * fill * thing.volume_m3
+        mass += liquid
+        moment = moment + liquid * first / volume
+    centre = moment / mass
+    return Load(mass, (float(centre[0]), float(centre[1]), float(centre[2])))
+
+
+def required_force_N(
+    load: Load,
+    first_m: Float[np.ndarray, "m 3"],
+    second_m: Float[np.ndarray, "m 3"],
+    slant_rad: Float[np.ndarray, "m"],
+    gripper: GripperModel,
+    handling: Handling | None = None,
+) -> Float[np.ndarray, "m"]:
+    """Force of each finger that holds the load; infinite where friction can't.
+
+    Parameters
+    ----------
+    first_m, second_m
+        Where the fingers touch.
+    slant_rad
+        Angle between force and inward normal: its tangential part uses friction up.
+
+    Notes
+    -----
+    With W = m (g + a), s the distance of the centre of mass from the middle of the grasp along it, b
+    the width, l the horizontal distance of the centre of mass from the grasp axis and h how far it is
+    above: the finger that carries more has ``W (1/2 + |s| / b)``, both share the moment
+    ``W (l + max(h, 0) sin tilt)``.
+    """
+    handling = handling or Handling()
+    across = second_m - first_m
+    width = np.linalg.norm(across, axis=1)
+    unit = across / np.maximum(width, 1e-12)[:, None]
+    offset = np.array(load.centre_m) - 0.5 * (first_m + second_m)
+    along = np.einsum("mi,mi->m", offset, unit)
+    rest = offset - along[:, None] * unit
+    aside = np.linalg.norm(rest[:, :2], axis=1)
+    above = np.maximum(rest[:, 2], 0.0)
+    weight_N = load.mass_kg * (GRAVITY_m_per_s2 + handling.acceleration_m_per_s2)
+    tangential_N = weight_N * (0.5 + np.abs(along) / np.maximum(width, 1e-12))
+    moment_Nm = 0.5 * weight_N * (aside + above * np.sin(handling.tilt_rad))
+    moment_Nm = np.where(moment_Nm < NO_MOMENT, 0.0, moment_Nm)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        twist_N = np.where(moment_Nm > 0, moment_Nm / (2 / 3 * gripper.finger_radius_m), 0.0)
+        left = gripper.friction * np.cos(slant_rad) - np.sin(slant_rad)
+        force = handling.safety * np.hypot(tangential_N, twist_N) / left
+    return np.where((left > 0) & np.isfinite(force), force, np.inf)

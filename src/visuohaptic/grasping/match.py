@@ -1,0 +1,255 @@
+"""Does the object deform as predicted while it is grasped? (Alt 2016, Sec. 7.2).
+
+The predicted shape of the chosen grasp is matched against an observed, partial cloud by iterated
+closest points. Besides the pose of the object it finds how much of the predicted deformation is
+there: an amplitude of 1 is as predicted, 2 is twice as soft, 0 is a rigid object. The gripper knows
+where it holds, so the pose is only a small correction and has a prior; without it a shape that
+moves as a whole could be taken for one that deforms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..camera import Pose
+from ..deformation import Contents, ShellObject
+from ..deformation.contents import enclosed_gradient, pinch_load
+from ..errors import InputError
+from ..objects import Estimate
+from .confirm import pinch_at
+from .score import vertex_normals
+
+__all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
+
+#: Points that are needed for seven unknowns and a residual.
+FEWEST_POINTS = 30
+MOST_ITERATIONS = 40
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeformedShape:
+    """An object's surface at rest, and how a grasp moves it."""
+
+    vertices_m: Float[np.ndarray, "v 3"]  #: at rest
+    faces: Int[np.ndarray, "f 3"]
+    displacement_m: Float[np.ndarray, "v 3"]  #: predicted under the force
+    force_N: float
+    deformation_m: float  #: predicted, of one side at the fingers
+
+    @property
+    def points_m(self) -> Float[np.ndarray, "v 3"]:
+        """Predicted vertices."""
+        return self.vertices_m + self.displacement_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeMatch:
+    """How an observation agrees with a prediction."""
+
+    amplitude: Estimate  #: observed by predicted deformation
+    pose_observed_object: Pose  #: takes the object's frame to that of the cloud
+    residual_m: float  #: root mean square distance along the normals, of the points that were used
+    used: Bool[np.ndarray, "n"]  #: points that lie on the object
+    deformation_m: float  #: observed deformation of one side at the fingers
+    stop: bool  #: the grasp should end now
+    reason: str  #: why; empty when all is as expected
+
+
+def predicted_shape(
+    thing: ShellObject, vertex: int, force_N: float, contents: Contents | None = None
+) -> DeformedShape:
+    """Linear deformation under a pinch, one solve; see :class:`.Confirmation` for the nonlinear one."""
+    model = thing.model()
+    load = pinch_load(model, pinch_at(thing, vertex), 0)
+    moved = model.solve(force_N * load)
+    if contents is not None and contents.closed:
+        a = enclosed_gradient(thing, model)
+        w = model.solve(a)
+        kappa = contents.bulk_stiffness(thing.volume_m3)
+        moved = moved - w * (np.sum(a * moved) / (1 / kappa + np.sum(a * w)))
+    deformation = 0.5 * float(np.sum(load * moved))
+    return DeformedShape(thing.mesh.vertices_m, thing.surface_faces, moved[:, :3], force_N, deformation)
+
+
+def match_shape(
+    shape: DeformedShape,
+    observed_m: Float[np.ndarray, "n 3"],
+    *,
+    sigma_m: float = 0.001,
+    most_deformation_m: float = 0.005,
+    pose_observed_object: Pose | None = None,
+    pose_sigma_m: float = 0.002,
+    pose_sigma_rad: float = 0.05,
+    gate_m: float = 0.015,
+) -> ShapeMatch:
+    """Find pose and amplitude of the deformation that fit a partial cloud best.
+
+    Parameters
+    ----------
+    shape
+        Prediction.
+    observed_m
+        Points of the outer surface, any part of it; fingers and table may be among them.
+    sigma_m
+        Standard deviation of a point along the normal.
+    most_deformation_m
+        Bound of the deformation of one side.
+    pose_observed_object
+        Where the gripper says that the object is; the cloud is in the object's frame by default.
+    pose_sigma_m, pose_sigma_rad
+        How well it knows.
+    gate_m
+        Points further from the surface are of something else.
+
+    Notes
+    -----
+    Point to plane, with Huber weights at 2 sigma. The unknowns are a small turn, a shift and the
+    amplitude s: ``n . (p + s u - q + t + r x p) = 0``. The standard deviation of s takes the points'
+    noise as independent and the pose's prior as it is.
+    """
+    points = np.asarray(observed_m, dtype=float)
+    where = "match_shape"
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(where, f"found shape {points.shape}, expected (n, 3)", field="observed_m")
+    finite = np.isfinite(points).all(axis=1)
+    if np.count_nonzero(finite) < FEWEST_POINTS:
+        raise InputError(
+            where,
+            f"found {np.count_nonzero(finite)} finite points, expected at least {FEWEST_POINTS}",
+            field="observed_m",
+        )
+    for name, value in (
+        ("sigma_m", sigma_m),
+        ("pose_sigma_m", pose_sigma_m),
+        ("pose_sigma_rad", pose_sigma_rad),
+        ("gate_m", gate_m),
+    ):
+        if not 0 < value < float("inf"):
+            raise InputError(where, f"found {value}, expected > 0", field=name)
+    start = pose_observed_object or Pose(np.eye(3), np.zeros(3))
+    rotation, shift = np.array(start.rotation), np.array(start.translation_m)
+    middle = shape.vertices_m[np.unique(shape.faces)].mean(axis=0)
+    prior = np.array([pose_sigma_rad] * 3 + [pose_sigma_m] * 3)
+    away = np.zeros(6)
+    amplitude, before = 1.0, np.inf
+    for _ in range(MOST_ITERATIONS):
+        local = (points - shift) @ rotation
+        near = _on_surface(shape, amplitude, local, finite, gate_m)
+        if np.count_nonzero(near.used) < FEWEST_POINTS:
+            raise InputError(
+                where,
+                f"{np.count_nonzero(near.used)} points are within {gate_m} m of the object, "
+                f"expected at least {FEWEST_POINTS}",
+                field="observed_m",
+            )
+        # In the object's frame the points move: by the turn about its middle, the shift, and against s.
+        arm = np.cross(local[near.used] - middle, near.normal)
+        jacobian = np.column_stack([arm, near.normal, -near.along])
+        weight = np.minimum(1.0, 2 * sigma_m / np.maximum(np.abs(near.gap), 1e-12)) / sigma_m**2
+        normal_matrix = (jacobian * weight[:, None]).T @ jacobian
+        right = -(jacobian * weight[:, None]).T @ near.gap
+        normal_matrix[:6, :6] += np.diag(1 / prior**2)
+        right[:6] -= away / prior**2
+        # Where the cloud does not see the deformation at all the amplitude stays what it was.
+        normal_matrix[6, 6] += 1e-12
+        step = np.linalg.solve(normal_matrix, right)
+        turn = _turn(step[:3])
+        # x -> turn (x - middle) + middle + step, for points in the object's frame.
+        rotation = rotation @ turn.T
+        shift = shift + rotation @ (turn @ middle - middle - step[3:6])
+        away += step[:6]
+        amplitude = float(np.clip(amplitude + step[6], -2.0, 10.0))
+        size = float(np.abs(step / np.append(prior, 1.0)).max())
+        if size < 1e-5 or abs(size - before) < 1e-9:
+            break
+        before = size
+    local = (points - shift) @ rotation
+    near = _on_surface(shape, amplitude, local, finite, gate_m)
+    sigma = float(np.sqrt(np.linalg.inv(normal_matrix)[6, 6]))
+    residual = float(np.sqrt(np.mean(near.gap**2)))
+    deformation = amplitude * shape.deformation_m
+    reason = ""
+    if amplitude - 3 * sigma > 1 and deformation > most_deformation_m:
+        reason = (
+            f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N, predicted were "
+            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * most_deformation_m:.3g} mm"
+        )
+    elif abs(amplitude - 1) > max(5 * sigma, 0.5):
+        kind = "softer" if amplitude > 1 else "stiffer"
+        reason = f"is {kind} than predicted: {amplitude:.2f} times the deformation"
+    elif residual > 3 * sigma_m:
+        reason = f"has another shape: {1e3 * residual:.1f} mm off on average"
+    return ShapeMatch(
+        Estimate(amplitude, sigma, samples=int(np.count_nonzero(near.used))),
+        Pose(rotation, shift),
+        residual,
+        near.used,
+        deformation,
+        bool(reason),
+        reason,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Near:
+    used: Bool[np.ndarray, "n"]
+    gap: Float[np.ndarray, "k"]  #: distance of each used point outside of the surface
+    normal: Float[np.ndarray, "k 3"]
+    along: Float[np.ndarray, "k"]  #: predicted displacement along the normal
+
+
+def _on_surface(
+    shape: DeformedShape,
+    amplitude: float,
+    local: Float[np.ndarray, "n 3"],
+    finite: Bool[np.ndarray, "n"],
+    gate_m: float,
+) -> _Near:
+    """Closest points on the surface with that amplitude, from the nearest of its face centres."""
+    from scipy.spatial import cKDTree
+
+    vertices = shape.vertices_m + amplitude * shape.displacement_m
+    normals = vertex_normals(vertices, shape.faces)
+    a, b, c = (vertices[shape.faces[:, k]] for k in range(3))
+    face_normal = np.cross(b - a, c - a)
+    face_normal /= np.maximum(np.linalg.norm(face_normal, axis=1, keepdims=True), 1e-300)
+    tree = cKDTree((a + b + c) / 3)
+    _, face = tree.query(np.where(finite[:, None], local, 0.0))
+    # The plane of the nearest face; where on it says which displacement and which normal.
+    gap = np.einsum("ni,ni->n", face_normal[face], local - a[face])
+    foot = local - gap[:, None] * face_normal[face]
+    share = np.clip(_barycentric(a[face], b[face], c[face], foot), -0.5, 1.5)
+    share /= share.sum(axis=1, keepdims=True)
+    corners = shape.faces[face]
+    normal = np.einsum("nk,nki->ni", share, normals[corners])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    on = np.einsum("nk,nki->ni", share, vertices[corners])
+    with np.errstate(invalid="ignore"):
+        used = finite & (np.linalg.norm(local - on, axis=1) < gate_m)
+    moved = np.einsum("nk,nki->ni", share, shape.displacement_m[corners])
+    gap = np.einsum("ni,ni->n", normal, local - on)
+    return _Near(used, gap[used], normal[used], np.einsum("ni,ni->n", normal, moved)[used])
+
+
+def _barycentric(
+    a: Float[np.ndarray, "n 3"],
+    b: Float[np.ndarray, "n 3"],
+    c: Float[np.ndarray, "n 3"],
+    p: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n 3"]:
+    e, f, g = b - a, c - a, p - a
+    ee, ef, ff = (np.einsum("ni,ni->n", u, v) for u, v in ((e, e), (e, f), (f, f)))
+    ge, gf = np.einsum("ni,ni->n", g, e), np.einsum("ni,ni->n", g, f)
+    low = np.maximum(ee * ff - ef * ef, 1e-300)
+    v, w = (ff * ge - ef * gf) / low, (ee * gf - ef * ge) / low
+    return np.column_stack([1 - v - w, v, w])
+
+
+def _turn(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation matrix of a rotation vector (Rodrigues)."""
+    import cv2
+
+    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0])

@@ -1,0 +1,331 @@
+"""Ranked grasps of one object (Alt 2016, Secs. 6.2, 7.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..deformation import (
+    Contents,
+    DualTips,
+    GraspCoupling,
+    ShellModel,
+    ShellObject,
+    couple,
+    detect_symmetry,
+    object_map,
+    opposing_points,
+)
+from ..deformation.contents import enclosed_gradient, tip_approach
+from ..errors import InputError
+from ..objects import StiffnessMap
+from .confirm import Confirmation, confirm_grasp
+from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
+from .force import GripperModel, Handling, Load, object_load
+from .score import GraspScores, ScoreParameters, grasp_scores
+
+__all__ = ["Grasp", "GraspPlan", "GraspTask", "multi_contact", "plan_grasps", "plan_map"]
+
+#: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
+ArmCost = Callable[["Grasp"], float]
+#: A grasp that is closer to a better one than so many neighbourhoods is the same grasp.
+APART = 2.0
+#: Grasps that the simulation refuses before the search is given up.
+MOST_REFUSED = 6
+
+
+@dataclass(frozen=True, slots=True)
+class GraspTask:
+    """What is to be done, with what hand."""
+
+    force_N: float | None = None  #: F_G of each finger; None: what the load needs at each place
+    closed: bool = False  #: the contents can't escape
+    fill: float = 0.0  #: share of the volume that is liquid
+    liquid_kg_per_m3: float = 1000.0
+    gripper: GripperModel = field(default_factory=GripperModel)
+    handling: Handling = field(default_factory=Handling)
+    parameters: ScoreParameters = field(default_factory=ScoreParameters)
+    least_score: float = 0.5  #: S_G of a goal for the arm
+    confidence: float = 0.95  #: that the deformation stays below its bound
+    load: Load | None = None  #: instead of the one from wall and fill
+
+    def __post_init__(self) -> None:
+        if self.force_N is not None and not 0 < self.force_N < float("inf"):
+            raise InputError("GraspTask", f"found {self.force_N} N, expected > 0", field="force_N")
+        if not 0 <= self.fill <= 1:
+            raise InputError("GraspTask", f"found {self.fill}, expected 0 to 1", field="fill")
+        if not 0 <= self.least_score <= 1:
+            raise InputError("GraspTask", f"found {self.least_score}, expected 0 to 1", field="least_score")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grasp:
+    """One goal for the arm, in the object's frame."""
+
+    vertex: int  #: of the first finger
+    first_m: Float[np.ndarray, "3"]
+    second_m: Float[np.ndarray, "3"]
+    direction: Float[np.ndarray, "3"]  #: unit vector of the first finger's force
+    score: float  #: S_G of both fingers
+    parts: dict[str, float]  #: contact, curvature, height, deformation of the first finger
+    force_N: float
+    needed_N: float  #: that holds the load
+    deformation_limit_N: float
+    spill_limit_N: float
+    deformation_m: float  #: expected, of one side
+    deformation_sigma_m: float
+    width_m: float  #: distance of the fingers
+    steadiness: float  #: smallest S_G within the neighbourhood, where a badly aligned arm would end
+    arm_cost: float = 0.0
+    confirmation: Confirmation | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspPlan:
+    """Grasps, the best first, and the maps they came from."""
+
+    grasps: tuple[Grasp, ...]
+    rejected: tuple[Grasp, ...]  #: chosen on the map, refused by the nonlinear simulation
+    surface: StiffnessMap
+    scores: GraspScores
+    feasibility: FeasibilityMap
+    task: GraspTask
+    load: Load | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def reason(self) -> str:
+        """Why there is no grasp; empty when there is one."""
+        if self.grasps:
+            return ""
+        if self.rejected and self.rejected[0].confirmation is not None:
+            return f"the best on the map fails in the simulation: {self.rejected[0].confirmation.reason}"
+        used = np.unique(self.surface.faces)
+        found = self.feasibility.verdict[used]
+        if (found == Verdict.FEASIBLE).any():
+            best = float(np.max(self.scores.pair[used]))
+            return f"the best score is {best:.2f}, expected at least {self.task.least_score:.2f}"
+        # Of what is in front of the fingers at all.
+        geometric = (Verdict.NOTHING_OPPOSITE, Verdict.PARTIAL_OVERLAP, Verdict.NEAR_FLOOR)
+        rest = found[~np.isin(found, geometric)]
+        common = int(np.bincount(rest if len(rest) else found).argmax())
+        return f"no place is feasible, most are {Verdict(common).name.lower().replace('_', ' ')}"
+
+
+def plan_grasps(
+    thing: ShellObject,
+    task: GraspTask | None = None,
+    *,
+    count: int = 5,
+    confirm: bool = False,
+    arm_cost: ArmCost | None = None,
+    surface: StiffnessMap | None = None,
+) -> GraspPlan:
+    """Ranked grasps of a container.
+
+    Parameters
+    ----------
+    thing
+        Parametric or imported container.
+    task
+        Force, state, hand.
+    count
+        Of grasps, at most.
+    confirm
+        Run the nonlinear simulation for each grasp, and go on to the next where it fails; seconds
+        for each. On a round object one is run for each height.
+    arm_cost
+        Order of the goals; by score without it. An infinite cost drops the goal.
+    surface
+        Its map in the task's state, where it is there already.
+
+    Examples
+    --------
+    >>> from visuohaptic.deformation import load_object
+    >>> plan = plan_grasps(load_object("cup-rim", around=32), GraspTask(force_N=20.0), count=1)
+    >>> bool(plan.grasps[0].first_m[2] > 0.08)  # at the rim
+    True
+    """
+    task = task or GraspTask()
+    contents = Contents(fill=task.fill) if task.closed else None
+    surface = surface or object_map(thing, contents)
+    load = task.load or object_load(thing, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
+    model = thing.model() if confirm or (task.fill > 0 and not task.closed) else None
+    headspace = None if task.closed or not task.fill else (1 - task.fill) * thing.volume_m3
+
+    def spill(scores: GraspScores) -> Spill | None:
+        if model is None or headspace is None:
+            return None
+        return spill_of(thing, model, scores, task.fill)
+
+    even = confirm and detect_symmetry(thing).round
+    known: dict[tuple[float, float], Confirmation] = {}
+
+    def check(grasp: Grasp) -> Confirmation | None:
+        place = round(float(grasp.first_m[2]), 6), round(grasp.force_N, 3)
+        if even and place in known:
+            # Another vertex of the same ring: the same curve, the shape turned; one refusal is enough.
+            return known[place] if known[place].holds else None
+        known[place] = confirm_grasp(
+            thing,
+            grasp.vertex,
+            grasp.force_N,
+            contents=contents,
+            headspace_m3=headspace,
+            most_deformation_m=task.parameters.most_deformation_m,
+            friction=task.gripper.friction,
+            model=model,
+        )
+        return known[place]
+
+    return _plan(surface, task, load, thing.axis_point_m, spill, count, arm_cost, check if confirm else None)
+
+
+def plan_map(
+    surface: StiffnessMap, task: GraspTask, *, count: int = 5, arm_cost: ArmCost | None = None
+) -> GraspPlan:
+    """Ranked grasps of a stiffness map alone, as one from a file or a database.
+
+    Without a wall the weight is not known: the task gives the force, or the load.
+    """
+    if task.force_N is None and task.load is None:
+        raise InputError("plan_map", "a map has no weight", remedy="give the force or the load")
+    if task.fill and not task.closed:
+        raise InputError("plan_map", "a map can't tell when it runs over", remedy="give the object instead")
+    return _plan(surface, task, task.load, None, lambda scores: None, count, arm_cost, None)
+
+
+def _plan(
+    surface: StiffnessMap,
+    task: GraspTask,
+    load: Load | None,
+    axis_point_m: tuple[float, float] | None,
+    spill: Callable[[GraspScores], Spill | None],
+    count: int,
+    arm_cost: ArmCost | None,
+    check: Callable[[Grasp], Confirmation | None] | None,
+) -> GraspPlan:
+    if count < 1:
+        raise InputError("plan_grasps", f"found {count}, expected at least 1", field="count")
+    force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
+    scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
+
+    def feasible() -> FeasibilityMap:
+        return feasibility_map(
+            surface,
+            scores,
+            force,
+            parameters=task.parameters,
+            gripper=task.gripper,
+            handling=task.handling,
+            load=load,
+            spill=spill(scores),
+            confidence=task.confidence,
+        )
+
+    found = feasible()
+    if task.force_N is None:
+        # The least force that holds at each place; the scores follow it.
+        force = np.clip(found.needed_N, 1e-3, 1e6)
+        scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
+        found = feasible()
+    goals = [
+        replace(goal, arm_cost=cost)
+        for goal in _goals(surface, scores, found, task)
+        if np.isfinite(cost := 0.0 if arm_cost is None else float(arm_cost(goal)))
+    ]
+    goals.sort(key=lambda goal: (goal.arm_cost, -goal.score))
+    kept: list[Grasp] = []
+    rejected: list[Grasp] = []
+    for goal in goals:
+        if len(kept) == count or len(rejected) > MOST_REFUSED:
+            break
+        if check is None:
+            kept.append(goal)
+            continue
+        said = check(goal)
+        if said is None:
+            continue
+        (kept if said.holds else rejected).append(replace(goal, confirmation=said))
+    return GraspPlan(tuple(kept), tuple(rejected), surface, scores, found, task, load)
+
+
+def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, task: GraspTask) -> list[Grasp]:
+    """Best vertices that are apart from each other; both ends of a pinch are one grasp."""
+    from scipy.spatial import cKDTree
+
+    points, tips, score = surface.vertices_m, scores.tips, scores.pair
+    used = np.zeros(len(points), dtype=bool)
+    used[np.asarray(surface.faces)] = True
+    open_: Int[np.ndarray, "g"] = np.flatnonzero(used & found.feasible & (score >= task.least_score))
+    tree = cKDTree(points)
+    reach = task.parameters.neighbourhood_m
+    order = open_[np.lexsort((open_, -np.round(score[open_], 9)))]
+    taken = np.zeros(len(points), dtype=bool)
+    out = []
+    for vertex in order:
+        if taken[vertex]:
+            continue
+        other = tips.weights[vertex] @ points[tips.second[vertex]]
+        for place in (points[vertex], other):
+            taken[tree.query_ball_point(place, APART * reach)] = True
+        near = [i for i in tree.query_ball_point(points[vertex], reach) if used[i]]
+        k = float(surface.stiffness_N_per_m[vertex])
+        sigma = float(np.nan_to_num(surface.stiffness_sigma_N_per_m[vertex]))
+        deformation = float(scores.deformation_m[vertex])
+        parts = {
+            name: float(getattr(scores, name)[vertex])
+            for name in ("contact", "curvature", "height", "deformation")
+        }
+        out.append(
+            Grasp(
+                int(vertex),
+                points[vertex].copy(),
+                other,
+                tips.direction[vertex].copy(),
+                float(score[vertex]),
+                parts,
+                float(found.force_N[vertex]),
+                float(found.needed_N[vertex]),
+                float(found.deformation_limit_N[vertex]),
+                float(found.spill_limit_N[vertex]),
+                deformation,
+                deformation * sigma / k if np.isfinite(k) else 0.0,
+                float(found.width_m[vertex]),
+                float(score[near].min()),
+            )
+        )
+    return out
+
+
+def multi_contact(
+    thing: ShellObject, vertices: Sequence[int], *, closed: bool = False, fill: float = 0.0
+) -> GraspCoupling:
+    """How several pinches work on each other: the coupling matrix of Sec. 7.2.
+
+    The pinches act at once and in linear superposition: ``deformation_m(forces)`` of the result is
+    the mean deformation of both sides of each pinch, ``force_N`` its inverse. Pinches close to each
+    other add up, distant ones may even lift each other's walls.
+    """
+    if len(set(vertices)) < len(vertices) or not vertices:
+        raise InputError("multi_contact", f"found {list(vertices)}, expected vertices that differ")
+    model = thing.model()
+    tips = opposing_points(thing.mesh, np.array(vertices), axis_point_m=thing.axis_point_m)
+    coupling = couple(model, tips).compliance
+    if closed:
+        coupling = coupling - _gas(thing, model, tips, fill)
+    # Approach of the two tips of a pinch to deformation of one side, as in a stiffness map.
+    return GraspCoupling(0.5 * coupling)
+
+
+def _gas(thing: ShellObject, model: ShellModel, tips: DualTips, fill: float) -> Float[np.ndarray, "m m"]:
+    """What enclosed gas takes off each entry: Sherman and Morrison, as in :func:`.closed_compliance`."""
+    a = enclosed_gradient(thing, model)
+    w = model.solve(a)
+    along = tip_approach(tips, w)
+    kappa = Contents(fill=fill).bulk_stiffness(thing.volume_m3)
+    out: np.ndarray = np.outer(along, along) / (1 / kappa + float(np.sum(a * w)))
+    return out

@@ -1,0 +1,107 @@
+"""Pictures of scores and grasps, as figure 6.4."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..deformation.map_file import check_suffix
+from ..files import atomic_path
+from .planner import GraspPlan
+
+__all__ = ["plot_plan", "score_colours"]
+
+#: From bad to good; even steps of lightness.
+_COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]], float)
+
+
+def score_colours(score: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
+    """Dark is 0, yellow is 1."""
+    place = np.clip(np.nan_to_num(score), 0, 1) * (len(_COLOURS) - 1)
+    out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
+    return out.round().astype(np.uint8)
+
+
+def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
+    """Figure 6.4: each object coloured by its grasp score, arrows at the ranked grasps.
+
+    Parameters
+    ----------
+    path
+        .png, .pdf or .svg.
+    plans
+        Titles and plans, a column for each: the object above, its scores over the height below.
+    """
+    path = Path(path)
+    check_suffix(None, path)
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4.6 * len(plans), 8.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    for column, (title, plan) in enumerate(plans):
+        _draw_object(figure.add_subplot(2, len(plans), column + 1, projection="3d"), title, plan)
+        axes = figure.add_subplot(2, len(plans), len(plans) + column + 1)
+        _draw_profile(axes, plan)
+        if column == 0:
+            axes.set_ylabel("height [mm]")
+            axes.legend(loc="lower left", fontsize=8, framealpha=0.9)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
+
+
+def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+
+    points = plan.surface.vertices_m * 1e3
+    faces = np.asarray(plan.surface.faces)
+    shade = score_colours(plan.scores.pair)[faces].mean(axis=1) / 255
+    low, high = points[np.unique(faces)].min(axis=0), points[np.unique(faces)].max(axis=0)
+    axes.add_collection3d(Poly3DCollection(points[faces], facecolors=shade, edgecolors="none"))
+    reach = 0.28 * float((high - low)[:2].max())
+    for rank, grasp in enumerate(plan.grasps):
+        for place, force in ((grasp.first_m, grasp.direction), (grasp.second_m, -grasp.direction)):
+            tip = 1e3 * place
+            start = tip - reach * force
+            axes.quiver(*start, *(tip - start), color="crimson", lw=2.2 if rank == 0 else 1.0)
+            if rank == 0:
+                axes.text(*(start - 4 * force), "1", color="crimson")
+    setters = (axes.set_xlim, axes.set_ylim, axes.set_zlim)
+    for setter, a, b in zip(setters, low - reach, high + reach, strict=True):
+        setter(a, b)
+    axes.set_box_aspect(np.maximum(high - low + 2 * reach, 1e-3))
+    axes.view_init(elev=15, azim=-60)
+    axes.set_axis_off()
+    best = f"best {plan.grasps[0].score:.2f}" if plan.grasps else "no grasp"
+    axes.set_title(f"{title}\n{best}")
+
+
+def _draw_profile(axes: Any, plan: GraspPlan) -> None:
+    """Best of each height: the product, and the scores it is made of."""
+    used = np.unique(plan.surface.faces)
+    z = plan.surface.vertices_m[used, 2] * 1e3
+    edges = np.linspace(z.min(), z.max(), 49)
+    level = np.clip(np.digitize(z, edges) - 1, 0, 47)
+    parts = (
+        ("contact", plan.scores.contact, "tab:blue", 1.0),
+        ("curvature", plan.scores.curvature, "tab:orange", 1.0),
+        ("height", plan.scores.height, "tab:green", 1.0),
+        ("deformation", plan.scores.deformation, "tab:red", 1.0),
+        ("grasp score", plan.scores.pair, "black", 2.5),
+    )
+    best = np.full(48, -1, dtype=np.int64)
+    order = np.argsort(plan.scores.pair[used], kind="stable")
+    best[level[order]] = order
+    rows = np.flatnonzero(best >= 0)
+    for name, values, colour, width in parts:
+        axes.plot(values[used][best[rows]], z[best[rows]], color=colour, lw=width, label=name)
+    axes.axvline(plan.task.least_score, color="grey", ls=":", lw=1)
+    for grasp in plan.grasps:
+        axes.plot(grasp.score, 1e3 * grasp.first_m[2], "o", color="crimson", ms=5)
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_xlabel("score, at the best place of each height")
+    axes.grid(alpha=0.3)

@@ -1,0 +1,291 @@
+"""How good a two-finger grasp is at every point of a surface (Alt 2016, Sec. 6.2, Eqs. (6.6)-(6.9)).
+
+Each surface point X stands for one grasp: a finger at X, a finger at the point across the height
+axis, both pushing with the same force along the line between them. Four scores, clamped to 0..1 and
+multiplied, say whether the contact is perpendicular, the surface flat or hollow, the point high, and
+the deformation small. Where the text leaves something open or is misprinted:
+
+- (6.6) divides by the number of neighbours. The factor ``1 - sqrt(r / d)`` has the mean 1/5 over a
+  disc, so that no grasp could pass ``S_G > 0.5``. Here the sum of the factors divides: a flat,
+  perpendicular contact scores w_n.
+- "Partial overlap is penalised": the contact score is multiplied with the share of the finger's
+  disc (with the same factors) that has wall in front of it.
+- The unit of the curvature is not printed. With w_c = 5 and centimetres nothing rounder than a
+  radius of 5 cm reaches 0.5, no bottle does; in millimetres a ridge of 2.5 mm radius scores 0.
+  ``curvature_unit_m`` is 1 mm therefore.
+- ``min(p20, p02)`` depends on how x and y are turned; the smaller principal value does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..deformation import DualTips, ShellMesh, opposing_points
+from ..errors import InputError
+from ..objects import StiffnessMap
+
+__all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
+
+#: Points that a second-order polynomial is fitted to, at least.
+FEWEST_NEIGHBOURS = 10
+
+
+@dataclass(frozen=True, slots=True)
+class ScoreParameters:
+    """Coefficients of the scores; defaults are those of the text."""
+
+    contact_weight: float = 1.0  #: w_n
+    curvature_weight: float = 5.0  #: w_c
+    height_weight: float = 0.5  #: w_h
+    deformation_weight: float = 5.0  #: w_d
+    most_deformation_m: float = 0.005  #: delta_max
+    neighbourhood_m: float = 0.01  #: d: radius of what a finger touches, by how well the arm aligns
+    curvature_unit_m: float = 0.001  #: w_c multiplies 1 / this
+
+    def __post_init__(self) -> None:
+        for name in ("most_deformation_m", "neighbourhood_m", "curvature_unit_m"):
+            if not 0 < getattr(self, name) < float("inf"):
+                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected > 0", field=name)
+        for name in ("contact_weight", "curvature_weight", "deformation_weight"):
+            if not 0 <= getattr(self, name) < float("inf"):
+                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected >= 0", field=name)
+        if not 0 <= self.height_weight <= 1:
+            raise InputError(
+                "ScoreParameters", f"found {self.height_weight}, expected 0 to 1", field="height_weight"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspScores:
+    """Scores 0..1 of each vertex, and what they were made from."""
+
+    contact: Float[np.ndarray, "v"]  #: S_n, overlap included
+    curvature: Float[np.ndarray, "v"]  #: S_c
+    height: Float[np.ndarray, "v"]  #: S_h
+    deformation: Float[np.ndarray, "v"]  #: S_d
+    overlap: Float[np.ndarray, "v"]  #: share of the finger that has wall in front of it
+    perpendicular: Float[np.ndarray, "v"]  #: weighted mean of F . n around the point, -1..1
+    tips: DualTips  #: where the other finger is
+    deformation_m: Float[np.ndarray, "v"]  #: expected deformation of one side under the force
+
+    @property
+    def total(self) -> Float[np.ndarray, "v"]:
+        """S_G of the point alone, as printed."""
+        out: np.ndarray = self.contact * self.curvature * self.height * self.deformation
+        return np.where(self.tips.valid, out, 0.0)
+
+    @property
+    def pair(self) -> Float[np.ndarray, "v"]:
+        """S_G of both fingers: the smaller of the point's and of the point's opposite."""
+        return np.where(self.tips.valid, np.minimum(self.total, self.opposite(self.total)), 0.0)
+
+    def opposite(self, values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
+        """A map at the other finger of each vertex."""
+        out: np.ndarray = np.einsum("mk,mk->m", self.tips.weights, values[self.tips.second])
+        return out
+
+
+def grasp_scores(
+    surface: StiffnessMap,
+    force_N: float | Float[np.ndarray, "v"],
+    parameters: ScoreParameters | None = None,
+    *,
+    axis_point_m: tuple[float, float] | None = None,
+) -> GraspScores:
+    """Score every vertex of a stiffness map.
+
+    Parameters
+    ----------
+    surface
+        Physical local stiffness [N/m], z up. Infinite stiffness does not give way.
+    force_N
+        F_G, of each finger; one number, or one for the grasp at each vertex.
+    parameters
+        Those of the text by default.
+    axis_point_m
+        x and y of the height axis; the middle of the bounding box by default.
+    """
+    force = np.broadcast_to(np.asarray(force_N, dtype=float), surface.stiffness_N_per_m.shape)
+    if not (force > 0).all():
+        raise InputError("grasp_scores", f"found {force.min()} N, expected > 0", field="force_N")
+    p = parameters or ScoreParameters()
+    faces = outward_faces(surface)
+    mesh = ShellMesh(surface.vertices_m, faces, 1e-3)
+    tips = opposing_points(mesh, axis_point_m=axis_point_m)
+    normal = vertex_normals(mesh.vertices_m, mesh.faces)
+    perpendicular, overlap = _contact(mesh, normal, tips.direction, p.neighbourhood_m)
+    bend = _smallest_quadratic(mesh, normal, p.neighbourhood_m)
+    height = mesh.vertices_m[:, 2] - mesh.vertices_m[faces, 2].min()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        deformation_m = force / surface.stiffness_N_per_m
+    return GraspScores(
+        contact=_clamped(p.contact_weight * perpendicular * overlap),
+        curvature=_clamped(1 + p.curvature_weight * p.curvature_unit_m * bend),
+        height=_clamped(1 - p.height_weight + p.height_weight * height / height.max()),
+        deformation=deformation_score(deformation_m, p),
+        overlap=overlap,
+        perpendicular=perpendicular,
+        tips=tips,
+        deformation_m=deformation_m,
+    )
+
+
+def deformation_score(
+    deformation_m: Float[np.ndarray, "v"], parameters: ScoreParameters
+) -> Float[np.ndarray, "v"]:
+    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known."""
+    excess = deformation_m / parameters.most_deformation_m - 1
+    score = 0.5 - 0.5 * np.tanh(parameters.deformation_weight * excess)
+    return np.nan_to_num(_clamped(score), nan=0.0)
+
+
+def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
+    """Faces that look away from the height axis, whichever way the file had them."""
+    points, faces = surface.vertices_m, np.asarray(surface.faces)
+    if not len(faces):
+        raise InputError("grasp_scores", "the map has no faces", field="faces")
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    used = points[np.unique(faces)]
+    away = (a + b + c) / 3 - 0.5 * (used.min(axis=0) + used.max(axis=0))
+    flux = float(np.einsum("fi,fi->", np.cross(b - a, c - a)[:, :2], away[:, :2]))
+    return faces if flux >= 0 else faces[:, ::-1].copy()
+
+
+def vertex_normals(
+    points_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "v 3"]:
+    """Outward unit normals, weighted by area; zero where nothing is."""
+    a, b, c = (points_m[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    out = np.zeros_like(points_m)
+    for k in range(3):
+        np.add.at(out, faces[:, k], area)
+    length = np.linalg.norm(out, axis=1, keepdims=True)
+    return out / np.maximum(length, 1e-300)
+
+
+def _contact(
+    mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], direction: Float[np.ndarray, "v 3"], d: float
+) -> tuple[Float[np.ndarray, "v"], Float[np.ndarray, "v"]]:
+    """Weighted mean of F . n around each vertex, and the share of the disc in front of which wall is."""
+    places, normals, area = _samples(mesh, (d / 6) ** 2)
+    count = len(mesh.vertices_m)
+    mean_top, mean_low, covered = np.zeros(count), np.zeros(count), np.zeros(count)
+    # On a bent wall the edge of the finger's disc is further away than d.
+    for vertex, sample in _neighbours(mesh.vertices_m, places, 1.25 * d):
+        away = places[sample] - mesh.vertices_m[vertex]
+        force = direction[vertex]
+        along = np.einsum("pi,pi->p", away, force)
+        square = np.einsum("pi,pi->p", away, away)
+        facing = -np.einsum("pi,pi->p", force, normals[sample])
+        # Walls that look the other way are those of the other finger.
+        same = np.einsum("pi,pi->p", normals[sample], normal[vertex]) > 0
+        weight = np.where(same, area[sample] * _factor(np.sqrt(square) / d), 0.0)
+        mean_top += np.bincount(vertex, weight * facing, count)
+        mean_low += np.bincount(vertex, weight, count)
+        aside = np.sqrt(np.maximum(square - along**2, 0.0))
+        shown = np.where(same, area[sample] * np.maximum(facing, 0.0) * _factor(aside / d), 0.0)
+        covered += np.bincount(vertex, shown, count)
+    mean = mean_top / np.maximum(mean_low, 1e-300)
+    # The integral of 1 - sqrt(r / d) over the disc is pi d^2 / 5.
+    return np.clip(mean, -1.0, 1.0), _clamped(covered / (np.pi * d * d / 5))
+
+
+def _smallest_quadratic(
+    mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], d: float
+) -> Float[np.ndarray, "v"]:
+    """Smaller principal value of p20, p11, p02 around each vertex [1/m]; 0 is flat, < 0 bulges out."""
+    points = mesh.vertices_m
+    count = len(points)
+    first, second = _tangents(normal)
+    moments, right = np.zeros((count, 36)), np.zeros((count, 6))
+    used = np.unique(mesh.faces)
+    for vertex, other in _neighbours(points, points[used], d, fewest=FEWEST_NEIGHBOURS):
+        away = points[used[other]] - points[vertex]
+        same = np.einsum("pi,pi->p", normal[used[other]], normal[vertex]) > 0
+        x = np.einsum("pi,pi->p", away, first[vertex]) / d
+        y = np.einsum("pi,pi->p", away, second[vertex]) / d
+        z = np.einsum("pi,pi->p", away, normal[vertex]) / d
+        basis = np.stack([x * x, x * y, y * y, x, y, np.ones_like(x)], axis=1) * same[:, None]
+        for i in range(6):
+            right[:, i] += np.bincount(vertex, basis[:, i] * z, count)
+            for j in range(6):
+                moments[:, 6 * i + j] += np.bincount(vertex, basis[:, i] * basis[:, j], count)
+    matrix = moments.reshape(count, 6, 6)
+    # Where points lie on a line the polynomial is held flat across it.
+    ridge = 1e-9 * np.trace(matrix, axis1=1, axis2=2)[:, None, None] * np.eye(6) + 1e-12 * np.eye(6)
+    p20, p11, p02 = np.linalg.solve(matrix + ridge, right[..., None])[:, :3, 0].T
+    return (0.5 * (p20 + p02) - np.hypot(0.5 * (p20 - p02), 0.5 * p11)) / d
+
+
+def _samples(
+    mesh: ShellMesh, most_m2: float
+) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, "s 3"], Float[np.ndarray, "s"]]:
+    """Points all over the surface, each for at most ``most_m2``, with normals and areas."""
+    a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
+    doubled = np.cross(b - a, c - a)
+    area = 0.5 * np.linalg.norm(doubled, axis=1)
+    unit = doubled / np.maximum(2 * area, 1e-300)[:, None]
+    pieces = np.clip(np.ceil(np.sqrt(area / most_m2)).astype(int), 1, 64)
+    places, normals, areas = [], [], []
+    for n in np.unique(pieces):
+        some = pieces == n
+        for share in _centroids(int(n)):
+            places.append(share[0] * a[some] + share[1] * b[some] + share[2] * c[some])
+            normals.append(unit[some])
+            areas.append(area[some] / n**2)
+    return np.concatenate(places), np.concatenate(normals), np.concatenate(areas)
+
+
+def _centroids(n: int) -> Float[np.ndarray, "m 3"]:
+    """Barycentric centroids of the n^2 equal parts of a triangle."""
+    out = []
+    for i in range(n):
+        for j in range(n - i):
+            out.append((i + 1 / 3, j + 1 / 3))
+            if i + j < n - 1:
+                out.append((i + 2 / 3, j + 2 / 3))
+    uv = np.array(out) / n
+    return np.column_stack([uv, 1 - uv.sum(axis=1)])
+
+
+def _neighbours(
+    points: Float[np.ndarray, "v 3"], places: Float[np.ndarray, "s 3"], radius: float, fewest: int = 0
+) -> list[tuple[Int[np.ndarray, "p"], Int[np.ndarray, "p"]]]:
+    """Pairs (point, place) within a radius, in portions; at least ``fewest`` places of each point."""
+    from scipy.spatial import cKDTree
+
+    tree, out = cKDTree(places), []
+    step = 4096
+    for begin in range(0, len(points), step):
+        some = points[begin : begin + step]
+        found = cKDTree(some).sparse_distance_matrix(tree, radius, output_type="coo_matrix")
+        vertex, place = found.row.astype(np.int64), found.col.astype(np.int64)
+        few = np.flatnonzero(np.bincount(vertex, minlength=len(some)) < fewest)
+        if len(few):
+            keep = ~np.isin(vertex, few)
+            nearest = tree.query(some[few], k=min(fewest, len(places)))[1].reshape(len(few), -1)
+            vertex = np.concatenate([vertex[keep], np.repeat(few, nearest.shape[1])])
+            place = np.concatenate([place[keep], nearest.ravel()])
+        out.append((vertex + begin, place))
+    return out
+
+
+def _tangents(normal: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
+    upright: Bool[np.ndarray, "v"] = np.abs(normal[:, 2]) > 0.9
+    aid = np.where(upright[:, None], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    first = np.cross(aid, normal)
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+    return first, np.cross(normal, first)
+
+
+def _factor(share: Float[np.ndarray, "p"]) -> Float[np.ndarray, "p"]:
+    return np.maximum(1 - np.sqrt(share), 0.0)
+
+
+def _clamped(score: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
+    """l of Eq. (6.9)."""
+    return np.clip(score, 0.0, 1.0)

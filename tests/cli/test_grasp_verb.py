@@ -1,0 +1,72 @@
+"""``visuohaptic grasp``: all kinds of input, the same numbers, plain refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from visuohaptic.cli.main import main
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, object]:
+    assert main(["grasp", *words, "--json"]) == 0
+    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_a_class_gives_ranked_grasps_and_a_picture(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plot = tmp_path / "grasps.png"
+    words = ["cup-rim", "--around", "32", "--force", "20", "--several", "2", "--plot", str(plot)]
+    found = run(capsys, *words)
+    grasps = found["grasps"]
+    assert isinstance(grasps, list)
+    assert grasps[0]["first_m"][2] > 0.09
+    assert grasps[0]["deformation_m"] < 0.005
+    assert max(found["several"]["deformation_m"]) < grasps[0]["deformation_m"]  # type: ignore[index]
+    assert plot.stat().st_size > 10_000
+
+
+def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "map.npz"
+    assert main(["stiffness", "cup", "--around", "32", "--out", str(out)]) == 0
+    capsys.readouterr()
+    one = run(capsys, str(out), "--force", "4", "--count", "2")
+    other = run(capsys, "cup", "--around", "32", "--force", "4", "--count", "2")
+    for a, b in zip(one["grasps"], other["grasps"], strict=True):  # type: ignore[call-overload]
+        assert a["score"] == pytest.approx(b["score"])
+        assert a["first_m"] == pytest.approx(b["first_m"])
+
+
+def test_contents_ask_for_more_force_and_may_spill(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["cleaner", "--around", "32", "--count", "1"]
+    empty, full = run(capsys, *words), run(capsys, *words, "--state", "closed", "--fill", "0.9")
+    assert full["mass_kg"] > 10 * empty["mass_kg"]  # type: ignore[operator]
+    assert full["grasps"][0]["needed_N"] > 3 * empty["grasps"][0]["needed_N"]  # type: ignore[index]
+
+
+def test_it_says_why_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grasp", "cup", "--around", "32", "--force", "59"]) == 0
+    assert "no grasp:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["cup", "--force", "-1"], "force_N: found -1.0 N, expected > 0"),
+        (["cup", "--fill", "2"], "fill: found 2.0, expected 0 to 1"),
+        (["cup", "--plot", "grasps.txt"], "found suffix '.txt'"),
+        (["cup", "--force", "5", "--several", "9"], "--several: found 9, expected 2 to"),
+        (["nothing.xyz"], "found suffix '.xyz'"),
+        (["cup", "--friction", "0"], "friction: found 0.0, expected > 0"),
+        (["cup", "--count", "0"], "count: found 0"),
+    ],
+)
+def test_bad_words_are_refused(
+    words: list[str], text: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    assert main(["grasp", *words, *(["--around", "16"] if words[0] == "cup" else [])]) == 2
+    assert text in capsys.readouterr().err

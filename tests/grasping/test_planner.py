@@ -1,0 +1,195 @@
+"""Plans: what is feasible, what is ranked first, and the predictions of Alt 2016, Sec. 6.4.2."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import dual_tip_map, load_object, opposing_points
+from visuohaptic.errors import InputError
+from visuohaptic.grasping import (
+    GraspTask,
+    GripperModel,
+    Load,
+    ScoreParameters,
+    Verdict,
+    confirm_grasp,
+    grasp_scores,
+    multi_contact,
+    plan_grasps,
+    plan_map,
+    spill_of,
+)
+from visuohaptic.objects import StiffnessMap
+
+from .objects import box_map, container, tube_map
+
+
+def test_the_reinforced_rim_is_the_place_and_the_middle_is_not():
+    plan = plan_grasps(load_object("cup-rim", around=32), GraspTask(force_N=20.0), count=3)
+    assert all(grasp.first_m[2] > 0.09 for grasp in plan.grasps)
+    points = plan.surface.vertices_m
+    middle = np.abs(points[:, 2] - 0.05) < 0.005
+    assert (plan.scores.pair[middle] < 0.5).all()
+    assert (plan.feasibility.verdict[middle] == Verdict.TOO_SOFT).all()
+
+
+def test_verdicts_of_a_tube():
+    found = tube_map(0.03, 0.1, 4000.0, around=48)
+    z = found.vertices_m[:, 2]
+    plan = plan_map(found, GraspTask(force_N=10.0))
+    verdict = plan.feasibility.verdict
+    assert (verdict[z > 0.0999] == Verdict.PARTIAL_OVERLAP).mean() > 0.4  # a half, by rounding
+    assert (verdict[(z > 0.02) & (z < 0.09)] == Verdict.FEASIBLE).all()
+    assert (verdict[(z > 0.002) & (z < 0.0095)] == Verdict.NEAR_FLOOR).all()
+    soft = plan_map(found, GraspTask(force_N=21.0))
+    assert not soft.feasibility.feasible.any()
+    assert "too soft" in soft.reason
+    narrow = plan_map(found, GraspTask(force_N=10.0, gripper=GripperModel(opening_m=0.05)))
+    assert "too wide" in narrow.reason
+    heavy = plan_map(found, GraspTask(force_N=10.0, load=Load(3.0, (0, 0, 0.05))))
+    assert "too weak" in heavy.reason
+
+
+def test_a_doubtful_stiffness_lowers_the_limit():
+    found = tube_map(0.03, 0.1, 4000.0, around=32)
+    doubtful = StiffnessMap(
+        found.vertices_m, found.faces, found.stiffness_N_per_m, 0.2 * found.stiffness_N_per_m
+    )
+    plan = plan_map(doubtful, GraspTask(force_N=10.0, confidence=0.95))
+    np.testing.assert_allclose(plan.feasibility.deformation_limit_N, 20.0 * np.exp(-1.6449 * 0.2), rtol=1e-4)
+
+
+def test_goals_are_apart_and_both_ends_are_one():
+    plan = plan_map(tube_map(0.03, 0.12, 1e4, around=64), GraspTask(force_N=5.0), count=6)
+    places = np.concatenate([[g.first_m, g.second_m] for g in plan.grasps])
+    first = np.stack([g.first_m for g in plan.grasps])
+    for i, place in enumerate(first):
+        others = np.delete(places, [2 * i, 2 * i + 1], axis=0)
+        assert np.linalg.norm(others - place, axis=1).min() > 0.0199
+    scores = [g.score for g in plan.grasps]
+    assert scores == sorted(scores, reverse=True)
+    assert all(g.steadiness <= g.score + 1e-12 for g in plan.grasps)
+
+
+def test_the_arm_has_a_say():
+    found = tube_map(0.03, 0.1, 1e4, around=48)
+    plan = plan_map(
+        found,
+        GraspTask(force_N=5.0),
+        arm_cost=lambda grasp: np.inf if grasp.first_m[0] > 0 else abs(grasp.first_m[1] - 0.02),
+    )
+    assert plan.grasps
+    assert all(grasp.first_m[0] <= 0 for grasp in plan.grasps)
+    costs = [grasp.arm_cost for grasp in plan.grasps]
+    assert costs == sorted(costs)
+
+
+def test_without_a_force_each_place_gets_what_its_load_needs():
+    plan = plan_map(box_map(0.03, 0.1, 1e5), GraspTask(load=Load(0.3, (0, 0, 0.03))), count=1)
+    best = plan.grasps[0]
+    assert best.force_N == pytest.approx(best.needed_N)
+    # Above the centre of mass, with nothing aside: friction alone. 1.5 (9.81 + 1) 0.3 / 2 / 0.6.
+    assert best.force_N == pytest.approx(1.5 * 10.81 * 0.3 / 2 / 0.6, rel=0.02)
+
+
+def test_a_map_alone_needs_a_force():
+    with pytest.raises(InputError, match="a map has no weight"):
+        plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask())
+    with pytest.raises(InputError, match="a map can't tell when it runs over"):
+        plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask(force_N=1.0, fill=0.5))
+
+
+def test_what_a_pinch_presses_out_agrees_with_the_volume_of_its_shape():
+    """Reciprocity: one solve for the gas's load against one solve for the pinch."""
+    from visuohaptic.deformation.contents import enclosed_gradient, pinch_load
+
+    thing = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
+    plan = plan_grasps(thing, GraspTask(force_N=2.0), count=1)
+    model = thing.model()
+    spill = spill_of(thing, model, plan.scores, 0.9)
+    vertex = plan.grasps[0].vertex
+    moved = model.solve(pinch_load(model, plan.scores.tips, vertex))
+    change = float(np.sum(enclosed_gradient(thing, model) * moved))
+    assert spill.pressed_out_m3_per_N[vertex] == pytest.approx(-change, rel=1e-6)
+    assert spill.headspace_m3 == pytest.approx(0.1 * thing.volume_m3)
+
+
+def test_a_full_open_bottle_spills_at_its_flat_side():
+    thing = load_object("cleaner", around=32)
+    plan = plan_grasps(thing, GraspTask(force_N=15.0, fill=0.99), count=1)
+    points = plan.surface.vertices_m
+    side = int(np.argmin(np.linalg.norm(points - [0.0, points[:, 1].max(), 0.11], axis=1)))
+    assert plan.feasibility.spill_limit_N[side] < 15
+    closed = plan_grasps(thing, GraspTask(force_N=15.0, fill=0.99, closed=True), count=1)
+    assert np.isinf(closed.feasibility.spill_limit_N).all()
+
+
+def test_one_pinch_of_the_coupling_is_the_map_and_neighbours_add_up():
+    thing = container(around=48)
+    ring = thing.mesh.vertices_m[:, 2]
+    level = np.unique(ring.round(6))
+    low, near, far = (int(np.flatnonzero(ring.round(6) == level[k])[0]) for k in (20, 21, 35))
+    tips = opposing_points(thing.mesh, np.array([low, near, far]), axis_point_m=thing.axis_point_m)
+    k = dual_tip_map(thing.model(), tips)
+    both = multi_contact(thing, [low, near, far])
+    np.testing.assert_allclose(np.diag(both.compliance), 1 / k, rtol=1e-9)
+    np.testing.assert_allclose(both.compliance, both.compliance.T, rtol=1e-9)
+    size = np.sqrt(np.diag(both.compliance))
+    alike = both.compliance[0] / size[0] / size
+    assert alike[1] > 0.8  # "contact points that are close-by excite almost the same deformation"
+    assert abs(alike[2]) < 0.8 * alike[1]
+    with pytest.raises(InputError, match="vertices that differ"):
+        multi_contact(thing, [low, low])
+
+
+def test_gas_couples_pinches_of_a_flat_bottle():
+    thing = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
+    z, y = thing.mesh.vertices_m[:, 2], thing.mesh.vertices_m[:, 1]
+    chosen = [int(np.argmin(np.abs(z - h) - y)) for h in (0.07, 0.13)]
+    free, shut = multi_contact(thing, chosen), multi_contact(thing, chosen, closed=True)
+    assert (np.diag(shut.compliance) < np.diag(free.compliance)).all()
+
+
+def test_the_simulation_refuses_a_cup_that_the_map_would_grasp():
+    """A thin cup near its mouth: linear theory promises 3 mm, the wall folds."""
+    thing = load_object("cup", around=32)
+    plan = plan_grasps(thing, GraspTask(force_N=5.0), count=1)
+    best = plan.grasps[0]
+    assert best.deformation_m < 0.004
+    said = confirm_grasp(thing, best.vertex, 5.0, friction=0.2)
+    assert not said.holds
+    assert said.deformation_m > 0.005
+    assert "allowed are 5 mm" in said.reason
+    np.testing.assert_array_equal(said.curve_m[0], 0.0)
+
+
+def test_a_small_force_is_confirmed_as_the_map_says():
+    thing = container(around=32)
+    plan = plan_grasps(thing, GraspTask(force_N=0.3, load=Load(0.005, (0, 0, 0.1))), count=2, confirm=True)
+    assert len(plan.grasps) == 2
+    for grasp in plan.grasps:
+        assert grasp.confirmation is not None
+        # 0.3 N on a wall of 6 kN/m: second order is the share of deformation by wall, 0.1.
+        assert grasp.confirmation.deformation_m == pytest.approx(grasp.deformation_m, rel=0.1)
+        assert abs(grasp.confirmation.pressed_out_m3) < 1e-6
+
+
+def test_symmetric_places_press_out_the_same():
+    thing = load_object("cup-rim", around=32)
+    z = thing.mesh.vertices_m[:, 2]
+    ring = np.flatnonzero(np.isclose(z, z[np.argmin(np.abs(z - 0.05))]))
+    found = [confirm_grasp(thing, int(ring[k]), 4.0).pressed_out_m3 for k in (0, 3)]
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def test_parameters_are_checked():
+    with pytest.raises(InputError, match="force_N"):
+        GraspTask(force_N=-1.0)
+    with pytest.raises(InputError, match="count: found 0"):
+        plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask(force_N=1.0), count=0)
+    with pytest.raises(InputError, match="force_N: found nan"):
+        confirm_grasp(container(), 0, float("nan"))
+    assert grasp_scores(
+        tube_map(0.03, 0.05, 1e4, around=16), 1.0, ScoreParameters(contact_weight=0.0)
+    ).total.max() == pytest.approx(0)
