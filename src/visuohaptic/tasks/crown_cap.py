@@ -17,19 +17,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import ClassVar, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
 from ..camera import Frame, Pose
-from ..errors import DeviceError, InputError
+from ..errors import DeviceError
 from ..objects import Wrench
 from ..robots import FrameSource, ProbeArm
+from .crown_cap_records import (
+    CapCommand,
+    CapMoment,
+    CapOpening,
+    CapOutcome,
+    CapSettings,
+    CapSighting,
+    CapState,
+    Vector,
+)
 from .machine import Machine, Rule
-from .trace import Ending, Trace
 
 __all__ = [
     "CapCommand",
@@ -44,145 +50,18 @@ __all__ = [
     "tool_wrench",
 ]
 
-Vector = tuple[float, float, float]
-
-
-class CapState(StrEnum):
-    """Rows of Table 3.1."""
-
-    FIND = "find"  #: scanning motion until the cap is detected
-    TRACK = "track"  #: watch it from above
-    APPROACH = "approach"  #: tool near the cap
-    PUSH_DOWN = "push_down"
-    FEEL = "feel"  #: hold and read where the bridge bears
-    LIFT = "lift"  #: before the next press at another place
-    FORWARD = "forward"
-    ROTATE = "rotate"
-    LEAVE = "leave"  #: back off with or without the cap
-    CHECK = "check"
-
-
-class CapOutcome(StrEnum):
-    """How it ended."""
-
-    OPENED = "opened"
-    NOT_FOUND = "not_found"  #: the cap was not detected on the scanning motion
-    LOST = "lost"  #: seen before, but no longer from above
-    OUT_OF_REACH = "out_of_reach"
-    SENSOR_FAILED = "sensor_failed"  #: too many wrenches in a row could not be trusted
-    NO_CONTACT = "no_contact"  #: nothing met where the cap was seen
-    NOT_ALIGNED = "not_aligned"  #: the bridge could not be centred
-    STILL_CLOSED = "still_closed"  #: turned as often as allowed, the cap is still seen
-    NOT_VERIFIED = "not_verified"  #: the moment broke down, but the bottle could not be looked at
-    TOO_TIGHT = "too_tight"  #: more moment than the sensor bears
-    TIMED_OUT = "timed_out"
-    SOURCE_ENDED = "source_ended"
-
-
-class CapSighting(Protocol):
-    """What a detector or tracker says of the cap."""
-
-    @property
-    def valid(self) -> bool: ...
-    @property
-    def position_tip_m(self) -> Float[np.ndarray, "3"]:
-        """Centre of the cap's top in the tip frame."""
-
-
-@dataclass(frozen=True, slots=True)
-class CapSettings:
-    """How to open."""
-
-    scan_m: tuple[Vector, ...] = ()  #: places of the tip in the base for the scanning motion
-    look_above_m: float = 0.18  #: height from which the cap is tracked
-    look_frames: int = 10  #: sightings that are averaged
-    hover_m: float = 0.035  #: first height above where the cap was seen: more than sight errs
-    depth_m: float = 0.02  #: how far below that place to look for it
-    behind_m: float = 0.005  #: the bridge goes down this far before the cap's centre
-    hook_behind_m: float = 0.015  #: of the opener: from the bridge back to the hook
-    bridge_half_m: float = 0.015  #: of the opener: half width of the bridge
-    touch_N: float = 1.5  #: F_z of a touch
-    press_N: float = 6.0  #: F_z at which is read where the bridge bears
-    hold_frames: int = 8  #: wrenches that are averaged
-    centred_m: float = 0.007  #: the bridge is centred when it bears so near to its middle
-    side_step_m: float = 0.004  #: first step aside; halved whenever the side changes
-    lift_m: float = 0.004
-    presses: int = 12  #: how often to press for one attempt
-    press_down_N: float = 3.0  #: F_z that is kept on the way forward
-    forward_N: float = 3.0  #: F_y of a hook at the neck
-    forward_m: float = 0.022  #: farthest way forward
-    turn_rad: float = 0.6  #: farthest turn for opening
-    engaged_Nm: float = 0.5  #: M_x that a hook under the rim gives
-    broken: float = 0.3  #: the cap is off when M_x falls to this share of its peak
-    largest_Nm: float = 6.0
-    largest_N: float = 15.0  #: force at which a motion is given up, but for turning
-    attempts: int = 5
-    back_m: float = 0.006  #: step backward when the hook bears on the cap
-    ahead_m: float = 0.007  #: step forward when the bridge misses it
-    fast_m_s: float = 0.1
-    slow_m_s: float = 0.01
-    turn_m_s: float = 0.01  #: speed of the hook while it turns
-    blind_frames: int = 15  #: so many wrenches in a row that can't be trusted end the task
-    state_timeout_s: float = 40.0
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if name != "scan_m" and not (math.isfinite(value) and value > 0):
-                raise InputError("CapSettings", f"found {value}, expected more than 0", field=name)
-
-
-@dataclass(frozen=True, slots=True)
-class CapMoment:
-    """One observation: arm, wrench and sighting of one frame."""
-
-    t_s: float
-    tip_m: Vector  #: in the base
-    turn_rad: Vector  #: rotation vector of the tip in the base
-    felt: bool  #: the wrench can be trusted
-    force_N: Vector  #: on the tool, axes of the tool
-    moment_Nm: Vector  #: about the tip
-    seen: bool
-    cap_m: Vector  #: centre of the cap's top in the base; NaN when not seen
-
-
-@dataclass(frozen=True, slots=True)
-class CapCommand:
-    """What the arm is told."""
-
-    move: bool  #: False: stop
-    tip_m: Vector = (0.0, 0.0, 0.0)
-    turn_rad: Vector = (0.0, 0.0, 0.0)
-    speed_m_s: float = 0.0
-
-
 _STOP = CapCommand(False)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CapOpening:
-    """What came of it."""
-
-    ending: Ending
-    trace: Trace
-    attempts: int  #: how often the tool was turned
-
-    @property
-    def opened(self) -> bool:
-        """Whether the cap came off and was seen to be gone."""
-        return self.ending.success
 
 
 class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
     """The decisions of Table 3.1, one observation after the other."""
 
     task = "crown_cap"
-    rules: ClassVar = {}
 
     def __init__(self, settings: CapSettings | None = None) -> None:
         self.settings = settings or CapSettings()
         limit, s = self.settings.state_timeout_s, CapState
-        self.rules = {  # type: ignore[misc]
+        self.rules = {
             s.FIND: Rule((s.TRACK,), 3 * limit),
             s.TRACK: Rule((s.APPROACH,), limit),
             s.APPROACH: Rule((s.PUSH_DOWN,), limit),
@@ -198,12 +77,13 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
         self.attempts = 0
         self._blind = self._waypoint = self._presses = self._misses = 0
         self._sightings: list[Vector] = []
-        self._readings: list[tuple[float, float, float]] = []
+        self._readings: list[tuple[float, ...]] = []
         self._cap = np.full(3, math.nan)  #: best knowledge of the cap's centre
         self._aim = np.full(3, math.nan)  #: where the tip is going
         self._top_m = math.nan  #: height at which the bridge met the cap
         self._start = np.zeros(3)
-        self._turn = np.zeros(3)  #: of the tool while it works
+        self._upright = np.zeros(3)  #: turn of the tool in which the task began
+        self._turn = np.zeros(3)  #: while it works
         self._side_step, self._last_side = self.settings.side_step_m, 0.0
         self._peak = 0.0
         self._broke = False
@@ -224,13 +104,14 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
             return self._fail(CapOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row can't be trusted")
         if haptic and not seen.felt:
             return _STOP
-        return getattr(self, f"_{self.state.value}")(seen, tip)  # type: ignore[no-any-return]
+        told: CapCommand = getattr(self, f"_{self.state.value}")(seen, tip)
+        return told
 
     # Sight
 
     def _find(self, seen: CapMoment, tip: np.ndarray) -> CapCommand:
         if self._waypoint == 0:
-            self._turn = np.array(seen.turn_rad)
+            self._turn = self._upright = np.array(seen.turn_rad)
         if seen.seen:
             self._cap = np.array(seen.cap_m)
             self.go(CapState.TRACK, f"cap detected, {1e2 * math.dist(seen.cap_m, seen.tip_m):.0f} cm away")
@@ -255,6 +136,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
             return self._to(self._above(self.settings.look_above_m), self.settings.fast_m_s)
         if len(self._sightings) >= self.settings.look_frames:
             self._cap = np.median(np.array(self._sightings), axis=0)
+            self._sightings = []
             self.go(CapState.APPROACH, f"tracked at {_mm(self._cap)} mm")
             return self._approach(seen, tip)
         if there and self.since_s(seen.t_s) > 6.0:
@@ -269,6 +151,8 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
         hover = s.hover_m if math.isnan(self._top_m) else 2 * s.lift_m
         aim = np.array([self._cap[0], self._cap[1] - s.behind_m, top + hover])
         if _near(tip, aim) and _straight(seen, self._turn):
+            if math.isnan(self._top_m) and len(self._sightings) < s.look_frames:
+                return self._nearer(seen)
             self._presses = self._misses = 0
             self._side_step, self._last_side = s.side_step_m, 0.0
             self.go(CapState.PUSH_DOWN, f"{1e3 * hover:.0f} mm above the cap")
@@ -282,9 +166,16 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
             return self._to(np.array([aim[0], aim[1], high]), s.fast_m_s)
         return self._to(aim, s.fast_m_s)
 
+    def _nearer(self, seen: CapMoment) -> CapCommand:
+        """Look once more from nearby: an error of the camera's angle counts less there."""
+        self._sightings.append(seen.cap_m if seen.seen else _vector(self._cap))
+        if len(self._sightings) == self.settings.look_frames:
+            self._cap[:2] = np.median(np.array(self._sightings), axis=0)[:2]
+        return _STOP
+
     def _push_down(self, seen: CapMoment, tip: np.ndarray) -> CapCommand:
         s, (x, y, z) = self.settings, seen.force_N
-        if z > s.press_N or math.hypot(x, y) > s.press_N:
+        if z > s.press_N or math.hypot(x, y) > max(0.5 * s.press_N, 1.5 * z):
             self._readings = []
             self.go(CapState.FEEL, f"F_z {z:.1f} N, aside {math.hypot(x, y):.1f} N")
             return _STOP
@@ -292,7 +183,9 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
         if tip[2] <= floor + 1e-4:
             self._misses += 1
             if self._misses > 4:
-                return self._fail(CapOutcome.NO_CONTACT, f"nothing met {1e3 * s.depth_m:.0f} mm below its place")
+                return self._fail(
+                    CapOutcome.NO_CONTACT, f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
+                )
             return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
         # From the first touch on slowly: a frame's way on a stiff beam is many newtons.
         touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
@@ -302,12 +195,15 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
         s = self.settings
         if self.since_s(seen.t_s) < 0.15:
             return _STOP  # the arm and the frame on its way come to rest
-        self._readings.append((*seen.force_N[1:], *seen.moment_Nm[:2]))
+        self._readings.append((*seen.force_N, *seen.moment_Nm[:2]))
         if len(self._readings) < s.hold_frames:
             return _STOP
-        along, push, about_x, about_y = np.mean(self._readings, axis=0)
-        if push < s.touch_N:
-            return self._again(tip, 0.0, -s.back_m, f"met aside, F_z {push:.1f} N: back")
+        aside, along, push, about_x, about_y = np.mean(self._readings, axis=0)
+        sideways = math.hypot(aside, along)
+        if push < max(s.touch_N, sideways):
+            # The edge slides down the cap's flank, which pushes it away: go where the push comes from.
+            back = -s.ahead_m / max(sideways, 1e-3)
+            return self._again(tip, back * aside, back * along, f"met the flank, {sideways:.1f} N aside")
         # A force F_z at (x, y) of the tool gives M_x = y F_z and M_y = -x F_z.
         ahead, side = about_x / push, -about_y / push
         if ahead < -0.5 * s.hook_behind_m:
@@ -318,9 +214,15 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
                 self._side_step *= 0.5
             self._last_side = side
             # At its very end the bridge is far off.
-            step = self._side_step if self._side_step < 1e-3 or abs(side) < 0.9 * s.bridge_half_m else 1.5 * self._side_step
+            step = (
+                self._side_step
+                if self._side_step < 1e-3 or abs(side) < 0.9 * s.bridge_half_m
+                else 1.5 * self._side_step
+            )
             step = math.copysign(step, side)
-            return self._again(tip, step, 0.0, f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm")
+            return self._again(
+                tip, step, 0.0, f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm"
+            )
         self._cap[:2] = tip[0], tip[1] + s.behind_m
         self._start = tip.copy()
         # A tool that is not held level feels a part of the push as a force ahead.
@@ -344,7 +246,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
             return self._fail(CapOutcome.NOT_ALIGNED, f"pressed {self._presses - 1} times, last: {why}")
         # From where the hook bears beside the cap it has to come up over it.
         up = self.settings.lift_m if ahead_m == 0 else self.settings.hover_m
-        self._aim_lift = tip + [aside_m, ahead_m, up]
+        self._aim_lift = tip + np.array([aside_m, ahead_m, up])
         if ahead_m != 0 and math.isfinite(self._top_m):
             self._aim_lift[2] = max(self._aim_lift[2], self._top_m + self.settings.lift_m)
         self.go(CapState.LIFT, why)
@@ -356,7 +258,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
     def _forward(self, seen: CapMoment, tip: np.ndarray) -> CapCommand:
         s, (_, y, z) = self.settings, seen.force_N
         gone = float(tip[1] - self._start[1])
-        if y - self._lean * z < -s.forward_N:
+        if y - self._lean * z < -s.forward_N * (1.0 + 0.5 * self.attempts):
             self._peak, self._broke = 0.0, False
             self._start = tip.copy()
             self.attempts += 1
@@ -366,7 +268,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
             return self._again(tip, 0.0, -s.forward_m - s.back_m, "no neck met: back")
         # Keeps the bridge on the cap; the slope of a millimetre per 4 N is the beam's.
         down = np.clip(1e-4 * (z - s.press_down_N), -5e-4, 5e-4)
-        return self._to(tip + [0.0, 1e-3, down], s.slow_m_s)
+        return self._to(tip + np.array([0.0, 1e-3, down]), s.slow_m_s)
 
     def _rotate(self, seen: CapMoment, tip: np.ndarray) -> CapCommand:
         s, moment = self.settings, seen.moment_Nm[0]
@@ -382,9 +284,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
                 seen, tip, f"turned by {math.degrees(turned):.0f} deg, M_x at most {self._peak:.2f} Nm"
             )
         angle = min(turned + 0.1, s.turn_rad)
-        return CapCommand(
-            True, _vector(self._start), _tilted(self._turn, angle), s.turn_m_s
-        )
+        return CapCommand(True, _vector(self._start), _tilted(self._turn, angle), s.turn_m_s)
 
     def _leave_now(self, seen: CapMoment, tip: np.ndarray, why: str) -> CapCommand:
         self._start = tip.copy()
@@ -419,13 +319,16 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
                 self.end(True, CapOutcome.OPENED, f"M_x {moment:+.2f} Nm and no cap on the bottle")
                 return _STOP
             return self._fail(
-                CapOutcome.NOT_VERIFIED, "the cap is not seen, but no moment broke down: the view may be blocked"
+                CapOutcome.NOT_VERIFIED,
+                "the cap is not seen, but no moment broke down: the view may be blocked",
             )
         if self.attempts >= s.attempts:
             if any(self._looks):
                 return self._fail(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
             return self._fail(CapOutcome.NOT_VERIFIED, f"M_x {moment:+.2f} Nm in the air")
-        # Where it was felt is better than where it is seen; only the height is felt anew.
+        # Where it was felt is better than where it is seen. A hook that slipped off is held otherwise
+        # the next time: lower, higher, and pressed on harder.
+        self._turn = np.array(_tilted(self._upright, s.tilts_rad[self.attempts % len(s.tilts_rad)]))
         self.go(CapState.APPROACH, "cap still seen: once more")
         return self._approach(seen, tip)
 
@@ -436,7 +339,7 @@ class CrownCapTask(Machine[CapState, CapMoment, CapCommand]):
         return _STOP
 
     def _above(self, height_m: float) -> np.ndarray:
-        return np.asarray(self._cap + [0.0, 0.0, height_m])
+        return np.asarray(self._cap + np.array([0.0, 0.0, height_m]))
 
     def _down(self, start: np.ndarray) -> CapCommand:
         return self._to(start - [0.0, 0.0, 1e-3], self.settings.slow_m_s)
@@ -503,7 +406,11 @@ def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) 
 
 def _moment(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) -> CapMoment:
     _, pose = arm.pose()
-    cap = pose.apply(np.asarray(sighting.position_tip_m, dtype=np.float64)) if sighting.valid else np.full(3, math.nan)
+    cap = (
+        pose.apply(np.asarray(sighting.position_tip_m, dtype=np.float64))
+        if sighting.valid
+        else np.full(3, math.nan)
+    )
     felt = wrench.valid and bool(np.isfinite(wrench.force_N).all() and np.isfinite(wrench.moment_Nm).all())
     seen = bool(sighting.valid and np.isfinite(cap).all())
     return CapMoment(

@@ -47,7 +47,7 @@ class Rule(Generic[StateT]):
 class Machine(ABC, Generic[StateT, SeenT, ToldT]):
     """A task as states, allowed transitions, time-outs and an ending.
 
-    Subclasses set ``task`` and ``rules`` (the first state begins) and write
+    Subclasses set ``task`` and ``rules`` (the first state is the beginning) and write
     ``decide`` and ``halt``. In ``decide`` they call :meth:`go` to change the
     state and :meth:`end` to finish.
 
@@ -82,7 +82,7 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
     """
 
     task: ClassVar[str]
-    rules: ClassVar[Mapping[Any, Rule[Any]]]
+    rules: Mapping[Any, Rule[Any]]  #: a class attribute, or set before ``super().__init__``
 
     def __init__(self, settings: object = None) -> None:
         self._settings = {} if settings is None else encoded(settings)
