@@ -35,6 +35,7 @@ CAMPAIGNS = (
     "beam",
     "build_faults",
     "completion",
+    "crown_cap",
     "foam_faults",
     "foam_tags",
     "nav_push",
