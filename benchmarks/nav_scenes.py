@@ -34,7 +34,7 @@ from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
 
-LIMITS = SearchLimits(expansions=1500, first_expansions=300, work_cells=60_000_000)
+LIMITS = SearchLimits(expansions=90, first_expansions=15, hasty_expansions=60)
 
 
 def plan(problem: PlanningProblem) -> Any:

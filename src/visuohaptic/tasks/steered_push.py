@@ -28,6 +28,8 @@ from ..errors import InputError
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
 
 Pose = Float[np.ndarray, "3"]
+#: Readings after the first touch that are the foam's blow, not friction.
+FIRST_BLOW = 10
 
 
 class PushEnd(StrEnum):
@@ -120,11 +122,15 @@ class SteeredPush:
 
     @property
     def force_N(self) -> tuple[float, float]:
-        """Largest force of the first 3 cm or so, and the median of the rest; NaN without touch."""
+        """Largest force that lasted a tenth of a second, and the median of the rest; NaN without touch.
+
+        The blow of the first touch is left out.
+        """
         if not self._forces:
             return math.nan, math.nan
-        rest = self._forces[len(self._forces) // 3 :]
-        return float(np.quantile(self._forces, 0.9)), float(np.median(rest))
+        kept = np.array(self._forces[FIRST_BLOW:] or self._forces)
+        lasting = [float(np.median(kept[i : i + 5])) for i in range(max(1, len(kept) - 4))]
+        return max(lasting), float(np.median(kept[len(kept) // 3 :]))
 
     @property
     def turned_rad(self) -> float:

@@ -83,7 +83,7 @@ class TravelSettings:
     """What the text leaves open."""
 
     #: Room beside the robot that plans keep, tried in order [m]; cells and tracking take some of it
-    margins_m: tuple[float, ...] = (0.045, 0.03, 0.02, 0.005)
+    margins_m: tuple[float, ...] = (0.045, 0.025, 0.01)
     timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
     plans: int = 30  #: at most
     drive_stall_s: float = 5.0  #: without getting on
@@ -94,6 +94,8 @@ class TravelSettings:
     moved_m: float = 0.015  #: an object that went less has not moved
     failures: int = 4  #: pushes of one object that may fail before it counts as fixed
     look_s: float = 0.1  #: between looks during a push
+    near_m: float = 0.03  #: an object that ends so near to its goal, and turned so little, needs no new plan
+    near_rad: float = 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,6 +164,7 @@ class _Machine:
     plans: int = 0
     forgiven: int = 0
     length_m: float = 0.0
+    as_planned: bool = False  #: the last push did what the plan said
     behind_m: float = 0.0  #: so far straight behind the robot is known to be free
 
     def __post_init__(self) -> None:
@@ -278,7 +281,7 @@ class _Machine:
         self._look_around()
         new = point is not None and self.memory.touched(np.array(point))
         self._note(event, force_N=force_N, point_m=list(point) if point else [], new=new)
-        self.behind_m = self.settings.back_off_m
+        self.behind_m, self.as_planned = self.settings.back_off_m, False
         return TravelState.BACK_OFF
 
     def _back_off(self) -> TravelState:
@@ -292,6 +295,9 @@ class _Machine:
             self.base.drive(-0.1, 0.0)
             self.wait(PERIOD_S)
         self._halt()
+        if self.as_planned:
+            self.tasks.pop(0)
+            return self._next()
         return TravelState.PLAN
 
     # ---- touching
@@ -303,6 +309,14 @@ class _Machine:
         push = self._pushed(task, length_m)
         self.pushes += 1
         item = self.memory.item(task.object)
+        seen = self._look(task.object)
+        self.as_planned = (
+            push.end is PushEnd.DONE
+            and seen is not None
+            and task.goal_m is not None
+            and float(np.hypot(*(seen[:2] - task.goal_m))) < self.settings.near_m
+            and abs(push.turned_rad) < self.settings.near_rad
+        )
         moved = float(push.moved_m[0])
         good = moved > max(self.settings.moved_m, 0.5 * length_m)
         if good or moved > self.settings.moved_m:
@@ -316,7 +330,7 @@ class _Machine:
             self.memory.learn_centre(task.object, _direction(task), beside)
         self._note(
             "pushed", task.object, end=str(push.end), moved_m=[float(v) for v in push.moved_m],
-            turned_rad=push.turned_rad, length_m=length_m, force_N=_finite(push.force_N[1]), known=item.tag is not None,
+            turned_rad=push.turned_rad, length_m=length_m, as_planned=self.as_planned, force_N=_finite(push.force_N[1]), known=item.tag is not None,
         )  # fmt: skip
         return TravelState.BACK_OFF
 
@@ -330,6 +344,8 @@ class _Machine:
         moved = float(push.moved_m[0]) > self.settings.moved_m
         first, rest = push.force_N
         observed = math.isfinite(first)
+        # What has moved can be moved: the readings' noise must not say otherwise.
+        first, rest = (min(force, 0.95 * self.problem.robot.push_force_max_N) for force in (first, rest))
         tag = HapticTag(
             static_friction_N=Estimate(first, 0.1 * first) if observed and moved else None,
             dynamic_friction_N=Estimate(rest, 0.1 * rest) if observed and moved else None,
@@ -338,6 +354,7 @@ class _Machine:
             failed=0 if moved else 1,
         )
         self.memory.explored(task.object, tag)
+        self.as_planned = False
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
         return TravelState.BACK_OFF
 
