@@ -311,11 +311,28 @@ def free_push_steps(
             leans[i] = True
     moved = polygon.copy()
     count = len(other_start) - 1
+    boxes = np.empty((count, 4))
+    for o in range(count):
+        part = others[other_start[o] : other_start[o + 1]]
+        boxes[o, 0], boxes[o, 1] = part[:, 0].min(), part[:, 1].min()
+        boxes[o, 2], boxes[o, 3] = part[:, 0].max(), part[:, 1].max()
+    x0, y0, x1, y1 = polygon[:, 0].min(), polygon[:, 1].min(), polygon[:, 0].max(), polygon[:, 1].max()
+    near = np.zeros(count, np.bool_)
     for step in range(1, 2 * limit + 1):
         t = 0.5 * step
         x, y = robot_x + t * dir_x, robot_y + t * dir_y
         if clearance_at(clearance, x, y) < radius - 0.05:
             return (step - 1) // 2
+        dx, dy = t * dir_x, t * dir_y
+        close = False
+        for o in range(count):
+            near[o] = (
+                x0 + dx <= boxes[o, 2]
+                and x1 + dx >= boxes[o, 0]
+                and y0 + dy <= boxes[o, 3]
+                and y1 + dy >= boxes[o, 1]
+            )
+            close = close or near[o]
         for i in range(k):
             px, py = outline[i, 0] + t * dir_x, outline[i, 1] + t * dir_y
             r, c = int(math.floor(py)), int(math.floor(px))
@@ -324,8 +341,10 @@ def free_push_steps(
             if not leans[i] and occupied[r, c]:
                 return (step - 1) // 2
             for o in range(count):
-                if inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
+                if near[o] and inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
                     return (step - 1) // 2
+        if not close:
+            continue
         for i in range(len(polygon)):
             moved[i, 0] = polygon[i, 0] + t * dir_x
             moved[i, 1] = polygon[i, 1] + t * dir_y

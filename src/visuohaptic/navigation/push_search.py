@@ -10,9 +10,13 @@ much, so the first solution taken from the queue is the cheapest of the model.
 A push that frees no cell beside the goal's component needs another one after
 it, and is charged for that at once.
 
-A first pass takes pushes that open nothing in lengths of 1 to 6, 8, 12 ... cells
-only; where it finds nothing in its budget others take all lengths and trade
-cost for speed.
+A hasty pass comes first: it prefers pushes that open anything the robot could
+not reach, so that passages in series cost one after the other and not all
+combinations. What it finds bounds the passes after it.
+
+The next pass takes pushes that open nothing in lengths of 1 to 6, 8, 12 ...
+cells only; where it finds nothing in its budget, nor had the hasty one, others
+take all lengths and trade cost for speed.
 
 Completeness: of all sequences of straight pushes through the centre, from the
 contacts of :func:`~visuohaptic.navigation.push_contacts.push_contacts`, by
@@ -40,6 +44,8 @@ STAND_OFF = 0.6
 GOAL_SLACK = 0.25
 #: ... and where it stands off an object.
 STAND_SLACK = 0.15
+#: The hasty pass believes the rest to cost so many times its estimate.
+HASTY_GREED = 1.5
 #: More than this the lower bound does not charge for a body [s]: the queue of the field grows with it.
 MAX_CHARGE_S = 60.0
 
@@ -50,6 +56,7 @@ class SearchLimits:
 
     expansions: int = 6000  #: configurations looked at before giving up
     pushes: int = 12  #: in one plan, at most
+    hasty_expansions: int = 120  #: of the pass that opens one passage after the other, for any plan at all
     first_expansions: int = 400  #: of the pass that looks for the cheapest plan
     #: of the passes after it, which share the budget: at most so many times as dear, found the sooner
     greed: tuple[float, ...] = (2.0, 8.0)
@@ -156,7 +163,8 @@ class _Search:
         costs: PushCosts,
         limits: SearchLimits,
     ) -> None:
-        self.fine, self.greed = True, 1.0
+        self.fine, self.greed, self.hasty = True, 1.0, False
+        self.known = float("inf")  # cost of a plan that there is already [units]
         from ._push_search_kernels import FAR, UNITS
 
         self.world, self.start, self.goal, self.costs, self.limits = world, start, goal, costs, limits
@@ -266,7 +274,7 @@ class _Search:
         seen = _Seen(self.limits.memory_cells)
         queue: list[tuple[float, int, _State, bool]] = [(0.0, 0, first, False)]
         ticket = expanded = 0
-        best = float("inf")
+        best = self.known
         cut = False
         while queue:
             bound, _, state, arrived = heapq.heappop(queue)
@@ -286,6 +294,8 @@ class _Search:
             expanded += 1
             finished, children = self._expand(state, best, seen)
             if finished is not None and finished < best:
+                if self.hasty and state.depth == 0:
+                    return SearchResult(True, (), finished / self.units, expanded)
                 best = finished
                 ticket += 1
                 heapq.heappush(queue, (finished, ticket, state, True))
@@ -346,7 +356,10 @@ class _Search:
             if least < self.far:
                 finished = state.spent + least
         beyond = None
-        if finished is None:
+        if finished is None and self.hasty:
+            # Anything that the robot can't reach yet is worth opening: doors in series open one by one.
+            beyond = (clearance.ravel() >= world.radius) & (cost >= self.far)
+        elif finished is None:
             beyond = flood(clearance, world.radius, goal_cells)
         children: list[tuple[float, _State]] = []
         limit = min(best, finished if finished is not None else np.inf)
@@ -419,11 +432,17 @@ class _Search:
                     without, beyond, self.goal_cells, body.outline + shift,
                     contact.direction[0], contact.direction[1], world.radius, steps,
                 )  # fmt: skip
-                left = np.where(opens[1:], left, np.maximum(left, free[at] * ~near_wall + self.least))
+                if self.hasty:
+                    left = np.where(opens[1:], left, left + max(relief, self.leasts[index]))
+                else:
+                    left = np.where(opens[1:], left, np.maximum(left, free[at] * ~near_wall + self.least))
             spent = state.spent + approach + table[1 : steps + 1]
             estimate = spent + left * self.greed
             wanted = (estimate < limit) & (left < self.far)
-            if not self.fine:
+            if self.hasty:
+                first = int(opens[1:].argmax()) if opens[1:].any() else steps
+                wanted &= (lengths - 1 == first) | (lengths - 1 == first + 2) | (lengths % 6 == 0)
+            elif not self.fine:
                 wanted &= opens[1:] | (lengths <= 6) | (lengths % 4 == 0)
             for i in np.flatnonzero(wanted):
                 after = state.shifts.copy()
@@ -431,7 +450,7 @@ class _Search:
                 step = PushStep(index, number, int(lengths[i]), state.shifts, after, stand, touch, ends[i])
                 child = _State(
                     float(spent[i]), ends[i], after, state.pushed | 1 << index, state, step,
-                    state.depth + 1, bool(opens[i + 1]), False,
+                    state.depth + 1, bool(opens[i + 1]), self.hasty,
                 )  # fmt: skip
                 found.append((float(estimate[i]), child))
         return found
@@ -482,11 +501,21 @@ def search_pushes(
     limits = limits or SearchLimits()
     search = _Search(world, start, goal, costs or PushCosts(), limits)
     search.fine = False
+    hasty = SearchResult(False)
+    if world.bodies and limits.hasty_expansions:
+        search.hasty, search.greed = True, HASTY_GREED
+        hasty = search.run(limits.hasty_expansions)
+        search.hasty, search.greed = False, 1.0
+        if hasty.found:
+            search.known = hasty.cost * search.units + 1.0
     first = search.run(min(limits.first_expansions, limits.expansions))
     if first.found or not world.bodies:
-        return first
+        return replace(first, expanded=first.expanded + hasty.expanded)
+    if hasty.found:
+        # Nothing cheaper in the budget, or nothing cheaper at all.
+        return replace(hasty, expanded=first.expanded + hasty.expanded, exhausted=first.exhausted)
     search.fine = True
-    expanded = first.expanded
+    expanded = first.expanded + hasty.expanded
     for greed in limits.greed:
         search.greed = greed
         found = search.run(max(1, limits.expansions // len(limits.greed)))

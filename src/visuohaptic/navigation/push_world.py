@@ -6,7 +6,7 @@ the rows of the map, so that a turned origin needs no thought further in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -174,7 +174,7 @@ def push_world(
                 outline,
                 _samples(outline),
                 centre,
-                push_contacts(outline, centre, radius, oblique=oblique),
+                _contacts(item, grid, outline, centre, radius, oblique),
                 allowed,
             )
         )
@@ -193,6 +193,22 @@ def push_world(
         tuple(fixed),
         why,
     )
+
+
+def _contacts(
+    item: MovableObject,
+    grid: OccupancyMap,
+    outline: Float[np.ndarray, "p 2"],
+    centre: Float[np.ndarray, "2"],
+    radius: float,
+    oblique: bool,
+) -> tuple[PushContact, ...]:
+    """Stable pushes through the centre of friction, told from the centroid."""
+    aside = grid_from_world(grid, item.centre_m + np.array(item.friction_offset_m)) - centre
+    found = push_contacts(outline, centre + aside, radius, oblique=oblique)
+    if not aside.any():
+        return found
+    return tuple(replace(push, contact=push.contact + aside, robot=push.robot + aside) for push in found)
 
 
 def _distance(

@@ -53,11 +53,19 @@ def after_push(
     return _with(problem, moved, robot_m, OccupancyMap(cells, grid.resolution_m, grid.origin))
 
 
-def after_failure(problem: PlanningProblem, id: str, robot_m: Float[np.ndarray, "2"]) -> PlanningProblem:
-    """After a failure: the counter grows, and no plan goes through this object until it was explored again."""
+def after_failure(
+    problem: PlanningProblem, id: str, robot_m: Float[np.ndarray, "2"], *, fixed: bool = True
+) -> PlanningProblem:
+    """After a failure: the counter grows.
+
+    With ``fixed`` no plan goes through this object until it was explored again;
+    without, as after an object that slipped away, the next push is only thought less reliable.
+    """
     item = _object(problem, id)
     tag = item.tag or HapticTag()
-    failed = tag.updated(explored=tag.explored + 1, failed=tag.failed + 1, fixed=True)
+    failed = tag.updated(explored=tag.explored + 1, failed=tag.failed + 1)
+    if fixed:
+        failed = failed.updated(fixed=True)
     return _with(problem, replace(item, tag=failed), robot_m)
 
 

@@ -1,0 +1,472 @@
+"""Drive to a goal and push what is in the way: plan, execute, look, plan again (Alt 2016, Sec. 4.2 to 4.4).
+
+The machine has few states::
+
+    PLAN -> DRIVE -> PUSH or EXPLORE -> BACK_OFF -> PLAN ... -> ARRIVED or FAILED
+
+It knows the robot as a :class:`~visuohaptic.robots.MobileBase` and what it
+perceives as :class:`TravelSenses`; whether these are real it never asks.
+After every push it looks where the object is, takes down how the push went
+(counters of the tag, centre of friction), and plans again: a manipulation
+node whose object was moved away is a navigation node then, and one that
+failed is avoided (Sec. 4.2.1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+from ..navigation.controller import FollowLimits, PathFollower
+from ..navigation.grid import SpeedLimits, grid_layers
+from ..navigation.plan import Plan, Task
+from ..navigation.problem import PlanningProblem
+from ..navigation.strategies import make_plan
+from ..objects import Estimate, HapticTag
+from ..robots import BaseState, MobileBase
+from .steered_push import PushEnd, PushSettings, SteeredPush
+from .travel_memory import TravelMemory
+from .travel_trace import TravelRecord
+
+__all__ = ["Travel", "TravelOutcome", "TravelSenses", "TravelSettings", "TravelState", "travel"]
+
+PERIOD_S = 0.02
+
+
+@runtime_checkable
+class TravelSenses(Protocol):
+    """What is perceived on the way."""
+
+    def pose(self) -> tuple[float, float, float]:
+        """Where the robot is in the map: x, y [m], heading [rad]."""
+
+    def touch(self) -> tuple[float, tuple[float, float] | None]:
+        """Force on the rim [N], and where it acts in the map [m]; 0 and ``None`` without touch."""
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
+
+        ``None`` when it can't be seen now.
+        """
+
+
+class TravelState(StrEnum):
+    """Of the machine."""
+
+    PLAN = "plan"
+    DRIVE = "drive"
+    PUSH = "push"
+    EXPLORE = "explore"
+    BACK_OFF = "back off"
+    ARRIVED = "arrived"
+    FAILED = "failed"
+
+
+class TravelOutcome(StrEnum):
+    """How the travel ended."""
+
+    ARRIVED = "arrived"
+    NO_PLAN = "no plan"
+    TIMED_OUT = "timed out"
+    GAVE_UP = "gave up"  #: after too many plans
+
+
+@dataclass(frozen=True, slots=True)
+class TravelSettings:
+    """What the text leaves open."""
+
+    #: Room beside the robot that plans keep, tried in order [m]; cells and tracking take some of it
+    margins_m: tuple[float, ...] = (0.045, 0.025, 0.01)
+    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
+    plans: int = 30  #: at most
+    drive_stall_s: float = 5.0  #: without getting on
+    bump_N: float = 3.0  #: force that ends a drive, when it lasts
+    bump_s: float = 0.4
+    back_off_m: float = 0.10
+    explore_m: float = 0.06  #: length of the push that explores
+    moved_m: float = 0.015  #: an object that went less has not moved
+    failures: int = 4  #: pushes of one object that may fail before it counts as fixed
+    look_s: float = 0.1  #: between looks during a push
+    near_m: float = 0.03  #: an object that ends so near to its goal, and turned so little, needs no new plan
+    near_rad: float = 0.12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Travel:
+    """The result."""
+
+    outcome: TravelOutcome
+    trace: tuple[TravelRecord, ...]
+    problem: PlanningProblem  #: as it is believed at the end: map, footprints, tags
+    duration_s: float
+    length_m: float  #: driven, without backing off
+    pushes: int
+    plans: int
+    reason: str = ""
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the robot is at the goal."""
+        return self.outcome is TravelOutcome.ARRIVED
+
+
+def travel(
+    problem: PlanningProblem,
+    base: MobileBase,
+    senses: TravelSenses,
+    wait: Callable[[float], None],
+    settings: TravelSettings | None = None,
+    *,
+    plan: Callable[[PlanningProblem], Plan] = make_plan,
+) -> Travel:
+    """Drive to the problem's goal.
+
+    Parameters
+    ----------
+    problem
+        Map, tagged objects, robot, goal; its start is replaced by where the robot is.
+    base, senses
+        The robot.
+    wait
+        Called with the period [s] after every command: sleeps, or lets simulated time pass.
+    settings
+        Limits.
+    plan
+        The planner; asked with a robot that is larger by a margin.
+    """
+    return _Machine(problem, base, senses, wait, settings or TravelSettings(), plan).run()
+
+
+@dataclass(slots=True, eq=False)
+class _Machine:
+    problem: PlanningProblem
+    base: MobileBase
+    senses: TravelSenses
+    wait: Callable[[float], None]
+    settings: TravelSettings
+    planner: Callable[[PlanningProblem], Plan]
+    memory: TravelMemory = field(init=False)
+    trace: list[TravelRecord] = field(default_factory=list)
+    tasks: list[Task] = field(default_factory=list)
+    state: TravelState = TravelState.PLAN
+    reason: str = ""
+    outcome: TravelOutcome | None = None
+    margin_m: float = 0.0
+    clearance: Callable[[Float[np.ndarray, "2"]], float] = field(default=lambda _: math.inf)
+    pushes: int = 0
+    plans: int = 0
+    forgiven: int = 0
+    length_m: float = 0.0
+    as_planned: bool = False  #: the last push did what the plan said
+    behind_m: float = 0.0  #: so far straight behind the robot is known to be free
+
+    def __post_init__(self) -> None:
+        self.memory = TravelMemory(self.problem)
+
+    def run(self) -> Travel:
+        """From state to state until the end."""
+        begin_s = self.base.state().t_s
+        steps = {
+            TravelState.PLAN: self._plan,
+            TravelState.DRIVE: self._drive,
+            TravelState.PUSH: self._push,
+            TravelState.EXPLORE: self._explore,
+            TravelState.BACK_OFF: self._back_off,
+        }
+        try:
+            while self.state in steps:
+                if self.base.state().t_s - begin_s > self.settings.timeout_s:
+                    self._end(TravelOutcome.TIMED_OUT, f"after {self.settings.timeout_s:.0f} s")
+                    break
+                self.state = steps[self.state]()
+        finally:
+            self.base.stop()
+        assert self.outcome is not None
+        end_s = self.base.state().t_s
+        return Travel(
+            self.outcome,
+            tuple(self.trace),
+            self.memory.problem(self._pose()),
+            end_s - begin_s,
+            self.length_m,
+            self.pushes,
+            self.plans,
+            self.reason,
+        )
+
+    # ---- planning
+
+    def _plan(self) -> TravelState:
+        """Look around, and ask the planner with the largest margin that lets it find something."""
+        if self.plans >= self.settings.plans:
+            return self._end(TravelOutcome.GAVE_UP, f"after {self.plans} plans")
+        self._look_around()
+        best = None
+        for margin_m in self.settings.margins_m:
+            problem = self.memory.problem(self._pose(), margin_m)
+            found = self.planner(problem)
+            self.plans += 1
+            self._note(
+                "planned", margin_m=margin_m, reachable=found.reachable, cost_s=_finite(found.cost_s),
+                tasks=[f"{task.kind} {task.object}".strip() for task in found.tasks], reason=found.reason,
+            )  # fmt: skip
+            if found.reachable:
+                best = found
+                break
+        if best is None:
+            if self.memory.forgive():
+                self._note("forgiven")
+                return TravelState.PLAN
+            return self._end(TravelOutcome.NO_PLAN, found.reason)
+        self.margin_m, self.tasks = margin_m, list(best.tasks)
+        self.clearance = _clearance(problem)
+        return self._next()
+
+    def _next(self) -> TravelState:
+        """State of the next task."""
+        if not self.tasks:
+            return self._end(TravelOutcome.ARRIVED, "")
+        return {
+            "navigate": TravelState.DRIVE,
+            "push": TravelState.PUSH,
+            "explore": TravelState.EXPLORE,
+        }.get(self.tasks[0].kind, TravelState.PLAN)
+
+    # ---- driving
+
+    def _drive(self) -> TravelState:
+        task = self.tasks[0]
+        robot = self.problem.robot
+        limits = FollowLimits(
+            robot.radius_m + self.margin_m, robot.v_max_m_s, min(robot.v_min_m_s, robot.v_max_m_s)
+        )
+        follower = PathFollower(np.array(task.path_m), limits, clearance=self.clearance)
+        pose = last = self._pose()
+        moved_s = begin_s = self._now()
+        bumped_s = math.nan
+        force = 0.0
+        while True:
+            pose = self._pose()
+            t_s = self._now()
+            speed, turn = follower.command(BaseState(t_s, *pose, 0.0, 0.0))
+            if follower.done:
+                self.base.stop()
+                self.length_m += task.length_m
+                self.tasks.pop(0)
+                self.behind_m = 0.0
+                self._note("drove", seconds=t_s - begin_s)
+                return self._next()
+            if np.hypot(*(pose[:2] - last[:2])) > 0.02 or abs(_wrap(pose[2] - last[2])) > 0.1:
+                last, moved_s = pose, t_s
+            force = self.senses.touch()[0]
+            if force < self.settings.bump_N or math.isnan(bumped_s):
+                bumped_s = t_s
+            stalled = t_s - moved_s > self.settings.drive_stall_s
+            if stalled or t_s - bumped_s > self.settings.bump_s or t_s - begin_s > 20.0 + 10 * task.cost_s:
+                return self._bumped("stalled" if stalled else "bumped", force)
+            self.base.drive(speed, turn)
+            self.wait(PERIOD_S)
+
+    def _bumped(self, event: str, force_N: float) -> TravelState:
+        """Something is where the map has nothing: remember it, back off, plan again."""
+        self.base.stop()
+        point = self.senses.touch()[1]
+        self._look_around()
+        new = point is not None and self.memory.touched(np.array(point))
+        self._note(event, force_N=force_N, point_m=list(point) if point else [], new=new)
+        self.behind_m, self.as_planned = self.settings.back_off_m, False
+        return TravelState.BACK_OFF
+
+    def _back_off(self) -> TravelState:
+        """Straight back, over floor that it has just driven on."""
+        begin, begin_s = self._pose(), self._now()
+        while True:
+            pose = self._pose()
+            gone = float(np.hypot(*(pose[:2] - begin[:2])))
+            if gone >= self.behind_m or self._now() - begin_s > 4.0 + self.behind_m / 0.05:
+                break
+            self.base.drive(-0.1, 0.0)
+            self.wait(PERIOD_S)
+        self._halt()
+        if self.as_planned:
+            self.tasks.pop(0)
+            return self._next()
+        return TravelState.PLAN
+
+    # ---- touching
+
+    def _push(self) -> TravelState:
+        task = self.tasks[0]
+        assert task.displacement_m is not None
+        length_m = float(np.hypot(*task.displacement_m))
+        push = self._pushed(task, length_m)
+        self.pushes += 1
+        item = self.memory.item(task.object)
+        seen = self._look(task.object)
+        self.as_planned = (
+            push.end is PushEnd.DONE
+            and seen is not None
+            and task.goal_m is not None
+            and float(np.hypot(*(seen[:2] - task.goal_m))) < self.settings.near_m
+            and abs(push.turned_rad) < self.settings.near_rad
+        )
+        moved = float(push.moved_m[0])
+        good = moved > max(self.settings.moved_m, 0.5 * length_m)
+        if good or moved > self.settings.moved_m:
+            self.memory.pushed(task.object, failed=not good)
+        else:
+            fixed = (
+                push.end is PushEnd.STALLED or self.memory.failures(task.object) + 1 >= self.settings.failures
+            )
+            self.memory.refused(task.object, fixed=fixed)
+        if (beside := push.centre_beside_m()) is not None:
+            self.memory.learn_centre(task.object, _direction(task), beside)
+        self._note(
+            "pushed", task.object, end=str(push.end), moved_m=[float(v) for v in push.moved_m],
+            turned_rad=push.turned_rad, length_m=length_m, as_planned=self.as_planned, force_N=_finite(push.force_N[1]), known=item.tag is not None,
+        )  # fmt: skip
+        return TravelState.BACK_OFF
+
+    def _explore(self) -> TravelState:
+        """Touch, push a little, and take down a tag; the next plan decides."""
+        task = self.tasks[0]
+        after = next((t for t in self.tasks[1:] if t.kind == "push" and t.object == task.object), None)
+        if after is None:
+            return TravelState.PLAN
+        push = self._pushed(after, self.settings.explore_m)
+        moved = float(push.moved_m[0]) > self.settings.moved_m
+        first, rest = push.force_N
+        observed = math.isfinite(first)
+        # What has moved can be moved: the readings' noise must not say otherwise.
+        first, rest = (min(force, 0.95 * self.problem.robot.push_force_max_N) for force in (first, rest))
+        tag = HapticTag(
+            static_friction_N=Estimate(first, 0.1 * first) if observed and moved else None,
+            dynamic_friction_N=Estimate(rest, 0.1 * rest) if observed and moved else None,
+            fixed=not moved,
+            explored=1,
+            failed=0 if moved else 1,
+        )
+        self.memory.explored(task.object, tag)
+        self.as_planned = False
+        self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
+        return TravelState.BACK_OFF
+
+    def _pushed(self, task: Task, length_m: float) -> SteeredPush:
+        """Turn to the object, push it, stop."""
+        direction = _direction(task)
+        stand = np.array(task.path_m[0])
+        self._turn_to(direction)
+        robot = self.problem.robot
+        place = self._look(task.object)
+        offset, lever = self.memory.friction(task.object)
+        speed = min(robot.v_push_m_s, robot.v_max_m_s)
+        push = SteeredPush(
+            stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever,
+            settings=PushSettings(
+                radius_m=robot.radius_m, speed_m_s=speed, search_m=0.15 + 2 * self.margin_m,
+                timeout_s=30.0 + 3.0 * length_m / speed,
+            ),
+        )  # fmt: skip
+        begin = self._pose()
+        looked_s = -math.inf
+        seen = place
+        while True:
+            t_s = self._now()
+            if t_s - looked_s >= self.settings.look_s:
+                seen, looked_s = self._look(task.object), t_s
+            force, point = self.senses.touch()
+            speed_m_s, turn = push.command(t_s, self._pose(), force, point, seen)
+            if push.end is not None:
+                break
+            self.base.drive(speed_m_s, turn)
+            self.wait(PERIOD_S)
+        self._halt()
+        gone = float(np.hypot(*(self._pose()[:2] - begin[:2])))
+        self.length_m += gone
+        self.behind_m = min(self.settings.back_off_m, gone + 0.02)
+        return push
+
+    def _turn_to(self, heading_rad: float) -> None:
+        begin_s = self._now()
+        while self._now() - begin_s < 20.0:
+            error = _wrap(heading_rad - self._pose()[2])
+            if abs(error) < 0.02:
+                break
+            self.base.drive(0.0, math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error))
+            self.wait(PERIOD_S)
+        self._halt()
+
+    def _halt(self) -> None:
+        """Stand still."""
+        self.base.stop()
+        for _ in range(50):
+            self.wait(PERIOD_S)
+            state = self.base.state()
+            if abs(state.speed_m_s) < 1e-3 and abs(state.turn_rate_rad_s) < 1e-3:
+                break
+
+    # ---- perceiving
+
+    def _now(self) -> float:
+        return self.base.state().t_s
+
+    def _pose(self) -> Float[np.ndarray, "3"]:
+        return np.array(self.senses.pose())
+
+    def _look(self, id: str) -> Float[np.ndarray, "3"] | None:
+        seen = self.senses.look(id)
+        return None if seen is None else np.array(seen)
+
+    def _look_around(self) -> None:
+        for item in self.problem.objects:
+            seen = self._look(item.id)
+            if seen is not None and self.memory.seen(item.id, seen):
+                self._note("looked", item.id, place_m=[float(value) for value in seen])
+
+    def _note(self, event: str, object: str = "", **values: Any) -> None:
+        x, y, heading = (float(value) for value in self._pose())
+        self.trace.append(TravelRecord(self._now(), str(self.state), event, (x, y, heading), object, values))
+
+    def _end(self, outcome: TravelOutcome, reason: str) -> TravelState:
+        self.outcome, self.reason = outcome, reason
+        arrived = outcome is TravelOutcome.ARRIVED
+        self._note(str(outcome), reason=reason)
+        return TravelState.ARRIVED if arrived else TravelState.FAILED
+
+
+def _clearance(problem: PlanningProblem) -> Callable[[Float[np.ndarray, "2"]], float]:
+    """Distance to the nearest obstacle at a point, from the map that was planned in."""
+    robot = problem.robot
+    layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
+    distance, grid = layers.distance_m, problem.map
+    x, y, yaw = grid.origin
+    c, s, scale = math.cos(yaw), math.sin(yaw), 1.0 / grid.resolution_m
+    rows, columns = grid.shape
+
+    def clearance(point: Float[np.ndarray, "2"]) -> float:
+        dx, dy = float(point[0]) - x, float(point[1]) - y
+        column, row = int((c * dx + s * dy) * scale), int((c * dy - s * dx) * scale)
+        return float(distance[row, column]) if 0 <= row < rows and 0 <= column < columns else 0.0
+
+    return clearance
+
+
+def _direction(task: Task) -> float:
+    if task.displacement_m is None:
+        raise InputError("travel", f"found a {task.kind} task without displacement_m, expected one")
+    return math.atan2(task.displacement_m[1], task.displacement_m[0])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _wrap(angle: float) -> float:
+    return math.atan2(math.sin(angle), math.cos(angle))

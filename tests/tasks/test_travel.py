@@ -1,0 +1,130 @@
+"""Travels in MuJoCo: through, around, refused, unknown."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.simulation.floor_senses import FloorSenses
+from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
+from visuohaptic.tasks.travel import TravelOutcome, TravelSenses, TravelSettings, travel
+from visuohaptic.tasks.travel_trace import final_places, trace_from_json, trace_to_json
+
+pytest.importorskip("mujoco")
+
+#: A wall with a door of 0.9 m.
+WALLS = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
+LIGHT = 8.0 / (9.81 * 0.3)
+
+
+def scene(
+    objects, masses, *, walls=WALLS, start=(0.7, 1.4), goal=(3.4, 1.4), seed=0, offset=(0.0, 0.0), robot=ROBOT
+):
+    problem = PlanningProblem(
+        with_objects(walls, objects), robot, np.array(start), np.array(goal), tuple(objects)
+    )
+    items = [
+        FloorItem(o.id, o.footprint_m, mass, 0.3, centre_offset_m=offset)
+        for o, mass in zip(objects, masses, strict=True)
+    ]
+    world = FloorWorld(walls, items, (*start, 0.3))
+    return problem, world, FloorSenses(world, np.random.default_rng(seed))
+
+
+def go(problem, world, senses, **settings):
+    return travel(problem, world.base, senses, world.step, TravelSettings(**settings))
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (0.02, -0.03)])
+def test_pushes_the_stool_out_of_the_door(offset):
+    stool = MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)
+    problem, world, senses = scene([stool], [LIGHT], offset=offset)
+    assert isinstance(senses, TravelSenses)
+    done = go(problem, world, senses)
+    assert done.arrived
+    assert done.pushes >= 1
+    assert np.hypot(*(world.pose_m()[:2] - problem.goal_m)) < 0.06
+    # It is where the memory says: looks err by 5 mm and 15 mrad.
+    believed = next(o for o in done.problem.objects if o.id == "stool")
+    truth = world.item_pose_m("stool")
+    assert np.hypot(*(believed.centre_m - truth[:2])) < 0.06
+    assert done.problem.objects[0].tag.explored > 1
+    places = final_places(done.trace)
+    assert not places or np.allclose(places["stool"][:2], believed.centre_m, atol=1e-6)
+    assert trace_from_json(json.loads(json.dumps(trace_to_json(done.trace))))[-1].event == "arrived"
+
+
+def test_a_second_run_is_the_same():
+    def run():
+        stool = MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)
+        return trace_to_json(go(*scene([stool], [LIGHT])).trace)
+
+    assert run() == run()
+
+
+def test_what_is_heavier_than_its_tag_is_left_and_passed_elsewhere():
+    walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 0.3), (1.9, 1.0, 2.0, 1.6), (1.9, 2.4, 2.0, 3.0)])
+    near = MovableObject("near", box(1.95, 2.0, 0.4), STOOL)
+    far = MovableObject("far", box(1.95, 0.65, 0.3), tag(static_friction_N=4.0, explored=1))
+    problem, world, senses = scene(
+        [near, far], [5 * LIGHT, 0.5 * LIGHT], walls=walls, start=(0.7, 2.0), goal=(3.4, 2.0)
+    )
+    done = go(problem, world, senses)
+    assert done.arrived
+    tags = {o.id: o.tag for o in done.problem.objects}
+    assert tags["near"].fixed
+    assert tags["near"].failed == 1
+    assert not tags["far"].fixed
+
+
+def test_an_unknown_object_is_explored_first():
+    thing = MovableObject("thing", box(1.95, 1.45, 0.4), None)
+    problem, world, senses = scene([thing], [LIGHT])
+    done = go(problem, world, senses)
+    assert done.arrived
+    assert any(record.event == "explored" for record in done.trace)
+    force = done.problem.objects[0].tag.static_friction_N
+    assert force is not None
+    assert force.value == pytest.approx(8.0, rel=0.3)
+
+
+def test_nothing_to_do_is_said():
+    block = MovableObject("block", box(1.95, 1.45, 0.5), tag(static_friction_N=15.3, fixed=True, explored=1))
+    done = go(*scene([block], [20.0]))
+    assert done.outcome is TravelOutcome.NO_PLAN
+    assert done.reason
+    assert done.trace[-1].state == "plan"
+
+
+def test_too_heavy_after_all_is_refused():
+    block = MovableObject("block", box(1.95, 1.45, 0.5), STOOL)
+    problem, world, senses = scene([block], [20.0])
+    done = go(problem, world, senses)
+    assert done.outcome is TravelOutcome.NO_PLAN
+    assert done.problem.objects[0].tag.fixed
+    assert np.hypot(*(world.item_pose_m("block")[:2] - block.centre_m)) < 0.05
+
+
+def test_time_is_limited():
+    problem, world, senses = scene([], [])
+    done = go(problem, world, senses, timeout_s=2.0)
+    assert done.outcome in (TravelOutcome.TIMED_OUT, TravelOutcome.ARRIVED)
+    slow = replace(problem, robot=replace(ROBOT, v_max_m_s=0.05))
+    problem, world, senses = scene([], [], robot=slow.robot)
+    late = go(problem, world, senses, timeout_s=1e-9)
+    assert late.outcome is TravelOutcome.TIMED_OUT
+
+
+def test_a_wall_that_the_map_does_not_have_is_entered_by_touch():
+    problem, _, _ = scene([], [])
+    hidden = WALLS.cells.copy()
+    hidden[20:33, 50] = 100  # in the way, at x = 2.5, from 1.0 to 1.65
+    world = FloorWorld(type(WALLS)(hidden, WALLS.resolution_m), [], (0.7, 1.4, 0.0))
+    done = go(problem, world, FloorSenses(world, np.random.default_rng(0)))
+    assert any(record.values.get("new") for record in done.trace)
+    assert done.arrived
