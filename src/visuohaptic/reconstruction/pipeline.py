@@ -18,6 +18,7 @@ from .fusion import TsdfVolume
 from .mesh import SurfaceMesh
 from .pose_refinement import refine_poses
 from .regions import TransparentRegion, outer_points, save_regions
+from .seen_through import without_seen_through
 from .sensor_noise import SENSOR_NOISE, SensorNoise
 from .transparency import TransparencyDetector
 from .volume import SpaceGrid, space_of_interest
@@ -103,10 +104,10 @@ def reconstruct(
         detector = TransparencyDetector(grid, noise)
         for frame in frames:
             detector.add(frame)
+    regions = detector.regions()
     surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m)
     for frame in frames:
-        surface.integrate(frame)
-    regions = detector.regions()
+        surface.integrate(without_seen_through(frame, regions))
     inside, score = detector.inside(), detector.score()
     points_m, scores = outer_points(inside, score, grid)
     kept = np.zeros(len(points_m), dtype=bool)
