@@ -364,7 +364,7 @@ class Completion:
             # The variance is smooth: every few vertices are enough, the others take their neighbour's.
             from scipy.spatial import cKDTree
 
-            some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 300)]
+            some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 150)]
             gaps, near = cKDTree(some).query(mesh.vertices_m, k=min(3, len(some)))
             share = 1 / np.maximum(gaps, 1e-9)
             values = self._fit.kriging_sigma_m(some) * self.calibration

@@ -82,7 +82,7 @@ def reconstruct(
     method
         ``consistency``, or ``published`` (Alt 2016, 5.2).
     refine
-        Whether poses are first fitted to each other (with ``consistency`` only).
+        Whether poses are first fitted to each other; without it ``published`` is as printed.
 
     Raises
     ------
@@ -94,10 +94,10 @@ def reconstruct(
             "reconstruct", f"found {method!r}, expected one of {', '.join(METHODS)}", field="method"
         )
     grid = grid or space_of_interest(frames)
+    if refine:
+        frames = refine_poses(frames, noise)
     detector: TransparencyDetector | ConsistencyDetector
     if method == "consistency":
-        if refine:
-            frames = refine_poses(frames, noise)
         detector = ConsistencyDetector(grid, noise)
         detector.run(frames)
     else:
@@ -105,7 +105,9 @@ def reconstruct(
         for frame in frames:
             detector.add(frame)
     regions = detector.regions()
-    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m)
+    # Without pictures there is no colour to average: black would look like one.
+    color = any(frame.color is not None for frame in frames)
+    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
     for frame in frames:
         surface.integrate(without_seen_through(frame, regions))
     inside, score = detector.inside(), detector.score()
