@@ -4,7 +4,7 @@ Of each bottle the middle 46 % of the height is cut out and touched, as planned
 and at random. The error is the mean square distance of a regular grid of the
 true wall from the estimated surface.
 
-    python -m benchmarks.completion --objects 700 --report out.json
+    python -m benchmarks.completion --objects 700 --report out.json   # goes on where it was stopped
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from visuohaptic.reconstruction.touch import Touch
 from visuohaptic.simulation.bottles import Bottle, random_bottle
 
 from . import harness
+from ._journal import Journal
 
 SEED = 20261121
 TOUCHES = 20
@@ -129,15 +130,27 @@ def blown_up(mse: list[float]) -> bool:
     return bool(((found > 2 * found[0]) & (found > 0.0005**2)).any() or jump.any())
 
 
-def study(objects: int, seed: int = SEED, *, touches: int = TOUCHES, priors: bool = True) -> dict[str, Any]:
-    """Planned and random exploration of many bottles."""
+def study(
+    objects: int,
+    seed: int = SEED,
+    *,
+    touches: int = TOUCHES,
+    priors: bool = True,
+    journal: Path | None = None,
+) -> dict[str, Any]:
+    """Planned and random exploration of many bottles; ``journal`` keeps each, so that a stopped study goes on."""
+    about = {"study": "completion", "seed": seed, "touches": touches, "priors": priors}
+    done = Journal(journal, about)
     runs: dict[str, list[dict[str, Any]]] = {"planned": [], "random": []}
     for number in range(objects):
-        for name in runs:
-            rng = np.random.default_rng([seed, number])
-            bottle = random_bottle(rng)
-            found = explore(bottle, rng, planned=name == "planned", priors=priors, touches=touches)
-            runs[name].append(found)
+        for name, found in runs.items():
+            key = f"{number} {name}"
+            if key not in done:
+                rng = np.random.default_rng([seed, number])
+                bottle = random_bottle(rng)
+                planned = name == "planned"
+                done.put(key, explore(bottle, rng, planned=planned, priors=priors, touches=touches))
+            found.append(done.rows[key])
     mean = {name: np.mean([run["mse"] for run in found], axis=0) for name, found in runs.items()}
     ratio = {
         name: np.mean([np.array(run["mse"]) / run["mse"][0] for run in found], axis=0)
@@ -274,7 +287,11 @@ if __name__ == "__main__":
     arguments = parser.parse_args()
     harness.use_one_thread()
     result = study(
-        arguments.objects, arguments.seed, touches=arguments.touches, priors=not arguments.no_priors
+        arguments.objects,
+        arguments.seed,
+        touches=arguments.touches,
+        priors=not arguments.no_priors,
+        journal=arguments.report and arguments.report.with_suffix(".jsonl"),
     )
     text = json.dumps(result, indent=1)
     if arguments.report:

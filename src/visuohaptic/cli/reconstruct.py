@@ -43,7 +43,9 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
     )
-    parser.add_argument("--no-refine", action="store_true", help="take the poses as they are")
+    parser.add_argument(
+        "--no-refine", action="store_true", help="take the poses as they are (published: as printed)"
+    )
     parser.add_argument(
         "--view", action="store_true", help="show the result in the browser until interrupted"
     )
@@ -108,10 +110,19 @@ def _show(found: Any, args: Arguments) -> None:
         raise MissingExtraError("viser", "view", "--view") from error
     server = viser.ViserServer(host="127.0.0.1", verbose=False)
     surface = found.surface
-    colours = (
-        np.full((len(surface.vertices_m), 3), 190, np.uint8) if surface.colors is None else surface.colors
+    middle, size_m = (
+        0.5 * (found.grid.low_m + found.grid.high_m),
+        float(np.ptp(surface.vertices_m, axis=0).max()),
     )
-    server.scene.add_point_cloud("surface", surface.vertices_m.astype(np.float32), colours, point_size=0.003)
+    server.scene.set_up_direction("+z")
+    server.initial_camera.look_at = middle
+    server.initial_camera.position = middle + size_m * np.array([0.7, -0.9, 0.6])
+    if surface.colors is None:
+        vertices = surface.vertices_m.astype(np.float32)
+        server.scene.add_mesh_simple("surface", vertices, surface.faces, color=(190, 190, 190), side="double")
+    else:
+        vertices = surface.vertices_m.astype(np.float32)
+        server.scene.add_point_cloud("surface", vertices, surface.colors, point_size=0.003)
     yellow = np.tile(np.array([[255, 210, 0]], np.uint8), (len(found.points_m), 1))
     server.scene.add_point_cloud("transparent", found.points_m.astype(np.float32), yellow, point_size=0.004)
     for k, region in enumerate(found.regions):

@@ -127,7 +127,7 @@ def background_model(
     noise: SensorNoise = SENSOR_NOISE["kinect"],
     *,
     least_views: int = 3,
-    erosion_px: int = 2,
+    erosion_px: int | None = None,
     weight: float = HELLINGER_WEIGHT,
 ) -> BackgroundModel:
     """Predict a view from others: z-buffered reprojection, mean, sigma, reliability.
@@ -143,7 +143,7 @@ def background_model(
     least_views
         Observations that a pixel needs.
     erosion_px
-        Margin that is taken off reliable regions [px].
+        Margin that is taken off reliable regions; by default that of the camera's edges, 2 px of a Kinect [px].
     weight
         w of Eq. (5.3).
 
@@ -166,6 +166,8 @@ def background_model(
     mean_m, sigma_m, score = (np.empty(shape, np.float32) for _ in range(3))
     numbers = (noise.quadratic_per_m, noise.constant_m, noise.offset_m, noise.tracking_m, weight)
     view_moments(warped, *(np.float32(number) for number in numbers), least_views, mean_m, sigma_m, score)
+    if erosion_px is None:
+        erosion_px = noise.edge_px(views[0].camera.focal_px)
     if erosion_px > 0:
         import cv2
 

@@ -39,6 +39,8 @@ _TRUSTED = 0.06
 _USELESS = 0.2
 #: Rounds in which free space that the surface still covers is added.
 _FREE_ROUNDS = 3
+#: Rounds in which inner points of the region that the surface leaves outside are added, and how many each.
+_CORE_ROUNDS, _CORE_POINTS = 4, 6
 #: Contacts without which an exploration is never done.
 LEAST_TOUCHES = 3
 
@@ -131,7 +133,7 @@ class Completion:
         #: Variance of the thin-plate process in units of the extent; smoothing is noise over it.
         self._scale = max(first.process_scale, 1e-12)
         rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
-        self._visible = RbfSurface(centers, values, rho)
+        self._visible = self._around_core(RbfSurface(centers, values, rho))
         self._fit = self._visible
         self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
         self._free: list[np.ndarray] = []  #: points that were passed without contact
@@ -139,6 +141,20 @@ class Completion:
         self._prior_misses: list[float] = []
         self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
         self._reset()
+
+    def _around_core(self, fit: RbfSurface) -> RbfSurface:
+        """Inside is where the region's core is: bands far from each other would close each on its own."""
+        core, depth_m = self.region.core()
+        for _ in range(_CORE_ROUNDS):
+            excess = fit(core) + 0.25 * depth_m
+            worst = np.argsort(-excess)[:_CORE_POINTS]
+            worst = worst[excess[worst] > 0]
+            if not len(worst):
+                return fit
+            rho = self._rho(0.25 * depth_m[worst], fit.extent_m)
+            fit = fit.added(core[worst], -0.5 * depth_m[worst], rho)
+            core, depth_m = np.delete(core, worst, axis=0), np.delete(depth_m, worst)
+        return fit
 
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
@@ -348,7 +364,7 @@ class Completion:
             # The variance is smooth: every few vertices are enough, the others take their neighbour's.
             from scipy.spatial import cKDTree
 
-            some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 300)]
+            some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 150)]
             gaps, near = cKDTree(some).query(mesh.vertices_m, k=min(3, len(some)))
             share = 1 / np.maximum(gaps, 1e-9)
             values = self._fit.kriging_sigma_m(some) * self.calibration

@@ -105,15 +105,18 @@ def ray_image(
 
 
 def _firm(label: UInt8[np.ndarray, "h w"], predicted_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
-    """Contradictions that are 3 px wide and away from edges of the expected surface."""
+    """Contradictions that are 3 px wide and away from edges of the expected surface and of what is known of it."""
     import cv2
 
     wide = cv2.morphologyEx(
         (label == _CONTRADICTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
     )
     known = np.where(predicted_m > 0, predicted_m, np.float32(1e3))
-    step_m = cv2.dilate(predicted_m, np.ones((9, 9))) - cv2.erode(known, np.ones((9, 9)))
-    return (wide > 0) & ~(step_m > 0.06)
+    window = np.ones((9, 9), np.uint8)
+    step_m = cv2.dilate(predicted_m, window) - cv2.erode(known, window)
+    # Beside the unknown an edge may be hidden: a cable on a table has a seam without depths around it.
+    everywhere_m = cv2.erode(predicted_m, window)
+    return (wide > 0) & ~(step_m > 0.06) & (everywhere_m > 0)
 
 
 @dataclass(slots=True)

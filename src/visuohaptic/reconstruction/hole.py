@@ -8,110 +8,28 @@ from (Alt 2016, Sec. 5.3.1).
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from ..errors import InputError
+from .hole_region import HoleRegion, load_hole_regions
 from .mesh import SurfaceMesh
+from .sight import open_sight
 
-__all__ = ["HoleRegion", "boundary_loops", "load_hole_regions", "support_band"]
+__all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "support_band"]
 
-_MAX_FILE_BYTES = 1 << 26
 #: Rims farther from the region than this part of its size belong to other holes.
 _RIM_REACH = 0.5
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HoleRegion:
-    """Where the surface is missing: a convex hull."""
-
-    hull_m: Float[np.ndarray, "v 3"]  #: its corners [m]
-    planes: Float[np.ndarray, "p 4"]  #: unit normals outwards and offsets, n . x + o <= 0 inside
-    score: float = 1.0  #: of the transparency detector
-
-    @classmethod
-    def of_points(cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0) -> HoleRegion:
-        """The hull of points.
-
-        Raises
-        ------
-        InputError
-            The points span no volume.
-        """
-        from scipy.spatial import ConvexHull, QhullError
-
-        points = np.asarray(points_m, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4 or not np.isfinite(points).all():
-            raise InputError("HoleRegion", f"found shape {points.shape}, expected at least 4 finite points")
-        try:
-            hull = ConvexHull(points)
-        except QhullError as error:
-            raise InputError(
-                "HoleRegion", "its points span no volume, expected corners of a solid"
-            ) from error
-        return cls(points[hull.vertices], np.asarray(hull.equations), score)
-
-    def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """How far the hull must grow to hold a point; negative inside."""
-        points = np.asarray(points_m, dtype=np.float64)
-        result = np.full(len(points), -np.inf)
-        for plane in self.planes:
-            np.maximum(result, points @ plane[:3] + plane[3], out=result)
-        return result
-
-    @property
-    def size_m(self) -> float:
-        """Longest edge of its box."""
-        return float(np.ptp(self.hull_m, axis=0).max())
-
-
-class _Cluster(BaseModel):
-    model_config = ConfigDict(extra="ignore")
-    hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
-    score: FiniteFloat = 1.0
-
-
-class _RegionsFile(BaseModel):
-    model_config = ConfigDict(extra="ignore")
-    clusters: list[_Cluster] = Field(min_length=1, max_length=10_000)
-
-
-def load_hole_regions(path: Path | str) -> list[HoleRegion]:
-    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and ``score``.
-
-    Raises
-    ------
-    InputError
-        The file is missing, no JSON, or has no usable cluster.
-    """
-    path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise InputError(path, f"is larger than {_MAX_FILE_BYTES} bytes")
-        data = json.loads(path.read_text(encoding="utf-8"))
-        found = _RegionsFile.model_validate(data if isinstance(data, dict) else {"clusters": data})
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except ValidationError as error:
-        problem = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in problem["loc"])
-        raise InputError(path, f"{problem['msg']}; expected clusters with hull", field=place) from error
-    except (ValueError, RecursionError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(path, f"is not valid JSON ({error})") from error
-    regions = []
-    for number, cluster in enumerate(found.clusters):
-        try:
-            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score))
-        except InputError as error:
-            raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
-    return regions
+#: What lies deeper in the region, in parts of its size, was read in the glass and is no surface.
+_DEEPEST = 0.1
+#: Share of the half space that a point of the outline sees at least.
+_LEAST_SIGHT = 0.2
+#: Cosine between a normal and the way to the middle of the region from which on a surface faces the region.
+_FACING = 0.3
+#: Separate parts of the surface with a smaller share of the area near the region are crumbs.
+_LEAST_PART = 0.03
 
 
 def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
@@ -164,33 +82,72 @@ def support_band(
     """
     width = 0.25 * region.size_m if band_m is None else band_m
     welded = mesh.welded()
-    reach = region.distance_m(welded.vertices_m)
-    rims = [float(reach[loop].min()) for loop in boundary_loops(welded) if len(loop) > 4]
-    near = [gap for gap in rims if gap < _RIM_REACH * region.size_m]
-    nearest = float(reach.min())
+    nearest = float(region.distance_m(welded.vertices_m).min())
     if nearest > region.size_m:
         raise InputError(
             "support_band",
             f"the region is {nearest:.3g} m away from the surface and {region.size_m:.3g} m large",
             remedy="check that model and region are in the same frame",
         )
-    gap = max([*near, nearest, 0.0])
+    outline = _outline(welded, region, max(_RIM_REACH * region.size_m, nearest) + width)
+    if not len(outline.faces):
+        raise InputError(
+            "support_band",
+            "the surface near the region cannot be seen from outside",
+            remedy="check the orientation of the model's triangles",
+        )
+    gap = max([*_gaps(outline, region), nearest, 0.0])
     margin = gap + width
-    centres = welded.vertices_m[welded.faces].mean(axis=1)
-    kept = np.flatnonzero((region.distance_m(centres) < margin) & (welded.face_areas_m2 > 0))
+    centres = outline.vertices_m[outline.faces].mean(axis=1)
+    kept = np.flatnonzero((region.distance_m(centres) < margin) & (outline.face_areas_m2 > 0))
     if len(kept) < 4:
         raise InputError(
             "support_band",
             f"found {len(kept)} triangles within {margin:.3g} m of the region, expected a surface around it",
             remedy="check that model and region are in the same frame",
         )
-    part = welded.submesh(kept)
+    part = outline.submesh(kept)
     normals = part.face_normals
     # Many samples, thinned to even spacing: a mesh's own vertices may crowd.
     rng = np.random.default_rng(0)
     points, face = part.sampled(max(8 * most, 400), rng)
     chosen = _spread(points, most)
     return SupportBand(points[chosen], normals[face[chosen]], gap, margin)
+
+
+def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> SurfaceMesh:
+    """The surface near a region without inner walls, what was read in the glass, and what faces the region.
+
+    Of a convex body no normal points to a part that is missing. What faces the region is what it stands on, or
+    where the truncated distances of a fused surface curl in at its rim.
+    """
+    centres = welded.vertices_m[welded.faces].mean(axis=1)
+    distance = region.distance_m(centres)
+    near = np.flatnonzero((distance < reach_m) & (distance > -_DEEPEST * region.size_m))
+    ways = region.hull_m.mean(axis=0) - centres[near]
+    facing = (welded.face_normals[near] * ways).sum(axis=1) > _FACING * np.linalg.norm(ways, axis=1)
+    near = near[~facing]
+    sight = open_sight(welded, region, centres[near], welded.face_normals[near])
+    return welded.submesh(near[sight >= _LEAST_SIGHT])
+
+
+def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
+    """How far each rim and each separate part of an outline is from the region."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    reach = region.distance_m(outline.vertices_m)
+    most_m = _RIM_REACH * region.size_m
+    # Rims beyond the band are where the outline was cut off.
+    rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
+    n = len(outline.vertices_m)
+    ends = outline.faces.ravel(), np.roll(outline.faces, 1, axis=1).ravel()
+    links = coo_matrix((np.ones(ends[0].size), ends), shape=(n, n))
+    _, labels = connected_components(links, directed=False)
+    areas = np.bincount(labels[outline.faces[:, 0]], weights=outline.face_areas_m2)
+    whole = areas >= _LEAST_PART * areas.sum()
+    parts = [float(reach[labels == label].min()) for label in np.flatnonzero(whole)]
+    return [gap for gap in (*rims, *parts) if gap < most_m]
 
 
 def _spread(points: Float[np.ndarray, "n 3"], most: int) -> Int[np.ndarray, "k"]:

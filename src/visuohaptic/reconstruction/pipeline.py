@@ -18,6 +18,7 @@ from .fusion import TsdfVolume
 from .mesh import SurfaceMesh
 from .pose_refinement import refine_poses
 from .regions import TransparentRegion, outer_points, save_regions
+from .seen_through import without_seen_through
 from .sensor_noise import SENSOR_NOISE, SensorNoise
 from .transparency import TransparencyDetector
 from .volume import SpaceGrid, space_of_interest
@@ -81,7 +82,7 @@ def reconstruct(
     method
         ``consistency``, or ``published`` (Alt 2016, 5.2).
     refine
-        Whether poses are first fitted to each other (with ``consistency`` only).
+        Whether poses are first fitted to each other; without it ``published`` is as printed.
 
     Raises
     ------
@@ -93,20 +94,22 @@ def reconstruct(
             "reconstruct", f"found {method!r}, expected one of {', '.join(METHODS)}", field="method"
         )
     grid = grid or space_of_interest(frames)
+    if refine:
+        frames = refine_poses(frames, noise)
     detector: TransparencyDetector | ConsistencyDetector
     if method == "consistency":
-        if refine:
-            frames = refine_poses(frames, noise)
         detector = ConsistencyDetector(grid, noise)
         detector.run(frames)
     else:
         detector = TransparencyDetector(grid, noise)
         for frame in frames:
             detector.add(frame)
-    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m)
-    for frame in frames:
-        surface.integrate(frame)
     regions = detector.regions()
+    # Without pictures there is no colour to average: black would look like one.
+    color = any(frame.color is not None for frame in frames)
+    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
+    for frame in frames:
+        surface.integrate(without_seen_through(frame, regions))
     inside, score = detector.inside(), detector.score()
     points_m, scores = outer_points(inside, score, grid)
     kept = np.zeros(len(points_m), dtype=bool)

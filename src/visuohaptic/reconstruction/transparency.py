@@ -35,7 +35,9 @@ class TransparencySettings:
     gap_m: float = 0.16  #: way between them and the present view [m]
     step_m: float = 0.02  #: way between two comparisons [m]
     least_views: int = 3  #: observations that a pixel of the model needs
-    erosion_px: int = 2  #: margin taken off reliable regions [px]
+    erosion_px: int | None = (
+        None  #: margin taken off reliable regions; that of the camera's edges by default [px]
+    )
     theta: float = 0.9  #: probability below which nothing counts
     most_wrong: float = 0.15  #: frames with a larger share of wrong among reliable pixels are left out
     jump_m: float = 0.15  #: a longer step is an error of the tracker [m]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -67,6 +68,26 @@ class GlassScene:
         for i, pose in enumerate(self.poses):
             depth_m = sensor.render(self.scene, pose, rng)
             yield GlassView(0.1 * i, depth_m, disturb_pose(pose, rng, pose_sigma_m, pose_sigma_rad), pose)
+
+    def save(
+        self,
+        folder: Path | str,
+        sensor: DepthCamera,
+        rng: np.random.Generator,
+        *,
+        pose_sigma_m: float = 0.0,
+        pose_sigma_rad: float = 0.0,
+    ) -> int:
+        """Render into a sequence folder with the told poses; tells the number of views."""
+        from ..recording.depth_sequence import DepthFrame
+        from ..recording.depth_sequence_out import write_sequence
+
+        views = self.render(sensor, rng, pose_sigma_m=pose_sigma_m, pose_sigma_rad=pose_sigma_rad)
+        frames = (
+            DepthFrame(view.t_s, view.depth_m, None, view.pose_world_camera, sensor.camera, i)
+            for i, view in enumerate(views)
+        )
+        return write_sequence(folder, frames, sensor="simulated")
 
 
 def disturb_pose(pose: Pose, rng: np.random.Generator, sigma_m: float, sigma_rad: float) -> Pose:

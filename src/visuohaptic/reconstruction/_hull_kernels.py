@@ -1,0 +1,67 @@
+"""Rays against convex hulls, and lines of sight past blocked cells."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+__all__ = ["mask_through", "seen_share"]
+
+
+@njit(cache=True)
+def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):  # type: ignore[no-untyped-def]
+    """Drop readings whose ray was inside a hull for longer than ``least_m`` before it ended.
+
+    ``depth`` (h, w) float32 is changed, NaN where dropped; ``planes`` (p, 4) float64 in the frame of the
+    camera, ``n . x + o <= 0`` inside; ``rows``, ``columns``: first and last pixel of the hull's picture.
+    """
+    for i in range(rows[0], rows[1] + 1):
+        y = (i - cy) / fy
+        for j in range(columns[0], columns[1] + 1):
+            z = depth[i, j]
+            if not z > 0:
+                continue
+            x = (j - cx) / fx
+            enter, leave = 0.0, float(z)
+            for p in range(len(planes)):
+                slope = planes[p, 0] * x + planes[p, 1] * y + planes[p, 2]
+                offset = planes[p, 3]
+                if slope > 1e-12:
+                    leave = min(leave, -offset / slope)
+                elif slope < -1e-12:
+                    enter = max(enter, -offset / slope)
+                elif offset > 0:
+                    leave = -1.0
+                if leave <= enter:
+                    break
+            if (leave - enter) * math.sqrt(x * x + y * y + 1.0) > least_m:
+                depth[i, j] = np.float32(np.nan)
+
+
+@njit(cache=True)
+def seen_share(blocked, starts, normals, ways, share):  # type: ignore[no-untyped-def]
+    """Share of the ways, weighted by cosine, on which a point leaves the grid without meeting a blocked cell.
+
+    ``starts`` (n, 3) in cells; ``ways`` (k, 3) unit vectors; ``share`` (n) is filled.
+    """
+    nx, ny, nz = blocked.shape
+    for r in range(len(starts)):
+        total, open_ = 0.0, 0.0
+        for k in range(len(ways)):
+            dx, dy, dz = ways[k, 0], ways[k, 1], ways[k, 2]
+            cosine = normals[r, 0] * dx + normals[r, 1] * dy + normals[r, 2] * dz
+            if cosine < 0.2:  # along the surface its own cells are in the way
+                continue
+            total += cosine
+            x, y, z = starts[r, 0], starts[r, 1], starts[r, 2]
+            while True:
+                i, j, m = math.floor(x), math.floor(y), math.floor(z)
+                if i < 0 or j < 0 or m < 0 or i >= nx or j >= ny or m >= nz:
+                    open_ += cosine
+                    break
+                if blocked[i, j, m]:
+                    break
+                x, y, z = x + dx, y + dy, z + dz
+        share[r] = open_ / total if total > 0.0 else 0.0
