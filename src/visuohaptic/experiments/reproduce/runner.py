@@ -24,6 +24,9 @@ __all__ = ["EXPERIMENTS", "Outcome", "known_name", "read_result", "reproduce", "
 EXPERIMENTS: Mapping[str, str] = {
     "figure-3.2": "figure_3_2",
     "figure-3.4": "figure_3_4",
+    "figure-3.7": "figure_3_7",
+    "figure-3.8": "figure_3_8",
+    "figure-3.12": "figure_3_12",
 }
 
 log = logging.getLogger(__name__)
