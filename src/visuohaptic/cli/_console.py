@@ -33,6 +33,7 @@ class Arguments(argparse.Namespace):
     verbose: bool
     quiet: bool
     console: Console
+    exit_code: int = 0  #: a verb whose work was done in part sets another
 
     def report(self, text: str = "") -> None:
         """Print a line for people."""

@@ -7,6 +7,8 @@ A verb is a module with
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
 - optionally ``EPILOG: str``, what it reads and writes, with an example.
 
+A verb whose work was done in part only sets ``args.exit_code``.
+
 Exit codes: 0 done, 2 bad input or usage, 1 a mistake of ours, 130 interrupted,
 141 the reader of our output has gone.
 """
@@ -73,6 +75,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "objects build": (
         "visuohaptic.cli.objects_build",
         "compute stiffness maps and features of whole classes",
+    ),
+    "reproduce": (
+        "visuohaptic.cli.reproduce",
+        "make figures and tables of the dissertation again, its numbers beside ours",
     ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "recording import": (
@@ -188,7 +194,7 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
     result = module.run(args)
     if result is not None:
         console.result(result)
-    return 0
+    return args.exit_code
 
 
 def verb_parser(verb: str, module: ModuleType) -> argparse.ArgumentParser:

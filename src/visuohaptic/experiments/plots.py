@@ -27,6 +27,7 @@ __all__ = [
     "COLOURS",
     "ForceRun",
     "MapObject",
+    "draw_axes",
     "error_budget",
     "floor_map",
     "force_against_truth",
@@ -81,6 +82,16 @@ def _styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
             return draw(*args, **keywords)
 
     return drawn
+
+
+@_styled
+def draw_axes(
+    rows: int, columns: int, draw: Callable[..., object], *, size: tuple[float, float] = (9.0, 4.0)
+) -> Figure:
+    """A figure of ``rows x columns`` axes in our style; ``draw(*axes)`` fills it."""
+    figure, axes = _figure(rows, columns, size=size)
+    draw(*axes)
+    return figure
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,55 @@
+"""``visuohaptic reproduce``: the dissertation's figures and tables, made again."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Make figures and tables of the dissertation again, with its numbers beside ours."
+EPILOG = """\
+reads   nothing: every experiment draws its own world from a seed
+writes  a folder for each experiment with its data (CSV), pictures (PNG) and result.json (numbers of ours
+        and of the dissertation, seed, versions), and index.md that shows them all
+
+What is there and was made by the same version with the same seed is left alone. An experiment
+that fails does not stop the others; its reason is said, and the exit code is 1.
+
+example: visuohaptic reproduce figure-3.4 --out results/dissertation
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("names", nargs="+", metavar="NAME", help="figure-3.2, 3.4, table-6.1 ..., or all")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to; made if it is not there")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
+    parser.add_argument("--quick", action="store_true", help="fewer samples, for a first look")
+    parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Run them one after the other; the mapping is what ``--json`` prints."""
+    from ..experiments.reproduce import EXPERIMENTS, reproduce, write_index
+    from ..experiments.reproduce.runner import known_name
+
+    wanted = list(EXPERIMENTS) if "all" in args.names else [known_name(name) for name in args.names]
+    outcomes = []
+    with args.progress(len(wanted), "experiments") as progress:
+        for name in wanted:
+            outcome = reproduce(name, args.out, seed=args.seed, quick=args.quick, force=args.force)
+            outcomes.append(outcome)
+            state = f"failed: {outcome.problem}" if outcome.problem else "kept" if outcome.kept else "done"
+            args.report(f"{name:<12} {outcome.seconds:6.1f} s  {state}")
+            progress.advance(1, name)
+    index = write_index(args.out)
+    args.report(f"written to {index}")
+    args.exit_code = 1 if any(one.problem for one in outcomes) else 0
+    return {
+        "index": str(index),
+        "experiments": [
+            {"name": o.name, "seconds": o.seconds, "kept": o.kept, "problem": o.problem} for o in outcomes
+        ],
+    }

@@ -1,0 +1,19 @@
+"""Every figure and table of the dissertation with data in it, as one experiment that runs by itself.
+
+An experiment is a module of this package with
+
+- ``TITLE: str`` and ``CAPTION: str``, the latter with the word "simulated" where the dissertation used
+  a real object;
+- ``run(out: Output) -> None``, which writes tables and pictures through ``out`` and says what its
+  numbers are beside the dissertation's.
+
+:data:`EXPERIMENTS` names them; :func:`reproduce` runs one into its folder, and leaves alone what is
+there and was made by the same version with the same seed.
+"""
+
+from __future__ import annotations
+
+from .output import Comparison, Output
+from .runner import EXPERIMENTS, Outcome, read_result, reproduce, write_index
+
+__all__ = ["EXPERIMENTS", "Comparison", "Outcome", "Output", "read_result", "reproduce", "write_index"]

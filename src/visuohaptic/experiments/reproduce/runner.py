@@ -1,0 +1,174 @@
+"""Runs experiments by name, one folder each, and writes the page that shows them all."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import logging
+import platform
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from ..._version import __version__
+from ...errors import InputError, VisuohapticError
+from ...files import write_text
+from .output import Output
+
+__all__ = ["EXPERIMENTS", "Outcome", "known_name", "read_result", "reproduce", "write_index"]
+
+#: Name -> module, in the dissertation's order.
+EXPERIMENTS: Mapping[str, str] = {
+    "figure-3.2": "figure_3_2",
+    "figure-3.4": "figure_3_4",
+    "figure-3.7": "figure_3_7",
+    "figure-3.8": "figure_3_8",
+    "figure-3.12": "figure_3_12",
+}
+
+log = logging.getLogger(__name__)
+
+_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco", "scikit-learn")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How one experiment went."""
+
+    name: str
+    folder: Path
+    seconds: float
+    kept: bool = False  #: nothing was done: the same result is there
+    problem: str = ""  #: why there is no result; empty when there is one
+
+
+def reproduce(
+    name: str, folder: Path | str, *, seed: int = 0, quick: bool = False, force: bool = False
+) -> Outcome:
+    """Run one experiment into ``folder / name``.
+
+    Parameters
+    ----------
+    name
+        Of :data:`EXPERIMENTS`; ``fig3.2`` and ``3.2`` are understood as well.
+    folder
+        Made if it does not exist.
+    seed, quick
+        See :class:`.Output`.
+    force
+        Run even if the same result is there.
+
+    Returns
+    -------
+    Outcome
+        With the problem, if the experiment failed by an error of the library.
+
+    Raises
+    ------
+    InputError
+        There is no experiment of this name.
+    """
+    key = known_name(name)
+    target = Path(folder) / key
+    target.mkdir(parents=True, exist_ok=True)
+    made_of = {"seed": seed, "quick": quick, "version": __version__}
+    before = read_result(target)
+    if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
+        return Outcome(key, target, float(before.get("seconds", 0.0)), kept=True)
+    (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
+    module = _module(key)
+    out = Output(target, seed, quick)
+    begin = time.perf_counter()
+    try:
+        module.run(out)
+    except VisuohapticError as error:
+        return Outcome(key, target, time.perf_counter() - begin, problem=str(error))
+    except Exception as error:
+        # A mistake in one experiment must not cost the others their hour.
+        log.debug("%s", key, exc_info=True)
+        problem = f"unexpected {type(error).__name__}: {error}"
+        return Outcome(key, target, time.perf_counter() - begin, problem=problem)
+    seconds = time.perf_counter() - begin
+    if not (out.rows and (out.pictures or out.comparisons)):
+        return Outcome(key, target, seconds, problem="it wrote no data")
+    result = {
+        "name": key,
+        "title": module.TITLE,
+        "caption": module.CAPTION,
+        **made_of,
+        "seconds": round(seconds, 2),
+        "versions": _versions(),
+        **out.summary(),
+    }
+    write_text(target / "result.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+    return Outcome(key, target, seconds)
+
+
+def read_result(folder: Path | str) -> dict[str, Any] | None:
+    """What an experiment has left in its folder; ``None`` if that is nothing whole."""
+    folder = Path(folder)
+    try:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(result, dict):
+        return None
+    named = [*result.get("tables", []), *result.get("pictures", [])]
+    return result if named and all((folder / str(one)).is_file() for one in named) else None
+
+
+def write_index(folder: Path | str) -> Path:
+    """Write ``index.md``: all results in the folder, with pictures and numbers."""
+    folder = Path(folder)
+    lines = ["# The dissertation's figures and tables, made again", ""]
+    for key in EXPERIMENTS:
+        result = read_result(folder / key)
+        if result is not None:
+            lines += _section(key, result)
+    path = folder / "index.md"
+    write_text(path, "\n".join(lines))
+    return path
+
+
+def _section(key: str, result: dict[str, Any]) -> list[str]:
+    lines = [f"## {key.replace('-', ' ').capitalize()} · {result['title']}", ""]
+    for picture in result["pictures"]:
+        lines += [f"![{result['title']}]({key}/{picture})", ""]
+    lines += [result["caption"], ""]
+    if result["comparisons"]:
+        lines += ["| figure | ours | dissertation | unit | note |", "|---|---|---|---|---|"]
+        for one in result["comparisons"]:
+            printed = "" if one["dissertation"] is None else f"{one['dissertation']:.4g}"
+            lines.append(f"| {one['name']} | {one['ours']:.4g} | {printed} | {one['unit']} | {one['note']} |")
+        lines.append("")
+    data = ", ".join(f"[{name}]({key}/{name})" for name in result["tables"])
+    lines += [f"Data: {data}. Seed {result['seed']}, {result['seconds']:.0f} s.", ""]
+    return lines
+
+
+def known_name(name: str) -> str:
+    plain = name.lower().replace("_", "-").replace(" ", "-")
+    for key in EXPERIMENTS:
+        kind, number = key.split("-")
+        if plain in {key, number, f"{kind}{number}", f"{kind[:3]}-{number}", f"{kind[:3]}{number}"}:
+            return key
+    raise InputError(name, f"is no experiment, expected all or one of {', '.join(EXPERIMENTS)}")
+
+
+def _module(key: str) -> ModuleType:
+    return importlib.import_module(f".{EXPERIMENTS[key]}", __package__)
+
+
+def _versions() -> dict[str, str]:
+    from importlib import metadata
+
+    found = {"python": platform.python_version(), "visuohaptic": __version__}
+    for name in _LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
