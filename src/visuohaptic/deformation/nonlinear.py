@@ -19,12 +19,22 @@ from ..errors import InputError
 from .corotational import CorotationalShell, ShellState, Tangent
 from .stiffness_map import DualTips, tip_loads
 
-__all__ = ["EquilibriumPath", "PathPoint", "follow_arc", "follow_displacement", "follow_load", "pinch_curve"]
+__all__ = [
+    "EquilibriumPath",
+    "PathPoint",
+    "follow_arc",
+    "follow_displacement",
+    "follow_load",
+    "pinch_curve",
+    "reach_loads",
+]
 
 _log = logging.getLogger(__name__)
 
 #: Iterations after which a step is given up and cut.
 MOST_ITERATIONS = 16
+#: Arc lengths after which a way round a snap-back is given up.
+MOST_ARCS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +85,7 @@ def follow_load(
     tolerance: float = 1e-5,
 ) -> EquilibriumPath:
     """Raise the load to each of ``factors`` times ``load``. Stops at a limit load."""
-    return _Walk(shell, load, control, tolerance).run(list(factors), "load")
+    return _Walk(shell, load, control, tolerance).run(list(factors), "load", past_limits=False)
 
 
 def follow_displacement(
@@ -85,8 +95,12 @@ def follow_displacement(
     *,
     control: Float[np.ndarray, "v 6"] | None = None,
     tolerance: float = 1e-5,
+    most_iterations: int = 5000,
 ) -> EquilibriumPath:
     """Drive the control displacement to each of ``targets_m`` and find the load that it takes.
+
+    Where the control turns back (snap-back) the path is followed by arc length until the control has
+    come forward again: a target is then the next state with that displacement.
 
     Parameters
     ----------
@@ -101,8 +115,29 @@ def follow_displacement(
         sum of its forces: the mean displacement of what is loaded, along the load.
     tolerance
         Of the residual force, as a share of the largest of load and reactions.
+    most_iterations
+        Of the whole path, which ends where they are used up.
     """
-    return _Walk(shell, load, control, tolerance).run(list(targets_m), "displacement")
+    walk = _Walk(shell, load, control, tolerance, most_iterations)
+    return walk.run(list(targets_m), "displacement")
+
+
+def reach_loads(
+    shell: CorotationalShell,
+    load: Float[np.ndarray, "v 6"],
+    factors: Sequence[float],
+    *,
+    control: Float[np.ndarray, "v 6"] | None = None,
+    tolerance: float = 1e-5,
+    most_iterations: int = 5000,
+) -> EquilibriumPath:
+    """Raise the load to each of ``factors``, past limit loads.
+
+    As :func:`follow_load`, but where the load cannot be raised the path is followed by arc length
+    until it can: the point of a factor is then the next state on the path that carries it.
+    """
+    walk = _Walk(shell, load, control, tolerance, most_iterations)
+    return walk.run(list(factors), "load", past_limits=True)
 
 
 def follow_arc(
@@ -165,7 +200,9 @@ class _Walk:
         load: Float[np.ndarray, "v 6"],
         control: Float[np.ndarray, "v 6"] | None,
         tolerance: float,
+        most_iterations: int = 5000,
     ) -> None:
+        self.left = most_iterations
         self.shell, self.tolerance = shell, tolerance
         self.fixed = shell.model.fixed
         self.load = np.where(self.fixed, 0.0, np.asarray(load, dtype=float))
@@ -187,7 +224,7 @@ class _Walk:
 
     # -- Steps -------------------------------------------------------------------------------
 
-    def run(self, targets: list[float], kind: str) -> EquilibriumPath:
+    def run(self, targets: list[float], kind: str, *, past_limits: bool = True) -> EquilibriumPath:
         points: list[PathPoint] = []
         reached = 0.0
         for target in targets:
@@ -203,14 +240,43 @@ class _Walk:
                 else:
                     cuts += 1
                     share *= 0.5
-                    if cuts > 7:
+                    if past_limits and cuts in (4, 8) and self._way_round(kind, target):
+                        reached, share, cuts = target, 1.0, 0
+                    elif cuts > 7 or self.left <= 0:
                         reason = (
                             f"no equilibrium found beyond {kind} {reached:.6g} on the way to {target:.6g}"
                         )
-                        _log.warning("%s", reason)
+                        _log.info("%s", reason)
                         return EquilibriumPath(tuple(points), False, reason)
             points.append(self._point())
         return EquilibriumPath(tuple(points), True)
+
+    def _way_round(self, kind: str, target: float) -> bool:
+        """Walk by arc length until the target is passed in its own direction, then go to it."""
+        if self.last_step is None:
+            return False
+        kept = self.state, self.factor, self.last_step, self.last_factor, self.last_advance
+        start = self.factor if kind == "load" else self._control(self.state)
+        ahead = np.sign(target - start)
+        arc = float(np.linalg.norm(self._lengths(self.last_step)))
+        self.last_advance, longest, shrunk = arc, 4 * arc, 0
+        for _ in range(MOST_ARCS):
+            before = self.spent
+            if self._step("arc", arc, arc, direction=1.0):
+                at = self.factor if kind == "load" else self._control(self.state)
+                if (at - target) * ahead >= 0:
+                    self.last_step = None  # the way back is no continuation
+                    if self._step(kind, target, target - at):
+                        return True
+                    break
+                arc = min(longest, arc * np.sqrt(5.0 / max(self.spent - before, 2)))
+                shrunk = 0
+            else:
+                arc, shrunk = 0.5 * arc, shrunk + 1
+                if shrunk > 8 or self.left <= 0:
+                    break
+        self.state, self.factor, self.last_step, self.last_factor, self.last_advance = kept
+        return False
 
     def run_arc(self, first: float, until: float, most_points: int) -> EquilibriumPath:
         points: list[PathPoint] = []
@@ -249,8 +315,9 @@ class _Walk:
             state, factor = start.moved(step), start_factor + ratio * self.last_factor
         best = error = np.inf
         sign = 1
-        for iteration in range(MOST_ITERATIONS):
+        for iteration in range(min(MOST_ITERATIONS, self.left)):
             self.spent += 1
+            self.left -= 1
             # Close to the goal Newton's next residual is likely small enough: look before factoring.
             tangent = None
             if iteration > 0 and error < 3e-3:
