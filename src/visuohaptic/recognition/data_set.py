@@ -1,0 +1,203 @@
+"""Training data: stiffness features of many variants of each class (Alt 2016, Sec. 6.4.1).
+
+Made from a folder of ``visuohaptic objects build``; kept as one small NPZ file.
+"""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..errors import InputError
+from ..files import atomic_path
+
+__all__ = ["HEIGHTS", "SIDES", "FeatureSet", "load_feature_set", "read_build", "save_feature_set"]
+
+#: As in :mod:`visuohaptic.deformation.features`; repeated here because that import takes half a second.
+HEIGHTS, SIDES = 16, ("x+", "x-", "y+", "y-")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureSet:
+    """Features of n objects with their classes."""
+
+    features: Float[np.ndarray, "n 16 4 3"]  #: i, I [N/m] and II [1]
+    width_m: Float[np.ndarray, "n 16 2"]  #: of the object at rest, across x and across y
+    label: tuple[str, ...]  #: class of each object
+    name: tuple[str, ...]  #: of each object, unique
+    nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
+
+    def __post_init__(self) -> None:
+        count = len(self.label)
+        shapes = ((self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2)))
+        for array, expected in shapes:
+            if np.shape(array) != expected:
+                raise InputError("FeatureSet", f"found shape {np.shape(array)}, expected {expected}")
+        if len(self.name) != count or len(set(self.name)) < count:
+            raise InputError("FeatureSet", "expected one name for each object, all different", field="name")
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes, sorted."""
+        return tuple(sorted(set(self.label)))
+
+    @property
+    def number(self) -> Int[np.ndarray, "n"]:
+        """Class of each object as a place in ``classes``."""
+        place = {name: k for k, name in enumerate(self.classes)}
+        return np.array([place[name] for name in self.label], dtype=np.int64)
+
+    def take(self, chosen: Bool[np.ndarray, "n"] | Int[np.ndarray, "m"]) -> FeatureSet:
+        """Some of the objects."""
+        index = np.arange(len(self))[chosen]
+        return FeatureSet(
+            self.features[index],
+            self.width_m[index],
+            tuple(self.label[k] for k in index),
+            tuple(self.name[k] for k in index),
+            self.nonlinear,
+        )
+
+    def of_classes(
+        self, classes: Sequence[str], groups: Mapping[str, Sequence[str]] | None = None
+    ) -> FeatureSet:
+        """The candidates of the moment: some classes, of which several may go under one name.
+
+        Parameters
+        ----------
+        classes
+            Candidates: names of classes or of groups.
+        groups
+            Name of a group -> its classes; a group may be called as one of its classes.
+
+        Raises
+        ------
+        InputError
+            A class that is not there.
+        """
+        groups = {} if groups is None else groups
+        target: dict[str, str] = {}
+        for wanted in classes:
+            for member in groups.get(wanted, (wanted,)):
+                if member not in self.label:
+                    raise InputError(
+                        "classes", f"found {member!r}, expected one of {', '.join(self.classes)}"
+                    )
+                target[member] = wanted
+        if len(set(target.values())) < 2:
+            raise InputError("classes", f"found {len(set(target.values()))} classes, expected at least 2")
+        kept = self.take(np.array([name in target for name in self.label]))
+        return FeatureSet(
+            kept.features, kept.width_m, tuple(target[name] for name in kept.label), kept.name, kept.nonlinear
+        )
+
+
+def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -> FeatureSet:
+    """Features of all objects of an ``objects build`` folder, in one state of their contents.
+
+    Objects whose state is not in the build, or with a feature that is not finite, are an error:
+    a classifier that silently knows fewer objects answers wrongly.
+    """
+    folder = Path(folder)
+    listed = _manifest(folder)
+    features, widths, labels, names, nonlinear = [], [], [], [], False
+    for entry in listed:
+        path = folder / entry["file"]
+        try:
+            with np.load(path, allow_pickle=False) as data:
+                states, points = data["states"], data["feature_points_m"]
+                row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
+                chosen, values = data["features"], None
+                if "nonlinear_features" in data:
+                    chosen, nonlinear = data["nonlinear_features"], True
+                if row.size:
+                    values = chosen[row[0]]
+        except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
+            raise InputError(path, f"is no result of objects build ({error})") from error
+        if values is None:
+            raise InputError(
+                path,
+                f"has no features of the state closed={closed}, fill={fill:g}",
+                remedy="add it to the plan's states and build again",
+            )
+        if values.shape != (HEIGHTS, 4, 3) or points.shape != (HEIGHTS, 4, 3):
+            raise InputError(path, f"found features of shape {values.shape}, expected {(HEIGHTS, 4, 3)}")
+        if not (np.isfinite(values[..., 0]).all() and (values[..., 0] > 0).all()):
+            raise InputError(path, "has stiffness that is not finite and positive", field="features")
+        features.append(values)
+        across_x = np.linalg.norm(points[:, 0, :2] - points[:, 1, :2], axis=1)
+        across_y = np.linalg.norm(points[:, 2, :2] - points[:, 3, :2], axis=1)
+        widths.append(np.stack([across_x, across_y], axis=1))
+        labels.append(str(entry["class"]))
+        names.append(Path(entry["file"]).stem)
+    return FeatureSet(np.stack(features), np.stack(widths), tuple(labels), tuple(names), nonlinear)
+
+
+def save_feature_set(path: Path | str, found: FeatureSet) -> None:
+    """Write one NPZ file, whole or not at all."""
+    with atomic_path(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            features=np.asarray(found.features, dtype=float),
+            width_m=np.asarray(found.width_m, dtype=float),
+            label=np.array(found.label),
+            name=np.array(found.name),
+            nonlinear=np.array(found.nonlinear),
+        )
+
+
+def load_feature_set(source: Path | str) -> FeatureSet:
+    """Read the NPZ file of :func:`save_feature_set`, or the folder of a build."""
+    path = Path(source)
+    if path.is_dir():
+        return read_build(path)
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            found = FeatureSet(
+                data["features"],
+                data["width_m"],
+                tuple(str(text) for text in data["label"]),
+                tuple(str(text) for text in data["name"]),
+                bool(data["nonlinear"]),
+            )
+    except InputError as error:
+        raise InputError(path, error.problem, field=error.field) from error
+    except FileNotFoundError as error:
+        raise InputError(path, "there is no such file") from error
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(
+            path, f"is no feature set ({error})", remedy="make one with classify train"
+        ) from error
+    if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
+        raise InputError(path, "has numbers that are not finite", field="features")
+    if not (found.features[..., 0] > 0).all():
+        raise InputError(path, "has stiffness that is not positive", field="features")
+    return found
+
+
+def _manifest(folder: Path) -> list[dict[str, str]]:
+    path = folder / "manifest.json"
+    try:
+        listed = json.loads(path.read_text(encoding="utf-8"))["objects"]
+        found = [{"file": str(entry["file"]), "class": str(entry["class"])} for entry in listed]
+    except OSError as error:
+        raise InputError(
+            path, f"cannot be read ({error.strerror})", remedy="run visuohaptic objects build first"
+        ) from error
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(path, f"is no manifest of objects build ({error})") from error
+    if not found:
+        raise InputError(path, "lists no objects")
+    for entry in found:
+        if Path(entry["file"]).is_absolute() or ".." in Path(entry["file"]).parts:
+            raise InputError(path, f"found {entry['file']!r}, expected a file inside the folder")
+    return found
