@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
+
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 from visuohaptic.simulation.floor_senses import FloorSenses
 from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
