@@ -50,6 +50,9 @@ SHARED = 10
 #: Largest curvature that is corrected (1/px).
 CURVATURE_LIMIT = 0.05
 MIN_BLUR, MAX_BLUR = 0.45, 6.0
+#: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
+#: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
+SETTLED, MORE_SWEEPS = 0.04, 6
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -146,6 +149,7 @@ def _levels(measured, state, use, noise_var, prior):
 def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
 
+    Points that have not settled by then go on alone, for up to ``MORE_SWEEPS`` sweeps.
     Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
     """
     n = origin.shape[0]
@@ -164,8 +168,24 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     state[:, STATUS] = OK
     at = np.full(n, 1e9)
     blur_then = np.zeros(n)
-    for sweep in range(sweeps):
+    curve_then = np.zeros(n)
+    going = np.ones(n, np.bool_)
+    trust = np.zeros(n)
+    for sweep in range(sweeps + MORE_SWEEPS):
+        if sweep >= sweeps:
+            left = 0
+            for k in range(n):
+                # A new curvature shifts the mean of a parabola over the point's width.
+                ahead = abs(state[k, CURVE] - curve_then[k]) * half[k] * half[k] / 6.0
+                going[k] = (
+                    state[k, STATUS] == OK and max(abs(state[k, MOVED]), ahead) > SETTLED * state[k, BLUR]
+                )
+                left += going[k]
+            if left == 0:
+                break
         for k in range(n):
+            if not going[k]:
+                continue
             if state[k, STATUS] == BORDER:
                 use[k] = False
                 continue
@@ -200,7 +220,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 noise_var = max(np.median(value[:count]), 0.1)
         _levels(measured, state, use, noise_var, prior)
         for k in range(n):
-            if state[k, STATUS] == BORDER:
+            if state[k, STATUS] == BORDER or not going[k]:
                 continue
             if not use[k]:
                 for side in range(2):
@@ -215,11 +235,11 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 ):
                     break
         for k in range(n):
-            use[k] = (
-                state[k, STATUS] == OK
-                and abs(state[k, HIGH] - state[k, LOW]) >= min_contrast
-                and state[k, CHI2] < 6.0 * noise_var + 0.01 * (state[k, HIGH] - state[k, LOW]) ** 2
-            )
+            height = abs(state[k, HIGH] - state[k, LOW])
+            poor = state[k, CHI2] / (6.0 * noise_var + 0.01 * height * height)
+            use[k] = state[k, STATUS] == OK and height >= min_contrast and poor < 1.0
+            seen = state[k, STATUS] == OK and height >= min_contrast
+            trust[k] = min(max(2.0 - 0.5 * poor, 0.0), 1.0) if seen else 0.0
             if use[k]:
                 b = state[k, BLUR]
                 value[k] = b + min(max(state[k, BLUR_STEP], -0.3 * b), 0.5 * b)
@@ -232,7 +252,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
                 state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
             elif spread[k] < 1e30:
                 state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
-        curvatures(origin, direction, state, use, noise_var, CURVATURE_LIMIT)
+        curve_then[:] = state[:, CURVE]
+        curvatures(origin, direction, state, trust, noise_var, CURVATURE_LIMIT)
     if not given:
         count = 0
         for k in range(n):
@@ -253,6 +274,8 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
         s = state[k]
         height = s[HIGH] - s[LOW]
         chi = s[CHI2] / noise_var
+        # Beside a kink the smooth chain cuts the corner: what fits as an edge may lie farther from it.
+        reach = max_move if chi > 0.75 * max_chi2 else 3.0 * max_move
         var = s[VAR] * noise_var
         noise[k] = math.sqrt(max(var, 0.0))
         if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
@@ -278,7 +301,7 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
             code = 1
         elif polarity * height < 0.0:
             code = 4
-        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
+        elif abs(s[T] - found[k]) > reach * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
             code = 1
         elif s[T] < start[k] or s[T] > stop[k]:
             code = 3

@@ -19,7 +19,7 @@ TOUCH = 0.5
 
 
 #: A region ends one point beyond the last one that is deflected by more than this.
-EDGE_SIGMAS = 1.0
+EDGE_SIGMAS = 2.0
 
 
 @njit(cache=True)

@@ -35,10 +35,11 @@ RELATIVE_DROP = 0.02
 DROP_SIGMAS = 4.0
 #: Neighbours to both sides whose mean change a point takes part in: noise alone must not turn it.
 NEIGHBOURS = 5
-#: A point's own strain is believed against them outside of this band.
-PLAY_SIGMAS = 2.0
-#: The mean change of a neighbourhood moves the elements by what it exceeds its noise by.
-COMMON_PLAY_SIGMAS = 4.0
+#: A point follows the mean change of its neighbourhood at once, and its own difference from it slowly:
+#: by this part per frame where noise explains it, and wholly from the upper number of sigmas on.
+OWN_GAIN, OWN_SIGMAS = 0.1, (3.0, 5.0)
+#: The elements follow outside of a band of this many standard deviations of what is left of the noise.
+PLAY_SIGMAS = 4.0
 #: Number of elements, and the shortest of them.
 ELEMENTS, SHORTEST_STRAIN = 10, 1e-3
 #: Weight of the ridge against the rms of the design matrix.
@@ -93,10 +94,12 @@ class HysteresisState:
     """What every point of one strip has been through since its last release; changed by ``update``."""
 
     peak_strain: Float[np.ndarray, "K"]  #: largest strain
+    smooth: Float[np.ndarray, "K"] = field(init=False)  #: strain without most of its noise
     followed: Float[np.ndarray, "K"] = field(init=False)  #: strain that moves the elements
     xi: Float[np.ndarray, "K J"] | None = field(default=None, init=False)  #: elements, with a law
 
     def __post_init__(self) -> None:
+        self.smooth = self.peak_strain.copy()
         self.followed = self.peak_strain.copy()
 
     @classmethod
@@ -116,7 +119,8 @@ class HysteresisState:
         The peak of a noisy signal creeps up by a few sigma while a contact rests;
         the margin below the peak is wider than that. For the same reason the
         elements move with the mean change of a point's neighbourhood, as a body
-        moves it, and with the point's own only where that leaves its noise.
+        moves it, and slowly with the point's own: a held contact must not creep
+        down its branch by noise that goes to and fro.
         """
         if strain.shape != self.peak_strain.shape:
             raise InputError(
@@ -144,21 +148,33 @@ class HysteresisState:
     ) -> None:
         if self.xi is None or self.xi.shape[1] != len(law.yield_strain):
             self.xi = np.ones((len(strain), len(law.yield_strain)))
+            self.smooth = np.zeros(len(strain))
             self.followed = np.zeros(len(strain))
-        change = np.where(valid, strain - self.followed, 0.0)
+        change = np.where(valid, strain - self.smooth, 0.0)
         pressed = valid & ~released
         weight = np.where(pressed, 1.0 / np.maximum(sigma, 1e-9) ** 2, 0.0)
-        window = np.ones(2 * NEIGHBOURS + 1)
-        around = np.convolve(weight, window)[NEIGHBOURS:-NEIGHBOURS]
-        common = np.convolve(weight * change, window)[NEIGHBOURS:-NEIGHBOURS] / np.maximum(around, 1e-300)
-        # Play: the mean's own noise moves nothing, or a resting contact would creep down its branch.
-        play = COMMON_PLAY_SIGMAS / np.sqrt(np.maximum(around, 1e-300))
-        common = np.sign(common) * np.maximum(np.abs(common) - play, 0.0)
-        step = np.clip(common, change - PLAY_SIGMAS * sigma, change + PLAY_SIGMAS * sigma)
-        step = np.where(pressed, step, change)
-        self.xi = np.clip(self.xi + step[:, None] / law.yield_strain, -1.0, 1.0)
+        # A triangle: a box lets differences of some wavelengths grow.
+        window = NEIGHBOURS + 1.0 - np.abs(np.arange(-NEIGHBOURS, NEIGHBOURS + 1))
+
+        def around(values: Float[np.ndarray, "K"], power: int = 1) -> Float[np.ndarray, "K"]:
+            return np.convolve(values, window**power)[NEIGHBOURS:-NEIGHBOURS]
+
+        whole = np.maximum(around(weight), 1e-100)
+        common = around(weight * change) / whole
+        low, high = OWN_SIGMAS
+        unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
+        gain = OWN_GAIN + (1.0 - OWN_GAIN) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
+        step = common + gain * (change - common)
+        self.smooth = self.smooth + np.where(pressed, step, change)
+        # Noise that is left: of the mean, and of the slow filter; a point in doubt is as calm as its neighbours.
+        own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
+        left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
+        play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
+        ahead = self.smooth - self.followed
+        move = np.where(pressed, np.sign(ahead) * np.maximum(np.abs(ahead) - play, 0.0), ahead)
+        self.xi = np.clip(self.xi + move[:, None] / law.yield_strain, -1.0, 1.0)
         self.xi[released] = 1.0
-        self.followed = self.followed + step
+        self.followed = self.followed + move
 
 
 def stop_path(

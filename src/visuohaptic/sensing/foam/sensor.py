@@ -35,9 +35,9 @@ log = logging.getLogger(__name__)
 #: So many images are remembered: mixed-up buffers of a camera show one of the last again.
 _REMEMBERED_IMAGES = 8
 
-#: What a point at a kink or a bridge scatters by from frame to frame, by its doubt: a third, from 0.1 to
-#: 0.6, over rendered plates. The rest is the same in all frames.
-_OWN_NOISE = 0.33
+#: What a point at a kink, and a bridge, scatters by from frame to frame, by its doubt: over rendered
+#: plates of 1 to 10 mm depth. The rest is the same in all frames.
+_KINK_NOISE, _BRIDGE_NOISE = 0.025, 0.33
 
 #: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
 #: than that, or than this part of the foam's grey level, may be the wrong one of two.
@@ -227,7 +227,8 @@ class FoamSensor:
         # What changes from frame to frame is image noise; texture and the zero stay. Kinks do both, and
         # so do bridges: a point is seen in one frame and not in the next.
         noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
-        own = _OWN_NOISE * np.where(seen, np.where(doubtful, scale * _doubt(strip), 0.0), unseen)
+        kinks = np.where(doubtful, _KINK_NOISE * scale * _doubt(strip), 0.0)
+        own = np.where(seen, kinks, _BRIDGE_NOISE * unseen)
         own = np.minimum(own, np.sqrt(sigma**2 - noise**2))
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
         reading = read_profile(
