@@ -171,7 +171,9 @@ class Steps:
     """Figure 3.8: F_Y stepped up and down."""
 
     error: float  #: largest error of F_Y, mean of the frames of a step, by full scale
-    crosstalk: float  #: largest of any other axis, by its full scale
+    crosstalk: float  #: largest of any other axis, mean of the frames of a step, by its full scale
+    slope: float  #: largest part of F_Y that any other axis shows in the mean of all frames, by full scales
+    noise: float  #: of the noisiest other axis, standard deviation of the mean of a step, by its full scale
     valid: float  #: share of the frames
 
 
@@ -192,8 +194,19 @@ def steps(kind: str, distance_m: float, top_N: float, *, count: int = 5, frames:
     full = np.minimum(virtual.beam.full_scale, top_N * np.array([1, 1, 1, 0.12, 0.12, 0.12]))
     off = (np.array([_vector(reading) for reading in readings]) - loads) / full
     off[~valid] = np.nan
-    mean = np.abs(np.nanmean(off.reshape(2 * count, frames, 6), axis=1)).max(axis=0)
-    return Steps(float(mean[1]), float(np.delete(mean, 1).max()), float(valid.mean()))
+    of_step = off.reshape(2 * count, frames, 6)
+    mean = np.abs(np.nanmean(of_step, axis=1)).max(axis=0)
+    noise = np.nanstd(of_step, axis=1, ddof=1).mean(axis=0) / np.sqrt(frames)
+    share = forces[valid] / top_N
+    slope = np.linalg.lstsq(np.column_stack([share, np.ones_like(share)]), off[valid], rcond=None)[0][0]
+    others = [0, 2, 3, 4, 5]
+    return Steps(
+        float(mean[1]),
+        float(mean[others].max()),
+        float(np.abs(slope[others]).max()),
+        float(noise[others].max()),
+        float(valid.mean()),
+    )
 
 
 def template_noise(

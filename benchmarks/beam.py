@@ -171,6 +171,7 @@ def _rendered_steps() -> list[dict]:
         for name, value, floor, aim in (
             ("error of full scale", found.error, 2.0, 0.5),
             ("crosstalk to any other axis", found.crosstalk, 1.0, 0.3),
+            ("crosstalk without the noise of the frames, as a slope over F_Y", found.slope, 1.0, 0.3),
         ):
             rows.append(
                 {
@@ -179,7 +180,8 @@ def _rendered_steps() -> list[dict]:
                     "unit": "%",
                     "floor": floor,
                     "aim": aim,
-                    "note": f"mean of 6 frames, {100 * found.valid:.0f} % valid",
+                    "note": f"mean of 6 frames, whose noise is {100 * found.noise:.2f} % on the worst other axis; "
+                    f"{100 * found.valid:.0f} % valid",
                 }
             )
     return rows

@@ -81,7 +81,9 @@ def test_the_kernel_equals_its_twin(channels):
         mask = np.zeros(shape, np.uint8)
         rate = max(0.1, 1.0 / (step + 1))
         arguments = [np.float32(rate), np.float32(0.03), np.float32(0.9), settings]
-        update_mixture(image, ours, held, *arguments, mask)
+        kernels = np.ascontiguousarray(np.moveaxis(ours, 1, -1))
+        update_mixture(image, kernels, held, *arguments, mask)
+        ours = np.ascontiguousarray(np.moveaxis(kernels, -1, 1))
         expected = mixture_twin(image, theirs, held, *arguments)
         np.testing.assert_array_equal(mask, expected)
         # The twin's state is rounded to single precision each step; weights are of order 1.

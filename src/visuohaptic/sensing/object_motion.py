@@ -29,6 +29,7 @@ from ..errors import InputError
 from ..objects import Event, EventKind, Reason
 from ..tracking.flow import FlowStep
 from ..tracking.homography import decompose_homography, estimate_homography_robust, facing_motions
+from ..tracking.plane_pose import lens_numbers
 from .object_face import cast_to_face
 
 __all__ = ["ObjectMotion", "ObjectMotionSettings", "ObjectTracker"]
@@ -88,10 +89,17 @@ def _angle(motion: Pose) -> float:
     return math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(motion.rotation)) - 1.0))))
 
 
+def _twist(motion: Pose) -> float:
+    """The part of a turn that is about the vertical [rad]: twice the angle of (w, z) of the quaternion."""
+    r = motion.rotation
+    return math.atan2(r[1, 0] - r[0, 1], r[0, 0] + r[1, 1])
+
+
 def _upright(motion: Pose) -> Pose:
     """The nearest motion of an object that stands on the floor."""
-    twist = 2.0 * math.atan2(*motion.quaternion_xyzw[2:])
-    return Pose.from_rotation_vector([0.0, 0.0, twist], [*motion.translation_m[:2], 0.0])
+    c, s = math.cos(_twist(motion)), math.sin(_twist(motion))
+    shift = np.array([motion.translation_m[0], motion.translation_m[1], 0.0])
+    return Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), shift)
 
 
 class ObjectTracker:
@@ -108,6 +116,7 @@ class ObjectTracker:
     ) -> None:
         self.camera, self.pose_camera_foam = camera, pose_camera_foam
         self.settings = settings or ObjectMotionSettings()
+        self._lens = lens_numbers(camera)
         self.face: Pose | None = None  #: at the begin; None: nothing is tracked
         self.curvature_per_m = 0.0  #: of the face's section with the floor; 0 = plane
         self._shape_sigma = np.array([0.1, 2.0])  # of the face's direction [rad] and curvature [1/m]
@@ -232,8 +241,7 @@ class ObjectTracker:
 
     def _reading(self, t_s: float) -> ObjectMotion:
         rotation = self._motion.rotation
-        z, w = self._motion.quaternion_xyzw[2:]
-        turn = 2.0 * math.atan2(z, w)  # twist about the vertical
+        turn = _twist(self._motion)
         tilt = math.acos(min(1.0, max(-1.0, float((rotation @ self._lean)[2, 2]))))
         shift = self._motion.translation_m.copy()
         return ObjectMotion(t_s, True, Reason.OK, shift, turn, tilt, self._covariance, self._points)
@@ -414,46 +422,24 @@ class ObjectTracker:
         self, start: Pose, body: np.ndarray, pixels: np.ndarray, sigma: np.ndarray, active: np.ndarray
     ) -> _Fit | None:
         """Gauss-Newton on the pixels with Tukey's weights; (rotation vector, shift) in F, those ``active``."""
-        s, motion = self.settings, start
-        inliers, cost, scale = np.zeros(len(body), dtype=bool), np.inf, 1.0
-        jacobian = np.zeros((len(body), 2, len(active)))
-        for iteration in range(8):
-            residual = (self._project(motion, body) - pixels) / sigma[:, None]
-            distance = np.linalg.norm(residual, axis=1)
-            if not np.isfinite(distance).all():
-                return None
-            # Wide at first, so that a start some pixels off still finds its points.
-            scale = max(1.0, float(np.median(distance)) / 1.177) if iteration < 5 else max(1.0, scale)
-            gate = s.gate_sigmas * scale
-            inliers = distance < gate
-            if np.count_nonzero(inliers) < max(4, s.least_points // 2):
-                return None
-            weight = np.where(inliers, (1 - (distance / gate) ** 2) ** 2, 0.0)
-            jacobian = self._jacobian(motion, body, active) / sigma[:, None, None]
-            flat = jacobian.reshape(-1, len(active))
-            weighted = np.repeat(weight, 2)[:, None] * flat
-            information = flat.T @ weighted
-            # A touch of damping: a few points near a line leave directions open.
-            information += 1e-9 * np.trace(information) * np.eye(len(active))
-            gradient = weighted.T @ residual.ravel()
-            change = np.zeros(6)
-            change[active] = -np.linalg.solve(information, gradient)
-            if not np.abs(change).max() < 1.0:
-                return None
-            turn = Pose.from_rotation_vector(change[:3], np.zeros(3))
-            motion = Pose(turn.rotation @ motion.rotation, motion.translation_m + change[3:])
-            # A hundredth of what a good picture tells.
-            if np.abs(change).max() < 2e-6:
-                break
+        from ._object_kernels import fit_motion
+
+        assert self.face is not None
+        s, view = self.settings, self.pose_camera_foam
+        rotation, shift = start.rotation.copy(), start.translation_m.copy()
+        distance, kept = np.zeros(len(body)), np.zeros((6, 6))
+        free = np.zeros(6, dtype=bool)
+        free[active] = True
+        scale = fit_motion(
+            body, np.ascontiguousarray(pixels), sigma, self.face.translation_m, view.rotation, view.translation_m,
+            self._lens, s.gate_sigmas, max(4, s.least_points // 2), free, rotation, shift, distance, kept,
+        )  # fmt: skip
+        if not np.isfinite(scale):
+            return None
         cost = float(np.minimum(distance, s.gate_sigmas) @ np.minimum(distance, s.gate_sigmas))
-        # A wide scale is for finding the way; in the end points agree by their own noise.
-        scale = min(scale, 2.0)
-        inliers = distance < s.gate_sigmas * scale
         covariance = np.zeros((6, 6))
-        kept = jacobian[inliers].reshape(-1, len(active))
-        inner = np.linalg.pinv(kept.T @ kept) * scale**2
-        covariance[np.ix_(active, active)] = inner
-        return motion, covariance, inliers, cost
+        covariance[np.ix_(active, active)] = np.linalg.pinv(kept[np.ix_(active, active)]) * scale**2
+        return Pose(rotation, shift), covariance, distance < s.gate_sigmas * scale, cost
 
     def _project(self, motion: Pose, body: np.ndarray) -> np.ndarray:
         return self.camera.project(self.pose_camera_foam.apply(self._place(motion, body)))

@@ -89,7 +89,7 @@ class FloorMixture:
     def __init__(self, settings: MixtureSettings | None = None) -> None:
         self.settings = settings or MixtureSettings()
         self.frames = 0
-        self._modes: Float32[np.ndarray, "rows columns modes values"] | None = None
+        self._modes: Float32[np.ndarray, "rows modes values columns"] | None = None
         self._floor_spread = 0.0
         self._foreground = 0.0
         self._learning = self.settings.relearn_frames  #: frames to go until the floor counts as known
@@ -109,13 +109,13 @@ class FloorMixture:
         s = self.settings
         levels = np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
         rows, columns, channels = levels.shape
-        shape = (rows, columns, s.modes, 2 + channels)
+        shape = (rows, s.modes, 2 + channels, columns)
         if self._modes is None:
             self._modes = np.zeros(shape, np.float32)
         if self._modes.shape != shape:
             raise InputError(
                 "FloorMixture.update",
-                f"found a picture of shape {image.shape}, expected {self._modes.shape[:2]} as before",
+                f"found a picture of shape {image.shape}, expected {(self._modes.shape[0], self._modes.shape[3])} as before",
                 remedy="use a new mixture for another camera",
             )
         self.frames += 1

@@ -187,7 +187,8 @@ class SceneTracker:
         grey, t_s = frame.grey, frame.t_s
         obstacle = self._obstacles.update(frame.image)
         in_contact, face = self._follow_contact(profile, primitive)
-        step = self._points.update(grey, self._regions(obstacle))
+        labels = (FLOOR,) if self._object.face is None else (FLOOR, OBJECT)
+        step = self._points.update(grey, lambda: self._regions(obstacle), labels=labels)
         expected = None
         if base_state is not None and np.isfinite(self.ego.velocity).all():
             expected = self._expected(base_state, t_s)
@@ -369,7 +370,8 @@ class SceneTracker:
                 regions[(clear > 0) & ~self._hidden] = OBJECT
             for label, cells in ((FLOOR, self._not_floor), (OBJECT, self._not_object)):
                 if cells.any():
-                    large = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), np.uint8))
+                    size = (cells.shape[1] * _CELL_PX, cells.shape[0] * _CELL_PX)
+                    large = cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST)
                     regions[(large[: regions.shape[0], : regions.shape[1]] > 0) & (regions == label)] = 0
         return regions
 

@@ -47,7 +47,7 @@ def matching_blur(
         return 0.0 if start is None else start
     # Nothing is cut: where the blur is wrong, the misfit sits on the edges, which would be taken for
     # outliers. What covers the template fits no blur, so that it changes nothing.
-    light = np.array([alignment.gain, alignment.bias, 1e6])
+    light = np.array([alignment.gain, alignment.bias, 1e6, 1e6, 1.0])
     spline: np.ndarray | None = None
     misfits: dict[int, float] = {}
 

@@ -96,7 +96,7 @@ class Work:
         self.to_image = np.array([[block, 0, centre_x], [0, block, centre_y], [0, 0, 1.0]])
         back = np.array([[1, 0, -centre_x], [0, 1, -centre_y], [0, 0, block]]) / block
         self.homography = back @ homography
-        self.light = np.array([1.0, 0.0, 0.0])
+        self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
         self.matrix = np.zeros((10, 10))
         self.stats = np.zeros(13)
         self.offset = offset
@@ -143,7 +143,7 @@ class Work:
         h = np.ascontiguousarray(h / h[2, 2])
         if self.light[2] <= 0.0:
             # Nothing is known of the light yet: one look, with no step, for gain and bias.
-            self.light[:] = (1.0, 0.0, 1e3)
+            self.light[:] = (1.0, 0.0, 1e3, 1e3, 1.0)
             self._pass(refine_level, level, image, h.copy(), level.rows, k, 0.0, False, 100.0, 0.0, 1, 0.0)
             self._light_from_moments()
         rows = level.informative if subset else level.rows
@@ -214,7 +214,8 @@ class Work:
         spread_i = max(ii / n - (i / n) ** 2, 1e-6)
         # The ratio of contrasts, which does not depend on how well the two are aligned.
         gain = float(np.sqrt(spread_i / spread_t))
-        self.light[:] = (gain, (i - gain * t) / n, np.sqrt(spread_i))
+        spread = float(np.sqrt(spread_i))
+        self.light[:] = (gain, (i - gain * t) / n, spread, spread, 1.0)
 
     @property
     def relative(self) -> float:

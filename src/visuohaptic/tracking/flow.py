@@ -11,6 +11,7 @@ The pyramidal Lucas-Kanade step itself is OpenCV's.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,6 +21,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 from ..errors import InputError
 
 __all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
+
+#: A picture of labels, or a function that makes it.
+Regions = UInt8[np.ndarray, "rows columns"] | Callable[[], UInt8[np.ndarray, "rows columns"]]
+
+#: Start of the way back beside the point, in both directions [bins]: a few times the distance that is allowed.
+_ASIDE = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +44,7 @@ class FlowSettings:
     forward_backward_px: float = 0.4  #: largest distance after tracking there and back
     largest_residual_grey: float = 25.0  #: mean absolute difference of a window that is still the same
     refill_share: float = 0.7  #: new points are chosen when fewer than this part is left
+    retry_frames: int = 4  #: a region that had no more points to offer is asked again after so many frames
 
     def __post_init__(self) -> None:
         if not 1 <= self.binning <= 8:
@@ -146,6 +154,8 @@ class PointTracker:
         self._band: UInt8[np.ndarray, "rows columns"] | None = None
         self._shape: tuple[int, ...] = ()
         self._next_id = 0
+        #: By label: points after the last choice, and frames since then.
+        self._chosen: dict[int, tuple[int, int]] = {}
         self._clear()
 
     def _clear(self) -> None:
@@ -163,10 +173,12 @@ class PointTracker:
             at = np.clip(np.rint(self._points).astype(int), 0, np.array(where.shape[::-1]) - 1)
             keep |= where[at[:, 1], at[:, 0]] == label
         self._keep(keep)
+        self._chosen.pop(label, None)
 
     def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
         """Choose points in the newest picture where regions have become poor."""
         if self._band is not None:
+            self._chosen = {}
             rows = slice(*(self._rows or (0, regions.shape[0])))
             self._refill(self._band, self._binned(regions[rows], nearest=True))
 
@@ -177,8 +189,9 @@ class PointTracker:
     def update(
         self,
         image: UInt8[np.ndarray, "rows columns"],
-        regions: UInt8[np.ndarray, "rows columns"],
+        regions: Regions,
         *,
+        labels: Sequence[int] | None = None,
         shift_px: dict[int, Float[np.ndarray, "2"]] | None = None,
     ) -> FlowStep:
         """Follow all points into a new picture, then choose new ones where they have become few.
@@ -187,7 +200,8 @@ class PointTracker:
         ----------
         regions
             Where to choose points: 0 nowhere, else a region's label. Points that leave
-            their region are followed on.
+            their region are followed on. Or a function that gives them; it is called only when one of
+            the ``labels`` needs points.
         shift_px
             Expected motion of a region's points; by default they move on as they did.
 
@@ -196,21 +210,44 @@ class PointTracker:
         InputError
             A picture of another size than before, or not grey.
         """
-        if image.ndim != 2 or image.dtype != np.uint8 or regions.shape != image.shape:
+        if image.ndim != 2 or image.dtype != np.uint8:
+            raise InputError(
+                "PointTracker.update", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
+            )
+        if not callable(regions):
+            self._same_size(regions, image)
+        if self._shape and image.shape != self._shape:
+            raise InputError("PointTracker.update", f"found {image.shape}, expected {self._shape} as before")
+        self._shape = image.shape
+        first, last = self._rows or (0, image.shape[0])
+        band = self._binned(image[first:last])
+        step = self._follow(band, shift_px or {}, float(first))
+        self._band = band
+        self._chosen = {label: (count, age + 1) for label, (count, age) in self._chosen.items()}
+        if not callable(regions):
+            self._refill(band, self._binned(regions[first:last], nearest=True))
+        elif labels is None or any(self._is_poor(label) for label in labels):
+            asked = regions()
+            self._same_size(asked, image)
+            self._refill(band, self._binned(asked[first:last], nearest=True))
+        return step
+
+    @staticmethod
+    def _same_size(regions: np.ndarray, image: np.ndarray) -> None:
+        if regions.shape != image.shape:
             raise InputError(
                 "PointTracker.update",
                 f"found {image.dtype} {image.shape} and regions {regions.shape}, "
                 "expected uint8 pictures of the same size",
             )
-        if self._shape and image.shape != self._shape:
-            raise InputError("PointTracker.update", f"found {image.shape}, expected {self._shape} as before")
-        self._shape = image.shape
-        first, last = self._rows or (0, image.shape[0])
-        band, where = self._binned(image[first:last]), self._binned(regions[first:last], nearest=True)
-        step = self._follow(band, shift_px or {}, float(first))
-        self._band = band
-        self._refill(band, where)
-        return step
+
+    def _is_poor(self, label: int) -> bool:
+        """Whether a region has too few points and may have others to offer."""
+        have, s = int(np.count_nonzero(self._label == label)), self.settings
+        if have >= s.refill_share * s.points:
+            return False
+        before, age = self._chosen.get(label, (s.points, s.retry_frames))
+        return have < s.refill_share * before or age >= s.retry_frames
 
     def _binned(self, image: np.ndarray, *, nearest: bool = False) -> UInt8[np.ndarray, "rows columns"]:
         import cv2
@@ -250,7 +287,10 @@ class PointTracker:
             "flags": cv2.OPTFLOW_USE_INITIAL_FLOW,
         }
         after, found, residual = cv2.calcOpticalFlowPyrLK(self._band, band, before, before + guess, **options)
-        back, returned, _ = cv2.calcOpticalFlowPyrLK(band, self._band, after, before.copy(), **options)
+        # The way back needs no pyramid. It starts beside where it should end: what holds no place would stay there.
+        options |= {"maxLevel": 0, "criteria": (criteria[0], 15, 0.05 * s.forward_backward_px)}
+        aside = before + np.float32(_ASIDE)
+        back, returned, _ = cv2.calcOpticalFlowPyrLK(band, self._band, after, aside, **options)
         after = np.asarray(after, dtype=np.float32)
         inside = (after >= 0).all(axis=1) & (after <= [band.shape[1] - 1, band.shape[0] - 1]).all(axis=1)
         good = (found.ravel() > 0) & (returned.ravel() > 0) & inside
@@ -276,8 +316,9 @@ class PointTracker:
         s = self.settings
         for label in np.flatnonzero(np.bincount(regions.ravel(), minlength=2)).tolist():
             have = int(np.count_nonzero(self._label == label))
-            if label == 0 or have >= s.refill_share * s.points:
+            if label == 0 or not self._is_poor(label):
                 continue
+            self._chosen[label] = (have, 0)
             mask = np.where(regions == label, np.uint8(255), np.uint8(0))
             x, y, width, height = cv2.boundingRect(mask)
             for point in self._points:
@@ -306,3 +347,5 @@ class PointTracker:
             self._label = np.concatenate([self._label, np.full(len(new), label)])
             self._ids = np.concatenate([self._ids, self._next_id + np.arange(len(new))])
             self._next_id += len(new)
+            # What could offer some is asked again at once.
+            self._chosen[label] = (have + len(new), s.retry_frames if len(new) else 0)
