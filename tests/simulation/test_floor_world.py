@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-
 from tests.navigation.plan_scenes import box, rooms
+
 from visuohaptic.errors import InputError
 from visuohaptic.robots import MobileBase
 from visuohaptic.simulation.floor_senses import FloorSenses, SenseErrors
