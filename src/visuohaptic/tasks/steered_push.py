@@ -58,7 +58,9 @@ class PushSettings:
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = 0.5  #: the object has turned away
     lost_m: float = 0.06  #: driven without touch
-    stall_s: float = 3.0  #: without a millimetre per second
+    stall_s: float = (
+        3.0  #: so long less than a quarter of the way that was told: localisation wanders by some
+    )
     timeout_s: float = 120.0
 
     def __post_init__(self) -> None:
@@ -110,7 +112,9 @@ class SteeredPush:
         self._touch_place: Pose | None = None
         self._last_touch: Pose | None = None
         self._last: tuple[float, Pose] | None = None
-        self._moving_t = self._start_t = math.nan
+        self._start_t = math.nan
+        self._anchor: tuple[float, Pose] | None = None
+        self._stalled = False
         self._forces: list[float] = []
         self._arms: list[float] = []
         self.end: PushEnd | None = None
@@ -180,8 +184,8 @@ class SteeredPush:
         """
         s = self.settings
         if math.isnan(self._start_t):
-            self._start_t = self._moving_t = t_s
-            self._last = (t_s, pose_m)
+            self._start_t = t_s
+            self._last = self._anchor = (t_s, pose_m)
         if seen_m is not None and self._begin is not None:
             self._seen = seen_m
         self._follow(t_s, pose_m, force_N)
@@ -198,23 +202,29 @@ class SteeredPush:
             speed = s.speed_m_s
         error = wanted - heading
         if abs(error) > 0.5:
+            self._anchor = (t_s, pose_m)
             return 0.0, math.copysign(0.4, error)
         return speed * math.cos(error), max(-0.6, min(0.6, s.heading_gain_per_s * error))
 
     def _follow(self, t_s: float, pose_m: Pose, force_N: float) -> None:
         """Touch, progress and stall."""
         assert self._last is not None
+        assert self._anchor is not None
+        s = self.settings
         step = float(np.hypot(*(pose_m[:2] - self._last[1][:2])))
         if step > 0.004:
-            self._last, self._moving_t = (t_s, pose_m), t_s
+            self._last = (t_s, pose_m)
             if self._touch_place is not None:
-                self._integral += self.settings.integral_per_m * self.turned_rad * step
-        elif abs(_wrap(float(pose_m[2] - self._last[1][2]))) > 0.05:
-            self._last, self._moving_t = (t_s, pose_m), t_s
-        if force_N >= self.settings.touch_N:
+                self._integral += s.integral_per_m * self.turned_rad * step
+        passed_s = t_s - self._anchor[0]
+        if passed_s >= s.stall_s:
+            way = float((pose_m[:2] - self._anchor[1][:2]) @ self._ahead)
+            self._stalled = way < 0.25 * s.speed_m_s * passed_s
+            self._anchor = (t_s, pose_m)
+        if force_N >= s.touch_N:
             if self._touch_place is None:
                 self._touch_place = pose_m
-                self._moving_t = t_s
+                self._anchor = (t_s, pose_m)
             self._last_touch = pose_m
             self._forces.append(force_N)
 
@@ -225,7 +235,7 @@ class SteeredPush:
         if self._touch_place is None:
             if float((pose_m[:2] - self._stand) @ self._ahead) > s.search_m:
                 return PushEnd.MISSED
-            return PushEnd.STALLED if t_s - self._moving_t > 2 * s.stall_s else None
+            return PushEnd.STALLED if self._stalled else None
         driven = float((pose_m[:2] - self._touch_place[:2]) @ self._ahead)
         if self.moved_m[0] >= self._length_m or driven > self._length_m + s.lost_m:
             return PushEnd.DONE
@@ -234,7 +244,7 @@ class SteeredPush:
         assert self._last_touch is not None
         if float(np.hypot(*(pose_m[:2] - self._last_touch[:2]))) > s.lost_m:
             return PushEnd.LOST
-        return PushEnd.STALLED if t_s - self._moving_t > s.stall_s else None
+        return PushEnd.STALLED if self._stalled else None
 
     def _steer(self, pose_m: Pose, heading: float, contact_m: tuple[float, float] | None) -> float:
         """Angle of the drive to the left of the push."""

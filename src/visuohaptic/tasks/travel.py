@@ -165,6 +165,7 @@ class _Machine:
     forgiven: int = 0
     length_m: float = 0.0
     as_planned: bool = False  #: the last push did what the plan said
+    deadline_s: float = math.inf
     behind_m: float = 0.0  #: so far straight behind the robot is known to be free
 
     def __post_init__(self) -> None:
@@ -172,7 +173,8 @@ class _Machine:
 
     def run(self) -> Travel:
         """From state to state until the end."""
-        begin_s = self.base.state().t_s
+        begin_s = self._now()
+        self.deadline_s = begin_s + self.settings.timeout_s
         steps = {
             TravelState.PLAN: self._plan,
             TravelState.DRIVE: self._drive,
@@ -182,14 +184,12 @@ class _Machine:
         }
         try:
             while self.state in steps:
-                if self.base.state().t_s - begin_s > self.settings.timeout_s:
-                    self._end(TravelOutcome.TIMED_OUT, f"after {self.settings.timeout_s:.0f} s")
-                    break
-                self.state = steps[self.state]()
+                late = self._now() >= self.deadline_s
+                self.state = self._late() if late else steps[self.state]()
         finally:
             self.base.stop()
         assert self.outcome is not None
-        end_s = self.base.state().t_s
+        end_s = self._now()
         return Travel(
             self.outcome,
             tuple(self.trace),
@@ -200,6 +200,10 @@ class _Machine:
             self.plans,
             self.reason,
         )
+
+    def _late(self) -> TravelState:
+        self.base.stop()
+        return self._end(TravelOutcome.TIMED_OUT, f"after {self.settings.timeout_s:.0f} s")
 
     # ---- planning
 
@@ -268,6 +272,8 @@ class _Machine:
             force = self.senses.touch()[0]
             if force < self.settings.bump_N or math.isnan(bumped_s):
                 bumped_s = t_s
+            if t_s >= self.deadline_s:
+                return self._late()
             stalled = t_s - moved_s > self.settings.drive_stall_s
             if stalled or t_s - bumped_s > self.settings.bump_s or t_s - begin_s > 20.0 + 10 * task.cost_s:
                 return self._bumped("stalled" if stalled else "bumped", force)
@@ -371,7 +377,7 @@ class _Machine:
             stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever,
             settings=PushSettings(
                 radius_m=robot.radius_m, speed_m_s=speed, search_m=0.15 + 2 * self.margin_m,
-                timeout_s=30.0 + 3.0 * length_m / speed,
+                timeout_s=min(30.0 + 3.0 * length_m / speed, max(self.deadline_s - self._now(), 0.0)),
             ),
         )  # fmt: skip
         begin = self._pose()
