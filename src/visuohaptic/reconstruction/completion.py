@@ -15,7 +15,7 @@ that nobody measured.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,11 +23,14 @@ from jaxtyping import Bool, Float, Int
 from ..camera import Pose
 from ..errors import InputError
 from .biharmonic import BiharmonicMesh
+from .centres import Centres, around_core, free_points, with_off_surface
 from .hole import HoleRegion, support_band
+from .hole_surface import HoleSpace
 from .mesh import SurfaceMesh
-from .rbf import Grid, RbfSurface, isosurface
+from .rbf import RbfSurface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
+from .touch_lines import best_vertex, reachable, starts
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 
@@ -39,8 +42,6 @@ _TRUSTED = 0.06
 _USELESS = 0.2
 #: Rounds in which free space that the surface still covers is added.
 _FREE_ROUNDS = 3
-#: Rounds in which inner points of the region that the surface leaves outside are added, and how many each.
-_CORE_ROUNDS, _CORE_POINTS = 4, 6
 #: Contacts without which an exploration is never done.
 LEAST_TOUCHES = 3
 
@@ -67,20 +68,6 @@ class SurfaceUncertainty:
     score: Float[np.ndarray, "v"]  #: biharmonic distance from the nearest support (Eq. 5.7)
     sigma_m: Float[np.ndarray, "v"]  #: standard deviation of the surface, scaled by what touches found
     missing: Bool[np.ndarray, "v"]  #: whether a vertex is in the part that was not seen
-
-
-@dataclass(slots=True)
-class _Added:
-    """Centres beside the visible ones."""
-
-    points: list[np.ndarray] = field(default_factory=list)
-    values: list[float] = field(default_factory=list)
-    sigmas: list[float] = field(default_factory=list)
-
-    def put(self, point: np.ndarray, value: float, sigma_m: float) -> None:
-        self.points.append(point)
-        self.values.append(value)
-        self.sigmas.append(sigma_m)
 
 
 class Completion:
@@ -128,33 +115,19 @@ class Completion:
             if self.prior is not None
             else height_axis(self.band.points_m, self.band.normals)
         )
-        centers, values = _with_off_surface(self.band.points_m, self.band.normals, self._d_m)
+        centers, values = with_off_surface(self.band.points_m, self.band.normals, self._d_m)
         first = RbfSurface(centers, values, 1e-8)
         #: Variance of the thin-plate process in units of the extent; smoothing is noise over it.
         self._scale = max(first.process_scale, 1e-12)
         rho = self._rho(np.full(len(centers), self.settings.visual_sigma_m), first.extent_m)
-        self._visible = self._around_core(RbfSurface(centers, values, rho))
+        self._visible = around_core(RbfSurface(centers, values, rho), region, self._rho)
         self._fit = self._visible
         self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
         self._free: list[np.ndarray] = []  #: points that were passed without contact
         self._innovations: list[float] = []  #: how far touches were off, in deviations
         self._prior_misses: list[float] = []
-        self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
+        self._space = HoleSpace(region, self.band)
         self._reset()
-
-    def _around_core(self, fit: RbfSurface) -> RbfSurface:
-        """Inside is where the region's core is: bands far from each other would close each on its own."""
-        core, depth_m = self.region.core()
-        for _ in range(_CORE_ROUNDS):
-            excess = fit(core) + 0.25 * depth_m
-            worst = np.argsort(-excess)[:_CORE_POINTS]
-            worst = worst[excess[worst] > 0]
-            if not len(worst):
-                return fit
-            rho = self._rho(0.25 * depth_m[worst], fit.extent_m)
-            fit = fit.added(core[worst], -0.5 * depth_m[worst], rho)
-            core, depth_m = np.delete(core, worst, axis=0), np.delete(depth_m, worst)
-        return fit
 
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
@@ -177,7 +150,7 @@ class Completion:
         """Join a touch: its contact is on the surface, its line up to there is outside."""
         touch = touch.moved(self._pose) if self._pose is not None else touch
         self.touches.append(touch)
-        fresh = _Added()
+        fresh = Centres()
         refit = False
         if touch.contact_m is not None:
             contact = np.asarray(touch.contact_m)
@@ -186,7 +159,7 @@ class Completion:
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
                 self._rings(contact, touch.sigma_m, fresh)
-        self._free.extend(self._free_points(touch))
+        self._free.extend(free_points(touch, self._d_m))
         self._refit(None if refit else fresh)
         self._reset()
 
@@ -224,7 +197,7 @@ class Completion:
         self._contacts.append((contact, sigma_m))
         return False
 
-    def _rings(self, contact: Float[np.ndarray, "3"], sigma_m: float, into: _Added) -> None:
+    def _rings(self, contact: Float[np.ndarray, "3"], sigma_m: float, into: Centres) -> None:
         """Where the rest of a touched ring is, by the kindred cross-sections of the bands."""
         if self.prior is None:
             return
@@ -240,24 +213,11 @@ class Completion:
             if sigma < _USELESS * radius and not near:
                 into.put(point, 0.0, float(sigma))
 
-    def _free_points(self, touch: Touch) -> list[np.ndarray]:
-        if touch.start_m is None:
-            return []
-        end = touch.end_m if touch.contact_m is None else touch.contact_m
-        assert end is not None
-        way = end - touch.start_m
-        length = float(np.linalg.norm(way))
-        back = self._d_m if touch.contact_m is not None else 0.0
-        if length <= back:
-            return []
-        count = max(2, int((length - back) / (0.5 * self._d_m)))
-        return list(touch.start_m + np.outer(np.linspace(0.0, 1 - back / length, count), way))
-
-    def _refit(self, fresh: _Added | None) -> None:
+    def _refit(self, fresh: Centres | None) -> None:
         """Join fresh centres, or all anew; then free space that the surface still covers."""
         base = self._fit
         if fresh is None:
-            base, fresh = self._visible, _Added()
+            base, fresh = self._visible, Centres()
             for contact, sigma in self._contacts:
                 fresh.put(contact, 0.0, sigma)
             for contact, sigma in self._contacts:
@@ -272,60 +232,22 @@ class Completion:
             if not len(covered):
                 return
             worst = covered[np.argsort(values[covered])][:3]
-            more = _Added()
+            more = Centres()
             for row in worst:
                 more.put(free[row], 0.25 * self._d_m, 0.25 * self._d_m)
             self._fit = self._joined(self._fit, more)
 
-    def _joined(self, base: RbfSurface, added: _Added) -> RbfSurface:
+    def _joined(self, base: RbfSurface, added: Centres) -> RbfSurface:
         if not added.points:
             return base
         rho = self._rho(np.array(added.sigmas), base.extent_m)
         return base.added(np.array(added.points), np.array(added.values), rho)
 
-    def _grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
-        """The grid over the grown region and which of its nodes are in it; both never change."""
-        if nodes not in self._grids:
-            margin = self.band.margin_m
-            low, high = self.region.hull_m.min(axis=0) - margin, self.region.hull_m.max(axis=0) + margin
-            grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
-            inside = self.region.distance_m(grid.all_nodes_m) <= margin
-            self._grids[nodes] = grid, inside.reshape(grid.shape)
-        return self._grids[nodes]
-
-    def _extract(self, nodes: int) -> SurfaceMesh:
-        """The zero surface in the grown region; parts without supports are left out."""
-        grid, inside = self._grid(nodes)
-        vertices, faces = isosurface(self._fit, grid, inside)
-        if not len(faces):
-            raise InputError(
-                "Completion",
-                "the estimated surface does not pass through the region",
-                remedy="check the orientation of the model's triangles",
-            )
-        return self._supported_part(SurfaceMesh(vertices, faces), 2.0 * grid.step_m)
-
     def _supports(self) -> Float[np.ndarray, "s 3"]:
         return np.array([*self.band.points_m, *(contact for contact, _ in self._contacts)])
 
-    def _supported_part(self, mesh: SurfaceMesh, near_m: float) -> SurfaceMesh:
-        from scipy.sparse import coo_matrix
-        from scipy.sparse.csgraph import connected_components
-        from scipy.spatial import cKDTree
-
-        n = len(mesh.vertices_m)
-        ends = mesh.faces[:, [0, 1, 2]], mesh.faces[:, [1, 2, 0]]
-        links = coo_matrix((np.ones(ends[0].size), (ends[0].ravel(), ends[1].ravel())), shape=(n, n))
-        count, labels = connected_components(links, directed=False)
-        if count == 1:
-            return mesh
-        gaps, near = cKDTree(mesh.vertices_m).query(self._supports())
-        kept = np.bincount(labels[near[gaps < near_m]], minlength=count)
-        # A crumb that one support brushes is no part of the object.
-        good = kept >= max(1, 0.02 * kept.sum())
-        if not good.any():
-            good = np.bincount(labels, minlength=count) == np.bincount(labels).max()
-        return mesh.submesh(np.flatnonzero(good[labels[mesh.faces[:, 0]]]))
+    def _extract(self, nodes: int) -> SurfaceMesh:
+        return self._space.surface(self._fit, nodes, self._supports())
 
     def surface(self) -> SurfaceMesh:
         """The estimated surface in the grown region [m]; it overlaps the visible one in the band."""
@@ -386,7 +308,7 @@ class Completion:
         from scipy.spatial import cKDTree
 
         points = [*self._supports()]
-        trusted = _Added()
+        trusted = Centres()
         for contact, sigma in self._contacts:
             self._rings(contact, sigma, trusted)
         for point, sigma in zip(trusted.points, trusted.sigmas, strict=True):
@@ -420,50 +342,27 @@ class Completion:
         found = self.uncertainty()
         mesh, distances = self._planned()
         score = found.score.copy()
-        ok = found.missing & self._reachable(mesh)
-        plans = [self._line(mesh, int(best), score, found)] if (best := _best(score, ok)) >= 0 else []
+        ok = found.missing & reachable(
+            mesh, self._axis, self.touches, size_m=self.region.size_m, clear_m=self._d_m
+        )
+        plans = [self._line(mesh, int(best), score, found)] if (best := best_vertex(score, ok)) >= 0 else []
         if not plans:
             raise InputError("Completion.next_touch", "no point of the missing part can be reached")
         for low_m, high_m in reaches_m:
             score = np.minimum(score, distances.distance(np.arange(len(score)), np.array([best]))[:, 0])
-            starts = self._starts(mesh.vertices_m)
-            gap = np.linalg.norm(starts - plans[0].start_m, axis=1)
-            chosen = _best(score, ok & (gap >= low_m) & (gap <= high_m))
+            begins = starts(mesh.vertices_m, self._axis, self._supports(), self._d_m)
+            gap = np.linalg.norm(begins - plans[0].start_m, axis=1)
+            chosen = best_vertex(score, ok & (gap >= low_m) & (gap <= high_m))
             if chosen >= 0:
                 best = chosen
                 plans.append(self._line(mesh, best, score, found))
         return plans
 
-    def _reachable(self, mesh: SurfaceMesh) -> Bool[np.ndarray, "v"]:
-        """Where a horizontal line meets the surface from outside, and none went in vain before."""
-        outward = mesh.vertices_m[:, :2] - self._axis
-        radius = np.linalg.norm(outward, axis=1)
-        normals = mesh.vertex_normals
-        facing = (normals[:, :2] * outward).sum(axis=1) / np.maximum(radius, 1e-9)
-        ok = (facing > 0.2) & (radius > 0.02 * self.region.size_m)
-        for touch in self.touches:
-            if touch.contact_m is None and touch.start_m is not None and touch.end_m is not None:
-                way = touch.end_m - touch.start_m
-                share = np.clip((mesh.vertices_m - touch.start_m) @ way / max(way @ way, 1e-12), 0, 1)
-                gap = np.linalg.norm(mesh.vertices_m - touch.start_m - share[:, None] * way, axis=1)
-                ok &= gap > self._d_m
-        return ok
-
-    def _starts(self, targets_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Outside by the estimated radius, and outside of the region at least."""
-        outward = targets_m[:, :2] - self._axis
-        radius = np.linalg.norm(outward, axis=1, keepdims=True)
-        reach = float(np.linalg.norm(self._supports()[:, :2] - self._axis, axis=1).max())
-        safe = np.maximum(2 * radius, reach + 2 * self._d_m)
-        starts = targets_m.copy()
-        starts[:, :2] = self._axis + outward / np.maximum(radius, 1e-9) * safe
-        return starts
-
     def _line(
         self, mesh: SurfaceMesh, vertex: int, score: Float[np.ndarray, "v"], found: SurfaceUncertainty
     ) -> TouchPlan:
         target = mesh.vertices_m[vertex]
-        start = self._starts(target[None])[0]
+        start = starts(target[None], self._axis, self._supports(), self._d_m)[0]
         end = np.array([*self._axis, target[2]])
         direction = (end - start) / np.linalg.norm(end - start)
         return TouchPlan(target, start, end, direction, float(score[vertex]), float(found.sigma_m[vertex]))
@@ -481,29 +380,3 @@ class Completion:
         hidden part was not yet tested.
         """
         return len(self._contacts) >= LEAST_TOUCHES and self.expected_error_m() < bound_m
-
-
-def _best(score: Float[np.ndarray, "v"], ok: Bool[np.ndarray, "v"]) -> int:
-    return int(np.argmax(np.where(ok, score, -1.0))) if ok.any() else -1
-
-
-def _with_off_surface(
-    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], d_m: float
-) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
-    """Centres on, outside (+d) and inside (-d); d is shortened near other points (Sec. 5.3.1)."""
-    from scipy.spatial import cKDTree
-
-    tree = cKDTree(points)
-    centers, values = [points], [np.zeros(len(points))]
-    for sign in (1.0, -1.0):
-        reach = np.full(len(points), d_m)
-        for _ in range(5):
-            gaps, _ = tree.query(points + sign * reach[:, None] * normals)
-            crowded = gaps < 0.98 * reach
-            if not crowded.any():
-                break
-            reach[crowded] *= 0.6
-        kept = ~crowded
-        centers.append((points + sign * reach[:, None] * normals)[kept])
-        values.append((sign * reach)[kept])
-    return np.concatenate(centers), np.concatenate(values)
