@@ -62,7 +62,14 @@ class BrowsePage(Page):
         """Show one view instead of the other."""
         if name not in self._views:
             raise InputError("BrowsePage", f"found {name!r}, expected one of {', '.join(self._views)}")
-        with self._lock, self._server.atomic():
+        with self._lock:
+            if self._choice.value != name:
+                self._choice.value = name  # which opens it
+                return
+            self._open(name)
+
+    def _open(self, name: str) -> None:
+        with self._server.atomic():
             self._stage.clear()
             self._trouble.visible = False
             try:

@@ -210,6 +210,7 @@ class ObjectView:
             return
         stage.get("picked").content = _told(picked, self.force_N)
         self._draw_curve(picked)
+        stage.drop("mark")
         stage.keep(
             "mark",
             stage.scene.add_icosphere(

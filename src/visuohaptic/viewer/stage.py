@@ -43,7 +43,11 @@ class Stage:
         return self._server.scene
 
     def keep(self, name: str, handle: Any) -> Any:
-        """Remember a handle; one of the same name goes away first."""
+        """Remember a handle; an older one of the same name goes away.
+
+        A node of the scene that takes the place of another has to be dropped before it is made:
+        viser knows nodes by name.
+        """
         self.drop(name)
         self._kept[name] = handle
         return handle
@@ -64,7 +68,7 @@ class Stage:
 
     def look(self, at_m: tuple[float, float, float], reach_m: float) -> None:
         """Point all cameras, those of browsers to come included."""
-        position = (at_m[0] + 0.9 * reach_m, at_m[1] - 1.6 * reach_m, at_m[2] + 0.8 * reach_m)
+        position = (at_m[0] + 0.55 * reach_m, at_m[1] - 1.0 * reach_m, at_m[2] + 0.55 * reach_m)
         cameras = [self._server.initial_camera]
         cameras += [client.camera for client in self._server.get_clients().values()]
         for camera in cameras:
@@ -88,6 +92,7 @@ class Stage:
         shape = trimesh.Trimesh(vertices_m, both, process=False, validate=False)
         alpha = np.full((len(colours), 1), 255, np.uint8)
         shape.visual.vertex_colors = np.concatenate([colours, alpha], axis=1)  # type: ignore[union-attr, unused-ignore]
+        self.drop(name)
         handle = self.keep(name, self.scene.add_mesh_trimesh(f"/view/{name}", shape))
         if on_click is not None:
             handle.on_click(lambda event: on_click(np.array(event.ray_origin), np.array(event.ray_direction)))

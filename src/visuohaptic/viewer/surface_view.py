@@ -63,6 +63,7 @@ class SurfaceView:
         if len(mesh.faces):
             stage.mesh("surface", mesh.vertices_m, mesh.faces, tint)
             return
+        stage.drop("surface")
         size = max(float(np.ptp(mesh.vertices_m, axis=0).max()), 0.01) / 200
         points = stage.scene.add_point_cloud(
             "/view/surface", mesh.vertices_m.astype(np.float32), tint, point_size=size
