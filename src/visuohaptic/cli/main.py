@@ -85,6 +85,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.recording_import",
         "make a depth sequence from depth pictures and poses of another layout",
     ),
+    "view": (
+        "visuohaptic.cli.view",
+        "show objects, maps with plans, surfaces and classifications in the browser",
+    ),
     "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
     "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
 }

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections import deque
 from collections.abc import Mapping
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int8, UInt8
 
 from ..camera import Pose
-from ..errors import DeviceError, InputError, MissingExtraError
+from ..errors import InputError
 from ..objects import ForceProfile, HapticTag
+from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
-
-if TYPE_CHECKING:
-    import viser
+from .server import Page, markdown_text, quaternion
 
 __all__ = ["LivePage"]
-
-_log = logging.getLogger(__name__)
 
 #: Width of the camera picture on the page [px].
 PICTURE_WIDTH = 800
@@ -34,7 +29,7 @@ _MOVABLE_RGB = (222, 130, 62)
 _PLATFORM_RGB = (62, 98, 150)
 
 
-class LivePage:
+class LivePage(Page):
     """The page, served to this machine only.
 
     It works without a browser attached: :meth:`update` then costs a copy of
@@ -82,7 +77,7 @@ class LivePage:
         full_pressure_Pa: float = 6000.0,
         platform_size_m: tuple[float, float, float] = (0.35, 0.3, 0.18),
     ) -> None:
-        self._server: Any = _start(port, title)
+        super().__init__(port, title)
         self._period_s = 1.0 / rate_hz
         self._drawn_s = -np.inf
         self._strip_size_m = (strip_width_m, strip_height_m)
@@ -91,36 +86,15 @@ class LivePage:
         self._obstacles: dict[str, Any] = {}
         self._strip: Any = None
         self._plot: Any = None
-        self._build(title, platform_size_m)
+        self._build(platform_size_m)
 
-    @property
-    def url(self) -> str:
-        """Address of the page."""
-        return f"http://127.0.0.1:{self._server.get_port()}"
-
-    def show(self) -> bool:
-        """Open the page in this machine's browser; ``False`` where there is no screen for one."""
-        import os
-        import sys
-        import webbrowser
-
-        screen = sys.platform in ("darwin", "win32") or any(
-            os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
-        )
-        # Without a screen Python would start a text browser in the middle of our output.
-        return screen and webbrowser.open(self.url)
-
-    def _build(self, title: str, platform_size_m: tuple[float, float, float]) -> None:
+    def _build(self, platform_size_m: tuple[float, float, float]) -> None:
         server = self._server
         gui, scene = server.gui, server.scene
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
-        gui.main_panel.dock_right()
-        gui.set_panel_label(title)
         self._status = gui.add_markdown("Waiting for the first frame.", order=0)
         blank = np.full((PICTURE_WIDTH * 9 // 16, PICTURE_WIDTH, 3), 230, np.uint8)
         self._picture = gui.add_image(blank, label="camera", format="jpeg", jpeg_quality=80, order=1)
         self._tags = gui.add_markdown("No object has been touched yet.", order=3)
-        scene.set_up_direction("+z")
         scene.add_grid("/floor", 20.0, 20.0, cell_size=0.5, position=(0.0, 0.0, -0.002))
         server.initial_camera.position = (0.45, -0.7, 0.6)
         server.initial_camera.look_at = (0.05, 0.0, 0.0)
@@ -143,26 +117,8 @@ class LivePage:
 
         ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
         """
-        rows, columns = cells.shape
-        grey = np.select([cells < 0, cells >= 50], [205, 70], default=250).astype(np.uint8)
-        picture = np.repeat(grey[::-1, :, None], 3, axis=2)
-        width_m, height_m = columns * resolution_m, rows * resolution_m
-        x, y, yaw = (*origin_world_m, 0.0)[:3]
-        c, s = np.cos(yaw), np.sin(yaw)
-        half = 0.5 * np.array([width_m, height_m])
-        centre_m = (float(x + c * half[0] - s * half[1]), float(y + s * half[0] + c * half[1]), 0.0)
-        # A picture's first row is at its bottom in viser's own axes: turn it about x.
-        self._server.scene.add_image(
-            "/map",
-            picture,
-            width_m,
-            height_m,
-            format="png",
-            position=centre_m,
-            wxyz=(0.0, float(np.cos(0.5 * yaw)), float(np.sin(0.5 * yaw)), 0.0),
-        )
+        _, centre_m, reach_m = draw_map(self._server.scene, cells, resolution_m, origin_world_m)
         self._server.initial_camera.look_at = centre_m
-        reach_m = max(width_m, height_m)
         self._server.initial_camera.position = (
             centre_m[0] - 0.35 * reach_m,
             centre_m[1] - 0.75 * reach_m,
@@ -183,7 +139,7 @@ class LivePage:
         ``outline_m`` is its outline on the floor in its own frame, of which
         ``pose_world_object`` gives the place.
         """
-        position, wxyz = tuple(pose_world_object.translation_m), _quaternion(pose_world_object.rotation)
+        position, wxyz = tuple(pose_world_object.translation_m), quaternion(pose_world_object.rotation)
         if (handle := self._obstacles.get(name)) is not None:
             handle.position, handle.wxyz = position, wxyz
             return
@@ -206,7 +162,9 @@ class LivePage:
     def set_tags(self, tags: Mapping[str, str | HapticTag]) -> None:
         """List what is known of each object: its tag, or a text."""
         lines = ["| object | what was felt |", "|---|---|"]
-        lines += [f"| {_cell(name)} | {_cell(_tag_line(tag))} |" for name, tag in tags.items()]
+        lines += [
+            f"| {markdown_text(name)} | {markdown_text(_tag_line(tag))} |" for name, tag in tags.items()
+        ]
         self._tags.content = "\n".join(lines)
 
     def update(
@@ -260,7 +218,7 @@ class LivePage:
                 self._picture.image = _small_rgb(frame_bgr)
             if pose_world_foam is not None:
                 self._foam.position = tuple(pose_world_foam.translation_m)
-                self._foam.wxyz = _quaternion(pose_world_foam.rotation)
+                self._foam.wxyz = quaternion(pose_world_foam.rotation)
                 self._foam.visible = True
             if profile is not None:
                 self._status.content = _status_line(t_s, profile, truth_N, note)
@@ -349,58 +307,6 @@ class LivePage:
         self._strip.batched_scales = sizes_m.astype(np.float32)
         self._strip.batched_colors = colours
 
-    def close(self) -> None:
-        """Stop serving; harmless when repeated."""
-        if self._server is not None:
-            server, self._server = self._server, None
-            server.stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
-
-def _start(port: int, title: str) -> viser.ViserServer:
-    """A viser server on 127.0.0.1 that cannot be shared to the outside."""
-    try:
-        import viser
-    except ImportError as error:
-        raise MissingExtraError("viser", "view", "the browser page") from error
-    import rich
-
-    class LocalServer(viser.ViserServer):  # type: ignore[misc]
-        def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse: any attached browser could ask viser to open a tunnel to the internet."""
-            _log.warning("a browser asked to share the page over the internet: refused")
-            return None
-
-    # viser prints when it stops; stdout belongs to our results.
-    rich.reconfigure(stderr=True)
-    try:
-        server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
-    except OSError as error:
-        raise DeviceError(
-            f"the page cannot be served on port {port} ({error}); choose another port"
-        ) from error
-    if port and server.get_port() != port:
-        _log.warning("port %d is in use, the page is on port %d", port, server.get_port())
-    return server
-
-
-def _quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of a rotation matrix."""
-    import cv2
-
-    vector = cv2.Rodrigues(np.ascontiguousarray(rotation, dtype=np.float64))[0].ravel()
-    angle = float(np.linalg.norm(vector))
-    axis = vector / angle if angle > 0 else vector
-    x, y, z = np.sin(0.5 * angle) * axis
-    return float(np.cos(0.5 * angle)), float(x), float(y), float(z)
-
 
 def _small_rgb(frame: UInt8[np.ndarray, "rows columns *colour"]) -> UInt8[np.ndarray, "rows columns 3"]:
     import cv2
@@ -419,7 +325,7 @@ def _status_line(t_s: float, profile: ForceProfile, truth_N: float | None, note:
     if truth_N is not None:
         parts.append(f"true {truth_N:.2f} N")
     parts.append(f"contacts {len(profile.contacts)}")
-    return " · ".join([*parts, _cell(note)] if note else parts)
+    return " · ".join([*parts, markdown_text(note)] if note else parts)
 
 
 def _tag_line(tag: str | HapticTag) -> str:
@@ -433,8 +339,3 @@ def _tag_line(tag: str | HapticTag) -> str:
     if tag.falls:
         parts.append("falls")
     return ", ".join(parts) or "nothing observed"
-
-
-def _cell(text: str) -> str:
-    """Text that Markdown leaves as it is."""
-    return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>()#+!|" else letter for letter in text)

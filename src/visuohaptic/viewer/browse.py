@@ -1,0 +1,85 @@
+"""One page for many things: pick one, see it, click it."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+from ..errors import InputError, VisuohapticError
+from .server import Page, markdown_text
+from .stage import Stage, View
+
+__all__ = ["BrowsePage"]
+
+_log = logging.getLogger(__name__)
+
+
+class BrowsePage(Page):
+    """A page on this machine that shows one of several views at a time.
+
+    Parameters
+    ----------
+    views
+        What can be picked; the first is shown.
+    port
+        TCP port on 127.0.0.1; the next free one is taken when it is in use.
+    title
+        Headline of the page.
+
+    Examples
+    --------
+    >>> with BrowsePage([ObjectView.of_object(load_object("cup"))], port=0) as page:  # doctest: +SKIP
+    ...     page.show()
+    """
+
+    def __init__(self, views: Sequence[View], port: int = 8080, *, title: str = "visuohaptic") -> None:
+        if not views:
+            raise InputError("BrowsePage", "found no views, expected at least one")
+        super().__init__(port, title)
+        self._views = {_unique(view.title, number, views): view for number, view in enumerate(views)}
+        self._stage = Stage(self._server)
+        self._lock = threading.RLock()
+        gui = self._server.gui
+        names = tuple(self._views)
+        self._choice: Any = gui.add_dropdown("show", names, order=0, visible=len(names) > 1)
+        self._trouble: Any = gui.add_markdown("", order=1, visible=False)
+        self._choice.on_update(lambda _: self.open(self._choice.value))
+        self.open(names[0])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the views."""
+        return tuple(self._views)
+
+    @property
+    def stage(self) -> Stage:
+        """Where the view is drawn."""
+        return self._stage
+
+    def open(self, name: str) -> None:
+        """Show one view instead of the other."""
+        if name not in self._views:
+            raise InputError("BrowsePage", f"found {name!r}, expected one of {', '.join(self._views)}")
+        with self._lock:
+            if self._choice.value != name:
+                self._choice.value = name  # which opens it
+                return
+            self._open(name)
+
+    def _open(self, name: str) -> None:
+        with self._server.atomic():
+            self._stage.clear()
+            self._trouble.visible = False
+            try:
+                self._views[name].draw(self._stage)
+            except VisuohapticError as error:
+                _log.warning("%s", error)
+                self._trouble.content = markdown_text(str(error))
+                self._trouble.visible = True
+
+
+def _unique(title: str, number: int, views: Sequence[View]) -> str:
+    alike = [other.title for other in views].count(title) > 1
+    return f"{title} ({number + 1})" if alike else title

@@ -1,0 +1,117 @@
+"""Which view a file asks for."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..deformation import class_names, load_map, load_object
+from ..errors import InputError
+from ..grasping import GraspTask
+from .map_view import MapView
+from .object_view import ObjectView
+from .stage import View
+from .steps_view import StepsView
+from .surface_view import SurfaceView
+
+__all__ = ["open_views"]
+
+_MAP_PICTURES = {".png", ".pgm", ".bmp"}
+_MESHES = {".stl", ".obj", ".glb", ".dae"}
+_MOST_BYTES = 64 << 20
+
+
+def open_views(sources: Sequence[Path | str], task: GraspTask | None = None) -> list[View]:
+    """Views of files and shipped classes, in their order.
+
+    ``.npz`` a stiffness map; ``.ply`` a surface, completed or not; ``.stl .obj .glb .dae`` a container;
+    ``.yaml`` a container or a map of map_server, ``.json`` a plan, which is drawn on the map before
+    it, or the steps of a classification ``{"steps": [[question, answer], ...], "result": ...}``; a
+    name, a shipped class.
+    """
+    out: list[View] = []
+    for source in sources:
+        view = _view(Path(source), task)
+        last = out[-1] if out else None
+        if isinstance(view, MapView) and view.grid is None and isinstance(last, MapView):
+            if last.plan is None:
+                out[-1] = MapView(last.title, last.grid, view.plan)
+                continue
+            # Several plans on the same map.
+            view = MapView(f"{last.title}: {view.title}", last.grid, view.plan)
+        out.append(view)
+    return out
+
+
+def _view(path: Path, task: GraspTask | None) -> View:
+    kind = path.suffix.lower()
+    if kind == ".npz":
+        return ObjectView(path.stem, load_map(path), task=task)
+    if kind == ".ply":
+        from ..recording.ply import read_ply
+
+        return SurfaceView(path.name, read_ply(path))
+    if kind in _MESHES or (not kind and str(path) in class_names()):
+        return ObjectView.of_object(load_object(path), task)
+    if kind == ".json":
+        return _json_view(path)
+    if kind in {".yaml", ".yml"}:
+        if _is_map(path):
+            return _map_view(path)
+        return ObjectView.of_object(load_object(path), task)
+    if kind in _MAP_PICTURES:
+        raise InputError(path, "is a picture", remedy="give the .yaml of the map beside it")
+    raise InputError(
+        path,
+        f"found suffix {kind!r}, expected .npz, .ply, .json, .yaml, {', '.join(sorted(_MESHES))}",
+        remedy=f"or a class: {', '.join(class_names())}",
+    )
+
+
+def _map_view(path: Path) -> MapView:
+    from ..recording import OccupancyMap
+
+    return MapView(path.name, OccupancyMap.load(path))
+
+
+def _is_map(path: Path) -> bool:
+    """map_server's YAML names a picture; a container has sections."""
+    return any(line.startswith("image:") for line in _text(path).splitlines())
+
+
+def _json_view(path: Path) -> View:
+    try:
+        data: Any = json.loads(_text(path))
+    except (json.JSONDecodeError, RecursionError) as error:
+        raise InputError(path, f"is not JSON ({error})") from error
+    if isinstance(data, Mapping) and "steps" in data:
+        return _steps(path, data)
+    if isinstance(data, Mapping) and "tasks" in data:
+        from ..navigation.plan import plan_from_json
+
+        return MapView(path.name, plan=plan_from_json(data, where=str(path)))
+    raise InputError(path, "found neither tasks of a plan nor steps of a classification")
+
+
+def _steps(path: Path, data: Mapping[str, Any]) -> StepsView:
+    steps = data["steps"]
+    good = isinstance(steps, list) and all(
+        isinstance(step, list) and len(step) == 2 and all(isinstance(part, str) for part in step)
+        for step in steps
+    )
+    if not good:
+        raise InputError(path, "expected a list of [question, answer], both texts", field="steps")
+    return StepsView(path.stem, [(step[0], step[1]) for step in steps], str(data.get("result") or ""))
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise InputError(path, f"is larger than {_MOST_BYTES} bytes")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise InputError(path, "is not text in UTF-8") from error

@@ -1,0 +1,316 @@
+"""An object that gives way: its stiffness map, what a point does under force, where to grasp it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..deformation import Contents, ShellObject, object_map
+from ..deformation.map_file import colours
+from ..errors import VisuohapticError
+from ..grasping import (
+    GraspPlan,
+    GraspTask,
+    confirm_grasp,
+    grasp_scores,
+    plan_grasps,
+    plan_map,
+    predicted_shape,
+)
+from ..grasping.plots import score_colours
+from ..objects import StiffnessMap
+from .server import markdown_text
+from .stage import Stage, hit_face
+
+__all__ = ["ObjectView", "Picked"]
+
+_SHADES = ("stiffness", "grasp score", "contact", "curvature", "height", "deformation")
+_PICK = "Click a point of the surface for its force-deformation curve."
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picked:
+    """What is known of one surface point."""
+
+    vertex: int
+    point_m: Float[np.ndarray, "3"]
+    stiffness_N_per_m: float
+    sigma_N_per_m: float
+    score: float  #: grasp score at the force
+    curve_m: Float[np.ndarray, "k"]  #: deformation of one side
+    curve_N: Float[np.ndarray, "k"]  #: force of one finger
+    shape_m: Float[np.ndarray, "v 3"] | None  #: deformed vertices at the force; none of a map alone
+    nonlinear: bool  #: curve and shape are of the nonlinear simulation
+    note: str = ""  #: what it has to say
+
+
+class ObjectView:
+    """A container, or a stiffness map alone.
+
+    Parameters
+    ----------
+    title
+        Its name on the page.
+    surface
+        Stiffness map.
+    thing
+        The object itself: without it there are no shapes and no nonlinear curves.
+    task
+        State, hand and limits; its force is where the page's slider starts.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        surface: StiffnessMap,
+        *,
+        thing: ShellObject | None = None,
+        task: GraspTask | None = None,
+    ) -> None:
+        self.title = title
+        self.surface = surface
+        self.thing = thing
+        self.task = task or GraspTask(force_N=10.0)
+        if self.task.force_N is None:
+            self.task = replace(self.task, force_N=10.0)
+        self._stage: Stage | None = None
+        self._lock = threading.RLock()
+
+    @classmethod
+    def of_object(cls, thing: ShellObject, task: GraspTask | None = None) -> ObjectView:
+        """Compute the map of an object and show it."""
+        task = task or GraspTask(force_N=10.0)
+        contents = Contents(fill=task.fill) if task.closed else None
+        return cls(thing.name, object_map(thing, contents), thing=thing, task=task)
+
+    @property
+    def force_N(self) -> float:
+        """Of each finger, as the slider says."""
+        return float(self.task.force_N or 10.0)
+
+    # -- What is computed ----------------------------------------------------------------------
+
+    def pick(self, vertex: int, *, nonlinear: bool = False) -> Picked:
+        """Curve and shape of one surface point."""
+        k = float(self.surface.stiffness_N_per_m[vertex])
+        sigma = float(self.surface.stiffness_sigma_N_per_m[vertex])
+        score = float(self._scores().pair[vertex])
+        force = np.linspace(0.0, self.force_N, 9)
+        # Where the wall is held the stiffness is infinite, where nothing is opposite it is not known.
+        curve = force / k if k > 0 else np.zeros_like(force)
+        picked = Picked(vertex, self.surface.vertices_m[vertex], k, sigma, score, curve, force, None, False)
+        if self.thing is None or not (np.isfinite(k) and k > 0):
+            return picked
+        contents = Contents(fill=self.task.fill) if self.task.closed else None
+        if not nonlinear:
+            shape = predicted_shape(self.thing, vertex, self.force_N, contents)
+            return replace(picked, shape_m=shape.points_m)
+        limit = self.task.parameters.most_deformation_m
+        said = confirm_grasp(self.thing, vertex, self.force_N, contents=contents, most_deformation_m=limit)
+        return replace(
+            picked,
+            curve_m=said.curve_m,
+            curve_N=said.curve_N,
+            shape_m=said.shape_m,
+            nonlinear=True,
+            note=said.reason,
+        )
+
+    def rank(self, count: int = 5) -> GraspPlan:
+        """Grasps with the present force."""
+        if self.thing is None:
+            return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
+        return plan_grasps(self.thing, self.task, count=count, surface=self.surface)
+
+    def _scores(self) -> Any:
+        axis = None if self.thing is None else self.thing.axis_point_m
+        return grasp_scores(self.surface, self.force_N, self.task.parameters, axis_point_m=axis)
+
+    # -- What is drawn -------------------------------------------------------------------------
+
+    def draw(self, stage: Stage) -> None:
+        """Mesh, sliders, and places for what a click says."""
+        self._stage = stage
+        gui = stage.gui
+        stage.keep("legend", gui.add_markdown("", order=10))
+        shade = stage.keep("shade", gui.add_dropdown("colours", _SHADES, order=11))
+        most = max(30.0, 2 * self.force_N)
+        force = stage.keep(
+            "force",
+            gui.add_slider("force [N]", min=0.5, max=most, step=0.5, initial_value=self.force_N, order=12),
+        )
+        deep = stage.keep(
+            "deep",
+            gui.add_checkbox("nonlinear (seconds)", False, order=13, disabled=self.thing is None),
+        )
+        ranked = stage.keep("rank", gui.add_button("rank grasps", order=14))
+        stage.keep("picked", gui.add_markdown(_PICK, order=15))
+        stage.keep("grasps", gui.add_markdown("", order=17))
+
+        def recolour(_: Any) -> None:
+            with self._lock:
+                self.task = replace(self.task, force_N=float(force.value))
+                stage.drop("shape")
+                self.paint(shade.value)
+
+        def rank(_: Any) -> None:
+            with self._lock:
+                self.show_grasps()
+
+        shade.on_update(recolour)
+        force.on_update(recolour)
+        ranked.on_click(rank)
+        self._deep = deep
+        self.paint(_SHADES[0])
+        used = self.surface.vertices_m[np.unique(self.surface.faces)]
+        low, high = used.min(axis=0), used.max(axis=0)
+        x, y, z = (0.5 * (low + high)).tolist()
+        stage.look((x, y, z), float(np.linalg.norm(high - low)))
+
+    def paint(self, shade: str) -> None:
+        """Colour the mesh."""
+        assert self._stage is not None
+        values = self.surface.stiffness_N_per_m
+        if shade == "stiffness":
+            finite = values[np.isfinite(values)]
+            low, high = np.percentile(finite, [2, 98]) / 1e3 if finite.size else (0.0, 0.0)
+            text = f"stiffness from {low:.3g} (blue) to {high:.3g} N/mm (red)"
+            tint = colours(values)
+        else:
+            scores = self._scores()
+            found = scores.pair if shade == "grasp score" else getattr(scores, shade)
+            text = f"{shade} from 0 (dark) to 1 (yellow) at {self.force_N:g} N; best {found.max():.2f}"
+            tint = score_colours(found)
+        self._stage.get("legend").content = f"**{markdown_text(self.title)}**: {text}"
+        self._stage.mesh("object", self.surface.vertices_m, self.surface.faces, tint, self._clicked)
+
+    def _clicked(self, origin_m: np.ndarray, direction: np.ndarray) -> None:
+        found = hit_face(self.surface.vertices_m, self.surface.faces, origin_m, direction)
+        if found is None or self._stage is None:
+            return
+        face, place = found
+        corners = self.surface.faces[face]
+        vertex = int(corners[np.argmin(np.linalg.norm(self.surface.vertices_m[corners] - place, axis=1))])
+        with self._lock:
+            self.show_point(vertex, nonlinear=bool(self._deep.value))
+
+    def show_point(self, vertex: int, *, nonlinear: bool = False) -> None:
+        """Curve, numbers and deformed shape of one point on the page."""
+        stage = self._stage
+        assert stage is not None
+        stage.get("picked").content = "Computing ..."
+        try:
+            picked = self.pick(vertex, nonlinear=nonlinear)
+        except VisuohapticError as error:
+            stage.get("picked").content = markdown_text(str(error))
+            return
+        stage.get("picked").content = _told(picked, self.force_N)
+        self._draw_curve(picked)
+        stage.drop("mark")
+        stage.keep(
+            "mark",
+            stage.scene.add_icosphere(
+                "/view/mark", 0.003, (20, 20, 20), position=tuple(picked.point_m.tolist())
+            ),
+        )
+        stage.drop("shape")
+        if picked.shape_m is not None:
+            stage.keep(
+                "shape",
+                stage.scene.add_mesh_simple(
+                    "/view/shape",
+                    picked.shape_m.astype(np.float32),
+                    np.asarray(self.surface.faces).astype(np.uint32),
+                    color=(40, 40, 40),
+                    wireframe=True,
+                ),
+            )
+
+    def _draw_curve(self, picked: Picked) -> None:
+        from viser import uplot
+
+        assert self._stage is not None
+        name = "nonlinear" if picked.nonlinear else "linear"
+        deformation_mm = 1e3 * np.asarray(picked.curve_m, dtype=np.float64)
+        if not (np.diff(deformation_mm) > 0).all():
+            self._stage.drop("curve")
+            return
+        k = picked.stiffness_N_per_m
+        data = (deformation_mm, np.asarray(picked.curve_N, dtype=np.float64), 1e-3 * deformation_mm * k)
+        self._stage.keep(
+            "curve",
+            self._stage.gui.add_uplot(
+                data,
+                (
+                    uplot.Series(label="deformation [mm]"),
+                    uplot.Series(label=name, stroke="#0072b2", width=2),
+                    uplot.Series(label="map", stroke="#d55e00", width=1, dash=(5, 3)),
+                ),
+                scales={"x": uplot.Scale(time=False)},
+                title="force [N] over deformation of one side [mm]",
+                aspect=1.7,
+                order=16,
+            ),
+        )
+
+    def show_grasps(self) -> None:
+        """Rank and draw arrows, the best in red."""
+        stage = self._stage
+        assert stage is not None
+        try:
+            plan = self.rank()
+        except VisuohapticError as error:
+            stage.get("grasps").content = markdown_text(str(error))
+            return
+        stage.drop("arrows")
+        if not plan.grasps:
+            stage.get("grasps").content = f"No grasp: {markdown_text(plan.reason)}."
+            return
+        lines = ["| | score | height [mm] | needs [N] | deforms [mm] |", "|---|---|---|---|---|"]
+        arrows, tints = [], []
+        for rank, grasp in enumerate(plan.grasps, 1):
+            lines.append(
+                f"| {rank} | {grasp.score:.2f} | {1e3 * grasp.first_m[2]:.0f} | {grasp.needed_N:.1f} "
+                f"| {1e3 * grasp.deformation_m:.1f} ± {1e3 * grasp.deformation_sigma_m:.1f} |"
+            )
+            for place, push in ((grasp.first_m, grasp.direction), (grasp.second_m, -grasp.direction)):
+                arrows.append(np.stack([place - 0.04 * push, place]))
+                tints.append((200, 30, 45) if rank == 1 else (120, 120, 120))
+        stage.get("grasps").content = "\n".join(lines)
+        stage.keep(
+            "arrows",
+            stage.scene.add_arrows(
+                "/view/arrows",
+                np.stack(arrows).astype(np.float32),
+                # One colour for both ends of each arrow.
+                np.array(tints, np.uint8),
+                shaft_radius=0.0015,
+                head_radius=0.004,
+                head_length=0.01,
+            ),
+        )
+
+
+def _told(picked: Picked, force_N: float) -> str:
+    x, y, z = (1e3 * picked.point_m).tolist()
+    k = picked.stiffness_N_per_m
+    lines = [f"Point ({x:.0f}, {y:.0f}, {z:.0f}) mm, grasp score {picked.score:.2f}"]
+    if np.isnan(k):
+        lines.append("Nothing is opposite: it can't be pinched.")
+    elif np.isinf(k):
+        lines.append("The wall is held here: it does not give way.")
+    else:
+        spread = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
+        lines.append(
+            f"Stiffness **{k / 1e3:.2f}{spread} N/mm**: {1e3 * force_N / k:.2f} mm at {force_N:g} N on the map"
+        )
+    if picked.note:
+        lines.append(f"Nonlinear: {markdown_text(picked.note)}.")
+    elif picked.nonlinear:
+        at = np.interp(force_N, picked.curve_N, picked.curve_m)
+        lines.append(f"Nonlinear: {1e3 * at:.2f} mm.")
+    return "  \n".join(lines)

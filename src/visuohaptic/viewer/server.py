@@ -1,0 +1,120 @@
+"""A page that is served to this machine only and loads nothing from elsewhere."""
+
+from __future__ import annotations
+
+import logging
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import DeviceError, MissingExtraError
+
+if TYPE_CHECKING:
+    import viser
+
+__all__ = ["Page", "markdown_text", "quaternion"]
+
+_log = logging.getLogger(__name__)
+
+
+class Page:
+    """A viser server on 127.0.0.1, closed with the context.
+
+    Parameters
+    ----------
+    port
+        TCP port; the next free one is taken when it is in use.
+    title
+        Headline of the page.
+
+    Raises
+    ------
+    MissingExtraError
+        viser is not installed.
+    DeviceError
+        No port could be opened.
+    """
+
+    def __init__(self, port: int, title: str) -> None:
+        self._server: Any = _start(port, title)
+        gui = self._server.gui
+        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
+        gui.set_panel_label(title)
+        self._server.scene.set_up_direction("+z")
+
+    @property
+    def url(self) -> str:
+        """Address of the page."""
+        return f"http://127.0.0.1:{self._server.get_port()}"
+
+    def show(self) -> bool:
+        """Open the page in this machine's browser; ``False`` where there is no screen for one."""
+        import os
+        import sys
+        import webbrowser
+
+        screen = sys.platform in ("darwin", "win32") or any(
+            os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+        )
+        # Without a screen Python would start a text browser in the middle of our output.
+        return screen and webbrowser.open(self.url)
+
+    def close(self) -> None:
+        """Stop serving; harmless when repeated."""
+        if self._server is not None:
+            server, self._server = self._server, None
+            server.stop()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _start(port: int, title: str) -> viser.ViserServer:
+    """A viser server on 127.0.0.1 that cannot be shared to the outside."""
+    try:
+        import viser
+    except ImportError as error:
+        raise MissingExtraError("viser", "view", "the browser page") from error
+    import rich
+
+    class LocalServer(viser.ViserServer):  # type: ignore[misc]
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Refuse: any attached browser could ask viser to open a tunnel to the internet."""
+            _log.warning("a browser asked to share the page over the internet: refused")
+            return None
+
+    # viser prints when it stops; stdout belongs to our results.
+    rich.reconfigure(stderr=True)
+    try:
+        server = LocalServer(host="127.0.0.1", port=port, label=title, verbose=False)
+    except OSError as error:
+        raise DeviceError(
+            f"the page cannot be served on port {port} ({error}); choose another port"
+        ) from error
+    if port and server.get_port() != port:
+        _log.warning("port %d is in use, the page is on port %d", port, server.get_port())
+    return server
+
+
+def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    import cv2
+
+    vector = cv2.Rodrigues(np.ascontiguousarray(rotation, dtype=np.float64))[0].ravel()
+    angle = float(np.linalg.norm(vector))
+    axis = vector / angle if angle > 0 else vector
+    x, y, z = np.sin(0.5 * angle) * axis
+    return float(np.cos(0.5 * angle)), float(x), float(y), float(z)
+
+
+def markdown_text(text: str) -> str:
+    """Text that Markdown leaves as it is."""
+    return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>()#+!|" else letter for letter in text)

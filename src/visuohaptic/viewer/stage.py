@@ -1,0 +1,132 @@
+"""Where a view draws: the scene and the panel, cleared as a whole when another view comes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ..errors import MissingExtraError
+
+__all__ = ["Stage", "View", "hit_face", "scale_colours"]
+
+#: Pale to dark red: more is worse.
+_SCALE = np.array([[255, 247, 236], [253, 212, 158], [252, 141, 89], [215, 48, 31], [127, 0, 0]], float)
+
+
+class View(Protocol):
+    """One thing that can be picked on the page."""
+
+    title: str
+
+    def draw(self, stage: Stage) -> None:
+        """Put it on an empty stage."""
+
+
+class Stage:
+    """Scene, panel, and what is on them now."""
+
+    def __init__(self, server: Any) -> None:
+        self._server = server
+        self._kept: dict[str, Any] = {}
+
+    @property
+    def gui(self) -> Any:
+        """Widgets; hand what is made to :meth:`keep`."""
+        return self._server.gui
+
+    @property
+    def scene(self) -> Any:
+        """Nodes; hand what is made to :meth:`keep`."""
+        return self._server.scene
+
+    def keep(self, name: str, handle: Any) -> Any:
+        """Remember a handle; an older one of the same name goes away.
+
+        A node of the scene that takes the place of another has to be dropped before it is made:
+        viser knows nodes by name.
+        """
+        self.drop(name)
+        self._kept[name] = handle
+        return handle
+
+    def drop(self, name: str) -> None:
+        """Remove one thing, if it is there."""
+        if (handle := self._kept.pop(name, None)) is not None:
+            handle.remove()
+
+    def get(self, name: str) -> Any:
+        """A handle that was kept, or None."""
+        return self._kept.get(name)
+
+    def clear(self) -> None:
+        """Remove all."""
+        for name in reversed(list(self._kept)):
+            self.drop(name)
+
+    def look(self, at_m: tuple[float, float, float], reach_m: float) -> None:
+        """Point all cameras, those of browsers to come included."""
+        position = (at_m[0] + 0.55 * reach_m, at_m[1] - 1.0 * reach_m, at_m[2] + 0.55 * reach_m)
+        cameras = [self._server.initial_camera]
+        cameras += [client.camera for client in self._server.get_clients().values()]
+        for camera in cameras:
+            camera.position, camera.look_at = position, at_m
+
+    def mesh(
+        self,
+        name: str,
+        vertices_m: Float[np.ndarray, "v 3"],
+        faces: Int[np.ndarray, "f 3"],
+        colours: UInt8[np.ndarray, "v 3"],
+        on_click: Callable[[np.ndarray, np.ndarray], None] | None = None,
+    ) -> Any:
+        """A mesh with a colour at each vertex; ``on_click`` gets origin and direction of the ray."""
+        try:
+            import trimesh
+        except ImportError as error:
+            raise MissingExtraError("trimesh", "geometry", "a coloured mesh on the page") from error
+        # Both sides, so that one looks into a cup.
+        both = np.concatenate([faces, faces[:, ::-1]])
+        shape = trimesh.Trimesh(vertices_m, both, process=False, validate=False)
+        alpha = np.full((len(colours), 1), 255, np.uint8)
+        shape.visual.vertex_colors = np.concatenate([colours, alpha], axis=1)  # type: ignore[union-attr, unused-ignore]
+        self.drop(name)
+        handle = self.keep(name, self.scene.add_mesh_trimesh(f"/view/{name}", shape))
+        if on_click is not None:
+            handle.on_click(lambda event: on_click(np.array(event.ray_origin), np.array(event.ray_direction)))
+        return handle
+
+
+def hit_face(
+    vertices_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    origin_m: Float[np.ndarray, "3"],
+    direction: Float[np.ndarray, "3"],
+) -> tuple[int, Float[np.ndarray, "3"]] | None:
+    """First face that a ray hits from either side, and where (Moeller and Trumbore 1997)."""
+    a = vertices_m[faces[:, 0]]
+    e, f = vertices_m[faces[:, 1]] - a, vertices_m[faces[:, 2]] - a
+    across = np.cross(direction, f)
+    det = np.einsum("fi,fi->f", e, across)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        away = origin_m - a
+        u = np.einsum("fi,fi->f", away, across) / det
+        q = np.cross(away, e)
+        v = q @ direction / det
+        t = np.einsum("fi,fi->f", f, q) / det
+        hit = (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
+    if not hit.any():
+        return None
+    face = int(np.argmin(np.where(hit, t, np.inf)))
+    return face, origin_m + t[face] * direction
+
+
+def scale_colours(values: Float[np.ndarray, "v"], low: float, high: float) -> UInt8[np.ndarray, "v 3"]:
+    """Pale at ``low``, dark red at ``high``; grey where it is not known."""
+    share = np.clip((values - low) / max(high - low, 1e-300), 0, 1)
+    place = np.nan_to_num(share) * (len(_SCALE) - 1)
+    out = np.stack([np.interp(place, np.arange(len(_SCALE)), _SCALE[:, k]) for k in range(3)], axis=1)
+    out[~np.isfinite(values)] = 150.0
+    return out.round().astype(np.uint8)

@@ -1,0 +1,240 @@
+"""The page with many views: each is drawn, clicked and exchanged; a browser shows it."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import load_map, load_object, save_map
+from visuohaptic.errors import InputError
+from visuohaptic.grasping import GraspTask
+from visuohaptic.navigation.plan import Plan, Task
+from visuohaptic.recording import OccupancyMap
+from visuohaptic.recording.ply import PlyMesh, write_ply
+from visuohaptic.viewer import BrowsePage, MapView, ObjectView, StepsView, SurfaceView, open_views
+from visuohaptic.viewer.stage import hit_face, scale_colours
+
+pytest.importorskip("viser", reason="the browser page is an extra")
+pytest.importorskip("trimesh", reason="coloured meshes are an extra")
+
+THING = load_object("cup-rim", around=32)
+PLAN = Plan(
+    True,
+    (
+        Task("navigate", 3.0, 1.5, ((0.0, 0.0), (1.0, 0.2))),
+        Task(
+            "push", 7.0, 0.5, ((1.0, 0.2), (1.4, 0.5)), "box|1", goal_m=(2.0, 1.0), displacement_m=(0.4, 0.3)
+        ),
+    ),
+)
+
+
+def grid() -> OccupancyMap:
+    cells = np.zeros((40, 60), np.int8)
+    cells[0] = 100
+    return OccupancyMap(cells, 0.05, (-0.5, -0.5, 0.3))
+
+
+def surface() -> PlyMesh:
+    points = THING.mesh.vertices_m
+    grey = np.full((len(points), 3), 120, np.uint8)
+    return PlyMesh(points, THING.surface_faces, grey, {"score": points[:, 0], "sigma_m": points[:, 2]})
+
+
+@pytest.fixture(scope="module")
+def cup() -> ObjectView:
+    return ObjectView.of_object(THING, GraspTask(force_N=20.0))
+
+
+def test_every_view_is_drawn_and_gives_way_to_the_next(cup):
+    views = [cup, MapView("office", grid(), PLAN), SurfaceView("surface", surface()), StepsView("bottle")]
+    with BrowsePage(views, port=0) as page:
+        assert page.url.startswith("http://127.0.0.1:")
+        assert page.stage.get("object") is not None
+        for name in (*page.names[1:], page.names[0]):
+            page.open(name)
+        assert page.stage.get("object") is not None
+        assert page.stage.get("map") is None
+        page.open("office")
+        assert page.stage.get("object") is None
+        assert "1 pushes" in page.stage.get("tasks").content
+        assert "box\\|1" in page.stage.get("tasks").content
+        with pytest.raises(InputError, match="found 'kitchen', expected one of cup-rim, office"):
+            page.open("kitchen")
+
+
+def test_a_click_shows_the_point_that_the_ray_meets(cup):
+    with BrowsePage([cup], port=0) as page:
+        cup._clicked(np.array([1.0, 0.0, 0.05]), np.array([-1.0, 0.0, 0.0]))
+        text = page.stage.get("picked").content
+        # Cone of radii 26 and 37 mm over 100 mm, clicked at half height.
+        assert "Point (3" in text
+        assert "N/mm" in text
+        assert page.stage.get("curve") is not None
+        assert page.stage.get("shape") is not None
+        cup._clicked(np.array([1.0, 0.0, 0.5]), np.array([-1.0, 0.0, 0.0]))  # beside it
+        assert page.stage.get("picked").content == text
+
+
+def test_the_curve_is_that_of_the_map_or_of_the_simulation(cup):
+    points = THING.mesh.vertices_m
+    vertex = int(np.argmin(np.abs(points[:, 2] - 0.05) + np.abs(points[:, 1]) - points[:, 0]))
+    linear = cup.pick(vertex)
+    np.testing.assert_allclose(linear.curve_N, linear.stiffness_N_per_m * linear.curve_m)
+    assert linear.shape_m is not None
+    moved = np.linalg.norm(linear.shape_m - points, axis=1)
+    assert moved[vertex] == pytest.approx(20.0 / linear.stiffness_N_per_m, rel=0.05)
+    deep = cup.pick(vertex, nonlinear=True)
+    assert deep.nonlinear
+    assert deep.curve_m[-1] > linear.curve_m[-1]
+    held = cup.pick(0)
+    assert np.isinf(held.stiffness_N_per_m)
+    np.testing.assert_array_equal(held.curve_m, 0.0)
+
+
+def test_grasps_are_listed_with_arrows_or_a_reason(cup):
+    with BrowsePage([cup], port=0) as page:
+        cup.show_grasps()
+        assert "| 1 | 0." in page.stage.get("grasps").content
+        assert page.stage.get("arrows") is not None
+        for shade in ("grasp score", "contact", "deformation"):
+            cup.paint(shade)
+            assert shade in page.stage.get("legend").content
+    soft = ObjectView.of_object(THING, GraspTask(force_N=59.0))
+    with BrowsePage([soft], port=0) as page:
+        soft.show_grasps()
+        assert page.stage.get("grasps").content.startswith("No grasp:")
+
+
+def test_steps_grow_while_touches_arrive():
+    steps = StepsView("bottle")
+    with BrowsePage([steps], port=0) as page:
+        assert "No touch yet" in page.stage.get("steps").content
+        steps.ask("y8+ < 4.1 N/mm?")
+        assert "touching" in page.stage.get("steps").content
+        steps.answer("yes")
+        steps.ask("<b>next</b>?")
+        steps.answer("no")
+        steps.finish("cien")
+        content = page.stage.get("steps").content
+    assert steps.steps == (("y8+ < 4.1 N/mm?", "yes"), ("<b>next</b>?", "no"))
+    assert "It is: cien" in content
+    assert "<b>" not in content.replace("\\<", "")
+
+
+def test_files_become_views(tmp_path, cup):
+    save_map(tmp_path / "cup.npz", cup.surface)
+    grid().save(tmp_path / "office.yaml")
+    (tmp_path / "plan.json").write_text(json.dumps(PLAN.to_json()))
+    write_ply(tmp_path / "done.ply", surface())
+    (tmp_path / "walk.json").write_text(json.dumps({"steps": [["soft?", "yes"]], "result": "cup"}))
+    (tmp_path / "can.yaml").write_text("base: {radius: 30 mm}\nsections: [{height: 80 mm}]\n")
+    names = ["cup.npz", "office.yaml", "plan.json", "plan.json", "done.ply", "walk.json", "can.yaml"]
+    views = open_views([tmp_path / name for name in names])
+    kinds = [type(view) for view in views]
+    assert kinds == [ObjectView, MapView, MapView, SurfaceView, StepsView, ObjectView]
+    assert views[1].plan is not None  # type: ignore[attr-defined]
+    assert views[2].grid is views[1].grid  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(
+        load_map(tmp_path / "cup.npz").vertices_m,
+        views[0].surface.vertices_m,  # type: ignore[attr-defined]
+    )
+    assert views[3].choices[0] == "sigma_m"  # type: ignore[attr-defined]
+    with BrowsePage(views, port=0) as page:
+        for name in page.names:
+            page.open(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("a.json", "{", "is not JSON"),
+        ("a.json", "[1]", "found neither tasks of a plan nor steps"),
+        ("a.json", '{"steps": [["a", 1]]}', r"expected a list of \[question, answer\]"),
+        ("a.txt", "", "found suffix '.txt'"),
+        ("a.pgm", "P5", "give the .yaml of the map beside it"),
+        ("a.npz", "no zip", "cannot be read as a stiffness map"),
+        ("a.yaml", "image: nowhere.pgm\n", "a.yaml"),
+    ],
+)
+def test_files_that_are_none_are_refused(tmp_path, name, content, text):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=text):
+        open_views([tmp_path / name])
+    with pytest.raises(InputError, match="cannot be read"):
+        open_views([tmp_path / "absent.json"])
+
+
+def test_a_ray_meets_the_nearer_wall():
+    points, faces = THING.mesh.vertices_m, THING.surface_faces
+    found = hit_face(points, faces, np.array([0.2, 0.0, 0.05]), np.array([-1.0, 0.0, 0.0]))
+    assert found is not None
+    np.testing.assert_allclose(found[1][1:], [0, 0.05], atol=1e-12)
+    assert found[1][0] == pytest.approx(np.interp(0.05, [0, 0.1], [0.026, 0.037]), rel=0.02)
+    assert hit_face(points, faces, np.array([0.2, 0.0, 0.05]), np.array([1.0, 0.0, 0.0])) is None
+
+
+def test_unknown_values_are_grey():
+    tint = scale_colours(np.array([0.0, 1.0, np.nan]), 0.0, 1.0)
+    assert tint[0].sum() > tint[1].sum()
+    np.testing.assert_array_equal(tint[2], 150)
+
+
+def test_the_verb_serves_for_a_while(tmp_path, capsys):
+    from visuohaptic.cli.main import main
+
+    (tmp_path / "walk.json").write_text(json.dumps({"steps": [], "result": ""}))
+    words = ["view", str(tmp_path / "walk.json"), "--port", "0", "--seconds", "0.1", "--json"]
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["views"] == ["walk"]
+    assert found["url"].startswith("http://127.0.0.1:")
+    assert main(["view", "nothing.xyz"]) == 2
+
+
+def load_browser():
+    specification = importlib.util.spec_from_file_location("browser", Path(__file__).with_name("browser.py"))
+    module = importlib.util.module_from_spec(specification)
+    sys.modules["browser"] = module
+    specification.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+def test_a_click_in_a_browser(cup, tmp_path):
+    browser = load_browser()
+    if (program := browser.find_chromium()) is None:
+        pytest.skip("no Chromium on this machine (Debian: apt-get install chromium)")
+    with BrowsePage([cup, StepsView("bottle", [("soft?", "yes")], "cup")], port=0) as page:
+        chromium = browser.Browser(program, tmp_path / "profile")
+        try:
+            chromium.open(page.url)
+            chromium.wait_for("stiffness from")
+            # The middle of the canvas beside the panel; software rendering takes its time.
+            deadline_s = time.monotonic() + 60
+            while "Point (" not in chromium.text():
+                assert time.monotonic() < deadline_s, "a click on the cup shows nothing"
+                for kind in ("mouseMoved", "mousePressed", "mouseReleased"):
+                    chromium.call(
+                        "Input.dispatchMouseEvent", type=kind, x=556, y=440, button="left", clickCount=1
+                    )
+                    time.sleep(0.3)
+            chromium.screenshot(tmp_path / "cup.png")
+            page.open("bottle")
+            text = chromium.wait_for("It is: cup")
+        finally:
+            chromium.close()
+    assert "stiffness from" not in text
+    outside = [
+        address
+        for address in chromium.requests
+        if not address.startswith(("data:", "blob:http://127.0.0.1", "http://127.0.0.1", "ws://127.0.0.1"))
+    ]
+    assert outside == [], json.dumps(outside)
+    assert (tmp_path / "cup.png").stat().st_size > 10_000
