@@ -56,14 +56,21 @@ class DriftingBase:
         e, heading = self.errors, told.heading_rad
         middle = 0.5 * (true.heading_rad + last.heading_rad)
         dx, dy = true.x_m - last.x_m, true.y_m - last.y_m
-        ahead, left = dx * math.cos(middle) + dy * math.sin(middle), dy * math.cos(middle) - dx * math.sin(middle)
+        ahead, left = (
+            dx * math.cos(middle) + dy * math.sin(middle),
+            dy * math.cos(middle) - dx * math.sin(middle),
+        )
         way = math.hypot(ahead, left)
         slip = e.slip_m * math.sqrt(way) * self._rng.standard_normal(2)
         turn = true.heading_rad - last.heading_rad
         turn = (turn + math.pi) % (2 * math.pi) - math.pi
         moving = way > 1e-6 or abs(turn) > 1e-6
         # A gyroscope at rest is zeroed: it drifts only on the way.
-        walk = e.walk_rad * math.sqrt(dt) * float(self._rng.standard_normal()) + self._bias * dt if moving else 0.0
+        walk = (
+            e.walk_rad * math.sqrt(dt) * float(self._rng.standard_normal()) + self._bias * dt
+            if moving
+            else 0.0
+        )
         turned = self._scale_turn * turn + walk
         along, across = self._scale * ahead + slip[0], left + slip[1]
         mid = heading + 0.5 * turned

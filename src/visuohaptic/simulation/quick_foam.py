@@ -9,16 +9,37 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from jaxtyping import Bool
 
 from ..camera import Camera, Frame
 from ..objects import Contact, ErrorBudget, ForceProfile, Reason
-from .world import PushWorld
+from .platform import PlatformConfig
+from .strip import StripState
 
-__all__ = ["QuickFoam", "QuickFrames"]
+__all__ = ["QuickFoam", "QuickFrames", "StripWorld"]
+
+
+class _Truth(Protocol):
+    @property
+    def t_s(self) -> float: ...
+    @property
+    def strip(self) -> StripState: ...
+
+
+class StripWorld(Protocol):
+    """A world with a strip: ``PushWorld`` or ``QuickWorld``."""
+
+    config: PlatformConfig
+
+    @property
+    def truth(self) -> _Truth:
+        """At the newest step."""
+
+    def step(self, dt_s: float) -> _Truth:
+        """Let time pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +56,7 @@ class _Setup:
 class QuickFrames:
     """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass."""
 
-    def __init__(self, world: PushWorld, frame_rate_Hz: float = 30.0) -> None:
+    def __init__(self, world: StripWorld, frame_rate_Hz: float = 30.0) -> None:
         self.world, self.frame_rate_Hz = world, frame_rate_Hz
         self._index = 0
 
@@ -66,14 +87,14 @@ class QuickFrames:
 
 
 class QuickFoam:
-    """Reads a :class:`~visuohaptic.simulation.world.PushWorld`'s strip as a foam sensor would.
+    """Reads the strip of a ``PushWorld`` or ``QuickWorld`` as a foam sensor would.
 
     It offers what tasks use of a foam sensor: ``read(frame)``, ``reset()`` and ``setup.material``.
     """
 
     def __init__(
         self,
-        world: PushWorld,
+        world: StripWorld,
         rng: np.random.Generator,
         *,
         contour_sigma_m: float = 3e-5,

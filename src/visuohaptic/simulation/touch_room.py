@@ -53,9 +53,7 @@ def touch_room(seed: int) -> TouchRoom:
         wall("east wall", wide + 0.5 * t, 0.5 * deep, deep, t, yaw_rad=0.5 * math.pi),
     ]
     column = float(rng.uniform(0.3, 0.45))
-    fixed.append(
-        box("column", wide - 0.5 * column, deep - 0.5 * column, (column, column, 1.0), fixed=True)
-    )
+    fixed.append(box("column", wide - 0.5 * column, deep - 0.5 * column, (column, column, 1.0), fixed=True))
     cabinet = float(rng.uniform(0.5, 0.8))
     fixed.append(box("cabinet", 0.5 * cabinet, deep - 0.2, (cabinet, 0.4, 0.8), fixed=True))
     things = [

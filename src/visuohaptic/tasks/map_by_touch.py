@@ -47,6 +47,7 @@ class MapState(StrEnum):
     TURN_AWAY = "turn_away"  #: counter-clockwise, until it is parallel to what was touched
     ALONG = "along"
     TURN_BACK = "turn_back"  #: clockwise, to meet the obstacle again
+    COME_FREE = "come_free"  #: something at its side holds it: a bit forward or back
 
 
 class MapOutcome(StrEnum):
@@ -62,7 +63,13 @@ class MapOutcome(StrEnum):
 
 def _exploration() -> ExploreSettings:
     return ExploreSettings(
-        approach_m_s=0.08, push_m_s=0.04, back_off_m_s=0.1, search_m=1.2, push_m=0.05, halt_s=0.3, back_off_m=0.09
+        approach_m_s=0.08,
+        push_m_s=0.04,
+        back_off_m_s=0.1,
+        search_m=1.2,
+        push_m=0.05,
+        halt_s=0.3,
+        back_off_m=0.09,
     )
 
 
@@ -78,13 +85,17 @@ class MapSettings:
     front_m: float = 0.17  #: from the platform's centre to the origin of frame F
     least_share: float = 0.25  #: score of a primitive below which its contact points alone are trusted
     empty_ways: int = 6  #: so many ways in a row without a contact end it
-    stuck_s: float = 4.0  #: told to move but not moving for so long
+    stuck_s: float = 1.5  #: told to move but not moving for so long
+    frees: int = 12  #: how often to come free in a row without a contact
+    free_m: float = 0.12  #: way to come free
     timeout_s: float = 1800.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError("MapSettings", f"found {getattr(self, name)}, expected more than 0", field=name)
+                raise InputError(
+                    "MapSettings", f"found {getattr(self, name)}, expected more than 0", field=name
+                )
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,15 +144,17 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         self.settings = settings or MapSettings()
         self.rules = {
             MapState.EXPLORE: Rule((MapState.TURN_AWAY, MapState.TURN_BACK)),
-            MapState.TURN_AWAY: Rule((MapState.ALONG,), 30.0),
-            MapState.ALONG: Rule((MapState.TURN_BACK, MapState.EXPLORE), 60.0),
-            MapState.TURN_BACK: Rule((MapState.EXPLORE,), 30.0),
+            MapState.TURN_AWAY: Rule((MapState.ALONG, MapState.COME_FREE), 30.0),
+            MapState.ALONG: Rule((MapState.TURN_BACK, MapState.EXPLORE, MapState.COME_FREE), 60.0),
+            MapState.TURN_BACK: Rule((MapState.EXPLORE, MapState.COME_FREE), 30.0),
+            MapState.COME_FREE: Rule((MapState.EXPLORE, MapState.COME_FREE), 30.0),
         }
         super().__init__(self.settings)
-        self.contacts = self._empty = 0
+        self.contacts = self._empty = self._frees = 0
         self._goal_rad = 0.0
         self._from = (0.0, 0.0)
         self._began_s = self._moved_s = math.nan
+        self._free_m_s = 0.0
         self._last = (math.inf, math.inf, math.inf)
 
     def halt(self) -> MapCommand:
@@ -163,8 +176,13 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         if moved > 0.005:
             self._last, self._moved_s = (seen.x_m, seen.y_m, seen.heading_rad), seen.t_s
         if seen.t_s - self._moved_s > s.stuck_s:
-            self.end(False, MapOutcome.STUCK, f"stood for {s.stuck_s:g} s in {self.state}")
-            return _STOP
+            return self._free(seen)
+        if self.state is MapState.COME_FREE:
+            gone = math.dist(self._from, (seen.x_m, seen.y_m))
+            if gone >= s.free_m or seen.touched:
+                self.go(MapState.EXPLORE, f"free after {gone:.2f} m")
+                return _EXPLORE
+            return MapCommand(speed_m_s=self._free_m_s)
         if self.state is MapState.ALONG:
             gone = math.dist(self._from, (seen.x_m, seen.y_m))
             if seen.touched:
@@ -177,6 +195,18 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             return MapCommand(speed_m_s=s.along_m_s)
         return self._turning(seen)
 
+    def _free(self, seen: MapMoment) -> MapCommand:
+        """Forward first; what is in the way there is felt. Then back."""
+        s = self.settings
+        self._frees += 1
+        if self._frees > s.frees:
+            self.end(False, MapOutcome.STUCK, f"could not come free {s.frees} times, last in {self.state}")
+            return _STOP
+        self._from, self._moved_s = (seen.x_m, seen.y_m), seen.t_s
+        self._free_m_s = 0.06 if self._frees % 2 else -0.06
+        self.go(MapState.COME_FREE, f"stood for {s.stuck_s:g} s")
+        return MapCommand(speed_m_s=self._free_m_s)
+
     def _explored(self, seen: MapMoment) -> MapCommand:
         s = self.settings
         self._last = (seen.x_m, seen.y_m, seen.heading_rad)
@@ -185,7 +215,7 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             return _STOP
         if seen.contact:
             self.contacts += 1
-            self._empty = 0
+            self._empty = self._frees = 0
             if self.contacts >= s.contacts:
                 self.end(True, MapOutcome.MAPPED, f"{self.contacts} contacts")
                 return _STOP
@@ -349,4 +379,3 @@ def _face_rad(contact: HapticContact) -> float:
 
 def _moment(t_s: float, state: BaseState, touched: bool) -> MapMoment:
     return MapMoment(t_s, state.x_m, state.y_m, state.heading_rad, touched, "", False, math.nan)
-
