@@ -42,6 +42,7 @@ CAMPAIGNS = (
     "objects_db",
     "objects_faults",
     "scene",
+    "touch_map",
     "transparency",
 )
 

@@ -155,7 +155,8 @@ def test_a_pushed_tool_carries_what_the_beam_gives_way() -> None:
     cell.arm.move_linear(Pose(np.eye(3), above), 1.0)
     for _ in zip(range(30), cell, strict=False):
         pass
-    assert cell.wrench_tool[2] > 10
+    # The arch overlaps the cap by 0.7 mm: 13.5 N on the beam alone, less for the contact that gives way.
+    assert 0.5 * 13.5 < cell.wrench_tool[2] < 13.5
     assert abs(cell.wrench_tool[0]) < 0.05 * cell.wrench_tool[2]
     assert abs(cell.wrench_tool[4]) < 1e-3 * cell.wrench_tool[2]
     assert np.allclose(cell.beam.compliance_tool @ cell.wrench_tool, cell.deflection, atol=1e-12)

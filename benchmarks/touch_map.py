@@ -1,0 +1,64 @@
+"""Rooms mapped by touch (Alt 2016, Sec. 3.6.3): 22 contacts around the circumference, odometry that drifts."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+
+from visuohaptic.experiments.virtual_touch_map import map_virtual_room
+
+ROOMS = 10
+
+
+def run(rooms: int = ROOMS) -> list[dict[str, Any]]:
+    """Intersection over union around the contacts, and whether movable things are kept apart."""
+    started_s = time.process_time()
+    trials = [map_virtual_room(seed) for seed in range(rooms)]
+    spent_s = (time.process_time() - started_s) / rooms
+    scores = [trial.score for trial in trials]
+    endings = ", ".join(sorted({trial.mapping.ending.outcome for trial in trials}))
+    contacts = sum(score.contacts for score in scores)
+    return [
+        {
+            "name": f"IoU around the contacts, worst of {rooms} rooms",
+            "ours": min(score.iou for score in scores),
+            "unit": "",
+            "floor": 0.6,
+            "aim": 0.75,
+            "note": f"median {np.median([s.iou for s in scores]):.2f}; ended: {endings}; {spent_s:.0f} s CPU a room",
+        },
+        {
+            "name": "IoU of occupied cells, median",
+            "ours": float(np.median([score.occupied_iou for score in scores])),
+            "unit": "",
+            "floor": 0.6,
+            "aim": 0.75,
+            "note": f"worst {min(score.occupied_iou for score in scores):.2f}",
+        },
+        {
+            "name": "IoU of free cells, median",
+            "ours": float(np.median([score.free_iou for score in scores])),
+            "unit": "",
+            "floor": 0.6,
+            "aim": 0.75,
+            "note": f"worst {min(score.free_iou for score in scores):.2f}",
+        },
+        {
+            "name": "contacts rightly called movable or fixed",
+            "ours": 100.0 * sum(score.flags_right for score in scores) / max(contacts, 1),
+            "unit": "%",
+            "floor": 95,
+            "aim": 100,
+            "note": f"{contacts} contacts",
+        },
+        {
+            "name": "movable things in the layer of the fixed ones",
+            "ours": sum(score.mixed for score in scores),
+            "unit": "",
+            "floor": 0,
+            "aim": 0,
+            "higher_is_better": False,
+        },
+    ]

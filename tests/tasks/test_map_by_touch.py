@@ -1,0 +1,173 @@
+"""Mapping by touch: decisions of the way around, contacts of explorations, a slice of a room against the truth."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.experiments.virtual_touch_map import map_virtual_room
+from visuohaptic.robots import FrameSource, MobileBase
+from visuohaptic.simulation.obstacles import box, cylinder, wall
+from visuohaptic.simulation.odometry import DriftingBase, OdometryErrors
+from visuohaptic.simulation.quick_foam import QuickFoam, QuickFrames
+from visuohaptic.simulation.quick_world import QuickWorld
+from visuohaptic.tasks.explore import ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.machine import replay
+from visuohaptic.tasks.map_by_touch import (
+    MapMoment,
+    MapOutcome,
+    MapSettings,
+    MapState,
+    TouchMapTask,
+    contact_of,
+)
+
+
+def moment(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapMoment:
+    values: dict[str, Any] = {"touched": False, "explored": "", "contact": False, "face_rad": math.nan}
+    return MapMoment(t_s, x_m, 0.0, heading_rad, **(values | more))
+
+
+def test_left_along_right_and_straight_on_again() -> None:
+    task = TouchMapTask(MapSettings(contacts=2, along_m=0.3))
+    assert task.step(moment(0.0)).explore
+    assert task.step(moment(1.0, explored="tagged", contact=True)).turn_rate_rad_s > 0
+    assert task.state is MapState.TURN_AWAY
+    assert task.step(moment(2.0, heading_rad=0.5 * math.pi)).speed_m_s > 0
+    assert task.step(moment(2.5, 0.2, 0.5 * math.pi)).speed_m_s > 0
+    assert task.step(moment(3.0, 0.35, 0.5 * math.pi)).turn_rate_rad_s < 0
+    assert task.step(moment(4.0, 0.35, 0.0)).explore
+    assert task.step(moment(5.0, explored="tagged", contact=True)).speed_m_s == 0.0
+    assert task.ending is not None
+    assert task.ending.outcome == MapOutcome.MAPPED
+    assert replay(task.trace(), TouchMapTask(MapSettings(contacts=2, along_m=0.3)), MapMoment) == task.ending
+
+
+@pytest.mark.parametrize(
+    ("face_rad", "turn_rad"),
+    [(0.5 * math.pi, 0.5 * math.pi), (0.3 * math.pi, 0.3 * math.pi), (0.0, 0.85 * math.pi)],
+)
+def test_it_turns_left_until_the_face_is_parallel(face_rad: float, turn_rad: float) -> None:
+    task = TouchMapTask()
+    task.step(moment(0.0))
+    task.step(moment(1.0, explored="tagged", contact=True, face_rad=face_rad))
+    assert task.step(moment(1.1, heading_rad=turn_rad - 0.05)).turn_rate_rad_s > 0
+    assert task.step(moment(1.2, heading_rad=turn_rad - 0.01)).speed_m_s > 0
+
+
+def test_ways_that_meet_nothing_turn_right_and_end() -> None:
+    task = TouchMapTask(MapSettings(empty_ways=2))
+    task.step(moment(0.0))
+    assert task.step(moment(1.0, explored="nothing_found")).turn_rate_rad_s < 0
+    assert task.step(moment(2.0, heading_rad=-0.5 * math.pi)).explore
+    task.step(moment(3.0, explored="nothing_found"))
+    assert task.ending is not None
+    assert task.ending.outcome == MapOutcome.NOTHING_FOUND
+
+
+def test_held_at_its_side_it_comes_free_or_says_that_it_is_stuck() -> None:
+    task = TouchMapTask(MapSettings(frees=2))
+    task.step(moment(0.0))
+    task.step(moment(1.0, explored="tagged", contact=True))
+    speeds = [task.step(moment(1.0 + 0.5 * k)).speed_m_s for k in range(1, 9)]
+    assert [v for v in speeds if v] != []
+    assert max(speeds) > 0 > min(speeds)
+    while not task.ended:
+        task.step(moment(task.trace().steps[-1].t_s + 0.5))
+    assert task.ending is not None
+    assert task.ending.outcome == MapOutcome.STUCK
+
+
+def test_a_failing_sensor_and_the_time_end_it() -> None:
+    task = TouchMapTask()
+    task.step(moment(0.0))
+    task.step(moment(1.0, explored="sensor_failed"))
+    assert task.ending is not None
+    assert task.ending.outcome == MapOutcome.SENSOR_FAILED
+    task = TouchMapTask(MapSettings(timeout_s=10.0))
+    task.step(moment(0.0))
+    task.step(moment(11.0))
+    assert task.ending is not None
+    assert task.ending.outcome == MapOutcome.TIMED_OUT
+    with pytest.raises(InputError, match="along_m: found 0"):
+        MapSettings(along_m=0.0)
+
+
+FAST = ExploreSettings(
+    approach_m_s=0.08, push_m_s=0.04, search_m=0.4, push_m=0.04, halt_s=0.3, back_off_m=0.02
+)
+
+
+@pytest.mark.parametrize("friction_N", [1.5, 3.0])
+def test_the_quick_world_slides_at_its_friction(friction_N: float) -> None:
+    """Against Coulomb's law: the foam's force while it slides is the dynamic friction, within the gain of 3 %."""
+    thing = cylinder("bin", 0.35, 0.0, 0.1, 0.3, mass_kg=friction_N / 9.81 / 0.5, friction=0.5)
+    world = QuickWorld([thing])
+    assert isinstance(world, MobileBase)
+    assert isinstance(QuickFrames(world), FrameSource)
+    foam: Any = QuickFoam(world, np.random.default_rng(0), gain_sigma=0.0)
+    found = explore_obstacle(world, QuickFrames(world), foam, FAST)
+    assert found.outcome is Outcome.TAGGED
+    assert found.tag.fixed is False
+    # A frame at 4 cm/s lets the force overshoot by the slope of the foam times a millimetre.
+    assert found.tag.dynamic_friction_N.value == pytest.approx(friction_N, rel=0.1)
+    contact = contact_of(found)
+    assert contact is not None
+    assert contact.movable
+    # It was pushed along x and not aside; the map's contact is at its front.
+    assert world.places["bin"][0] > 0.37
+    assert world.places["bin"][1] == pytest.approx(0.0, abs=1e-3)
+    assert contact.pose_map_foam[0] + contact.points_foam_m[:, 0].min() == pytest.approx(
+        world.places["bin"][0] - 0.1, abs=0.003
+    )
+
+
+def test_walls_hold_and_what_is_behind_or_beside_is_not_touched() -> None:
+    things = [wall("ahead", 0.5, 0.0, 2.0, 0.1, yaw_rad=0.5 * math.pi), wall("behind", -0.6, 0.0, 2.0, 0.1, yaw_rad=0.5 * math.pi),
+              box("beside", 0.2, 0.4, (1.0, 0.2, 1.0), fixed=True)]  # fmt: skip
+    world = QuickWorld(things)
+    foam: Any = QuickFoam(world, np.random.default_rng(0))
+    found = explore_obstacle(world, QuickFrames(world), foam, FAST)
+    assert world.last_touched == "ahead"
+    assert found.tag.fixed is True
+    assert world.places["ahead"] == (0.5, 0.0)
+    world.drive(0.0, 0.6)
+    for _ in range(300):
+        world.step(1 / 30)
+    # The hull's corner meets the box or the wall: it stands.
+    assert world.state().turn_rate_rad_s == 0.0
+
+
+def test_odometry_drifts_as_declared() -> None:
+    """40 runs of 2 m: the error along is 1 % of the way; commands go through."""
+    errors = []
+    for seed in range(40):
+        world = QuickWorld([])
+        base = DriftingBase(
+            world, np.random.default_rng(seed), OdometryErrors(scale=0.01, slip_m=1e-6, walk_rad=1e-6)
+        )
+        base.drive(0.5, 0.0)
+        for _ in range(150):
+            world.step(1 / 30)
+            base.state()
+        errors.append(base.state().x_m / world.state().x_m - 1.0)
+    # The standard deviation of 40 values is known to 11 %.
+    assert np.std(errors) == pytest.approx(0.01, rel=0.35)
+    assert base.state().t_s == world.t_s
+
+
+def test_a_slice_of_a_room() -> None:
+    """Eight contacts of the benchmark's 22."""
+    trial = map_virtual_room(0, contacts=8)
+    assert trial.mapping.ending.outcome == MapOutcome.MAPPED
+    assert trial.score.iou > 0.6
+    assert trial.score.flags_right == 8
+    assert trial.score.mixed == 0
+    assert any(contact.movable for contact in trial.mapping.contacts)
+    assert (
+        replay(trial.mapping.trace, TouchMapTask(MapSettings(contacts=8)), MapMoment) == trial.mapping.ending
+    )
