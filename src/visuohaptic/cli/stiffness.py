@@ -13,7 +13,8 @@ HELP = "Compute the stiffness of every surface point of a container under a dual
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
-        of the wall, z is its height axis unless --up says otherwise, its base is clamped.
+        of the wall, z is its height axis unless --up says otherwise. The base is clamped, or
+        stands on springs with --base-stiffness.
 writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
 
 The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where
@@ -46,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     wall.add_argument("--poisson", type=float, dest="poisson_ratio", metavar="NU", help="Poisson's ratio")
     state = parser.add_argument_group("state")
     state.add_argument("--open-top", action="store_true", help="take the cap off")
+    state.add_argument(
+        "--base-stiffness",
+        type=float,
+        dest="base_N_per_m",
+        metavar="N/M",
+        help="of an elastic base, each direction; the base is clamped by default",
+    )
     state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
     state.add_argument(
         "--fill", type=float, help="share of liquid in what is enclosed, 0..1; implies --closed"
@@ -81,6 +89,7 @@ def run(args: Any) -> dict[str, Any]:
         youngs_modulus_Pa=args.youngs_modulus_Pa,
         poisson_ratio=args.poisson_ratio,
         open_top=args.open_top,
+        base_N_per_m=args.base_N_per_m,
         around=args.around,
         variant=args.variant,
         seed=args.seed,
