@@ -8,8 +8,13 @@ from visuohaptic.deformation import (
     detect_symmetry,
     dual_tip_map,
     enclosed_volume,
+    grasp_curve,
     load_container,
     mesh_container,
+    object_stiffness,
+    opposing_points,
+    side_vertex,
+    with_elastic_base,
 )
 from visuohaptic.deformation.container import ContainerDescription
 from visuohaptic.deformation.mesher import ring_lid
@@ -102,3 +107,43 @@ def test_lids_cover_a_ring_once(count: int) -> None:
 def test_bad_resolution_is_refused(around: int) -> None:
     with pytest.raises(InputError, match="multiple of 4"):
         mesh_container(tube(), around=around)
+
+
+def test_an_elastic_base_is_between_a_free_and_a_clamped_one() -> None:
+    thing = mesh_container(load_container("elliptic").middle(), around=16)
+    vertex = side_vertex(thing, "y+", 0.02)
+    tips = opposing_points(thing.mesh, np.array([vertex]))
+    stiff = [
+        float(object_stiffness(body, tips, band=False)[0][0])
+        for body in (
+            with_elastic_base(thing, 1e4),
+            with_elastic_base(thing, 1e6),
+            with_elastic_base(thing, 1e12),
+            thing,
+        )
+    ]
+    assert stiff == sorted(stiff)
+    # Only the foot's rotation is left free: near the foot a few percent.
+    assert stiff[2] == pytest.approx(stiff[3], rel=0.1)
+    # Pushed sideways as a whole, it moves by force / stiffness, and tilts on top.
+    soft = with_elastic_base(thing, 1.0)
+    model = soft.model()
+    load = np.zeros((model.nodes, 6))
+    load[:16, 0] = 1 / 16
+    moved = model.solve(load)
+    assert moved[:16, 0].mean() == pytest.approx(1.0, rel=0.02)
+
+
+def test_an_elastic_base_keeps_the_symmetry() -> None:
+    thing = with_elastic_base(mesh_container(load_container("elliptic").middle(), around=16), 2e4)
+    steps = [0.001, 0.003]
+    part = grasp_curve(thing, side="y+", height_m=0.03, deformation_m=steps)
+    whole = grasp_curve(thing, side="y+", height_m=0.03, deformation_m=steps, symmetric=False)
+    assert (part.copies, whole.copies) == (4, 1)
+    np.testing.assert_allclose(part.force_N, whole.force_N, rtol=1e-4)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, -1.0, float("inf"), float("nan")])
+def test_a_base_without_stiffness_is_refused(stiffness: float) -> None:
+    with pytest.raises(InputError, match="expected > 0"):
+        with_elastic_base(mesh_container(load_container("cup").middle(), around=16), stiffness)

@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import IsotropicMaterial, ShellMesh, grid_mesh, tube_mesh
+from visuohaptic.deformation import (
+    IsotropicMaterial,
+    ShellMesh,
+    dual_tip_map,
+    grid_mesh,
+    mesh_container,
+    opposing_points,
+    side_vertex,
+    solid_stiffness,
+    tube_mesh,
+)
+from visuohaptic.deformation.container import ContainerDescription
 from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
 from visuohaptic.deformation.solids import quadratic_compliance
 from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
@@ -75,3 +86,16 @@ def test_what_cannot_be_filled_is_refused():
     plain = tube_mesh(0.03, 0.1, 0.001, around=8, along=4, crossed=False)
     with pytest.raises(InputError, match="folds over itself"):
         wall_tetrahedra(ShellMesh(plain.vertices_m, plain.faces, 0.08))
+
+
+def test_a_thick_container_as_a_solid_and_as_a_shell():
+    """t / R = 0.13: both are elasticity, and differ by that order."""
+    jar = ContainerDescription.model_validate(
+        {"base": {"radius": "30 mm"}, "sections": [{"height": "60 mm"}], "wall": "4 mm", "material": "glass"}
+    )
+    thing = mesh_container(jar, around=16)
+    chosen = [side_vertex(thing, "x+", height) for height in (0.02, 0.03, 0.05)]
+    solid = solid_stiffness(thing, chosen)
+    shell = dual_tip_map(thing.model(), opposing_points(thing.mesh, np.array(chosen)))
+    np.testing.assert_allclose(solid, shell, rtol=0.13)
+    assert (np.diff(solid) < 0).all()

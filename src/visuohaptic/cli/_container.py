@@ -23,6 +23,13 @@ def add_container_arguments(parser: argparse.ArgumentParser) -> None:
     wall.add_argument("--poisson", type=float, dest="poisson_ratio", metavar="NU", help="Poisson's ratio")
     shape = parser.add_argument_group("shape")
     shape.add_argument("--open-top", action="store_true", help="take the cap off")
+    shape.add_argument(
+        "--base-stiffness",
+        type=float,
+        dest="base_N_per_m",
+        metavar="N/M",
+        help="of an elastic base, each direction; the base is clamped by default",
+    )
     shape.add_argument("--variant", type=int, help="of a class; its middle by default")
     shape.add_argument("--seed", type=int, default=0, help="of the variants")
     shape.add_argument("--around", type=int, help="vertices round the wall (64; 96 for a mesh)")
@@ -42,6 +49,7 @@ def read_container(args: Any) -> ShellObject:
         youngs_modulus_Pa=args.youngs_modulus_Pa,
         poisson_ratio=args.poisson_ratio,
         open_top=args.open_top,
+        base_N_per_m=args.base_N_per_m,
         around=args.around,
         variant=args.variant,
         seed=args.seed,

@@ -15,7 +15,8 @@ HELP = "Compute the stiffness of every surface point of a container under a dual
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
-        of the wall, z is its height axis unless --up says otherwise, its base is clamped.
+        of the wall, z is its height axis unless --up says otherwise. The base is clamped, or
+        stands on springs with --base-stiffness.
 writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
 
 The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where

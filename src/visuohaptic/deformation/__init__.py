@@ -27,7 +27,7 @@ from .grasp_patterns import GraspCoupling, couple
 from .imported import import_object
 from .map_file import load_map, plot_map, save_map
 from .material import MATERIALS, IsotropicMaterial, material
-from .mesher import ShellObject, mesh_container
+from .mesher import ShellObject, mesh_container, with_elastic_base
 from .nonlinear import (
     EquilibriumPath,
     PathPoint,
@@ -40,7 +40,7 @@ from .nonlinear import (
 from .object_file import load_object
 from .patches import grid_faces, grid_mesh, tube_mesh
 from .shell import ShellMesh, ShellModel, enclosed_volume, plane_stress, volume_gradient
-from .solids import quadratic_compliance
+from .solids import quadratic_compliance, solid_stiffness
 from .stiffness_map import DualTips, dual_tip_compliance, dual_tip_map, opposing_points, tip_loads
 from .symmetric_part import SymmetricPart, Symmetry, detect_symmetry, symmetric_part
 from .tetrahedra import SolidMesh, linear_tetrahedra, wall_tetrahedra
@@ -114,10 +114,12 @@ __all__ = [
     "reach_loads",
     "save_map",
     "side_vertex",
+    "solid_stiffness",
     "symmetric_part",
     "tip_loads",
     "tube_mesh",
     "volume_gradient",
     "wall_gap_m",
     "wall_tetrahedra",
+    "with_elastic_base",
 ]

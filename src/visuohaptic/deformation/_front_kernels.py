@@ -164,7 +164,8 @@ def add_blocks(
 ) -> None:
     """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front.
 
-    Only the lower triangle when not ``full``.
+    Of an element, or of a child front (extend-add). Only the lower triangle when not ``full``: a
+    child's places ascend, so of its update, too, only the lower triangle is read.
     """
     split_at = f11.shape[0]
     rows = places.size * size
@@ -204,40 +205,6 @@ def add_elements(
     """:func:`add_blocks` for several elements."""
     for k in range(elements.size):
         add_blocks(f11, f21, f22, f12, matrices[elements[k]], places[k], size, full)
-
-
-@njit(cache=True)
-def add_child(
-    f11: np.ndarray,
-    f21: np.ndarray,
-    f22: np.ndarray,
-    f12: np.ndarray,
-    update: np.ndarray,
-    places: np.ndarray,
-    size: int,
-    full: bool,
-) -> None:
-    """Extend-add of a child's update; its lower triangle when not ``full`` (``places`` ascend)."""
-    split_at = f11.shape[0]
-    rows = update.shape[0]
-    target = np.empty(rows, dtype=np.int64)
-    for a in range(places.size):
-        for i in range(size):
-            target[size * a + i] = places[a] * size + i
-    for q in range(rows):
-        column = target[q]
-        begin = 0 if full else q
-        for p in range(begin, rows):
-            row = target[p]
-            if row < split_at:
-                if column < split_at:
-                    f11[row, column] += update[p, q]
-                else:
-                    f12[row, column - split_at] += update[p, q]
-            elif column < split_at:
-                f21[row - split_at, column] += update[p, q]
-            else:
-                f22[row - split_at, column - split_at] += update[p, q]
 
 
 @njit(cache=True)

@@ -74,7 +74,7 @@ def _stiffness(
     mesh = thing.mesh
     if thicker != 1.0:
         mesh = ShellMesh(mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * thicker, mesh.share)
-    model = ShellModel(mesh, constants, thing.fixed)
+    model = ShellModel(mesh, constants, thing.fixed, springs=thing.springs)
     stiffness = dual_tip_map(model, tips)
     if contents is None or not contents.closed:
         return stiffness

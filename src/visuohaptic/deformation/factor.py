@@ -212,7 +212,7 @@ def factorise(
         )
         for child in tree.children[front]:
             local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
-            kernels.add_child(f11, f21, f22, f12, updates.pop(child), local, size, full)
+            kernels.add_blocks(f11, f21, f22, f12, updates.pop(child), local, size, full)
         if diagonal is not None:
             f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
         if definite:

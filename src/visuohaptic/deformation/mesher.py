@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -15,7 +15,7 @@ from .patches import grid_faces
 from .profile import Profile
 from .shell import ShellMesh, ShellModel, enclosed_volume
 
-__all__ = ["ShellObject", "mesh_container", "mesh_rings", "ring_lid"]
+__all__ = ["ShellObject", "mesh_container", "mesh_rings", "ring_lid", "with_elastic_base"]
 
 #: Thickness of a stiff cap that has none of its own [m].
 STIFF_CAP_M = 0.005
@@ -36,6 +36,7 @@ class ShellObject:
     wall_spread: float = 0.1  #: relative standard deviation of the thickness
     name: str = "object"
     notes: tuple[str, ...] = ()  #: what was guessed or repaired, for people
+    springs: Float[np.ndarray, "v 6"] | None = None  #: elastic base [N/m], see :func:`with_elastic_base`
 
     @property
     def height_m(self) -> float:
@@ -64,8 +65,8 @@ class ShellObject:
         )
 
     def model(self) -> ShellModel:
-        """Linear elastic shell, the foot clamped."""
-        return ShellModel(self.mesh, self.material, self.fixed)
+        """Linear elastic shell, the foot clamped or on its springs."""
+        return ShellModel(self.mesh, self.material, self.fixed, springs=self.springs)
 
 
 def mesh_container(container: ContainerDescription, *, around: int = 64) -> ShellObject:
@@ -113,6 +114,36 @@ def mesh_container(container: ContainerDescription, *, around: int = 64) -> Shel
         container.wall_spread[0],
         container.name,
     )
+
+
+def with_elastic_base(thing: ShellObject, stiffness_N_per_m: float) -> ShellObject:
+    """The object on springs instead of a clamped foot.
+
+    Parameters
+    ----------
+    thing
+        Container with a clamped foot.
+    stiffness_N_per_m
+        Of the whole foot in each direction, spread evenly along it; the foot may turn and go out of
+        round, as on a soft mat.
+    """
+    if not 0 < stiffness_N_per_m < float("inf"):
+        raise InputError("with_elastic_base", f"found {stiffness_N_per_m} N/m, expected > 0")
+    if not thing.fixed.any():
+        raise InputError("with_elastic_base", f"{thing.name} has no clamped foot")
+    used = np.zeros_like(thing.fixed)
+    used[thing.mesh.faces] = True
+    foot = np.flatnonzero(thing.fixed & used)
+    edges = thing.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges = np.unique(np.sort(edges[np.isin(edges, foot).all(axis=1)], axis=1), axis=0)
+    ends = thing.mesh.vertices_m[edges]
+    length = np.repeat(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 2)
+    weight = np.bincount(edges.ravel(), length, minlength=len(thing.fixed))
+    if not weight.any():
+        weight[foot] = 1.0
+    springs = np.zeros((len(weight), 6))
+    springs[:, :3] = (stiffness_N_per_m * weight / weight.sum())[:, None]
+    return replace(thing, fixed=np.zeros_like(thing.fixed), springs=springs)
 
 
 def mesh_rings(

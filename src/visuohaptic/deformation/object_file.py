@@ -11,7 +11,7 @@ from ..recording.mesh import FORMATS
 from .container import class_names, load_container
 from .imported import import_object
 from .material import IsotropicMaterial, material
-from .mesher import ShellObject, mesh_container
+from .mesher import ShellObject, mesh_container, with_elastic_base
 
 __all__ = ["load_object"]
 
@@ -25,6 +25,7 @@ def load_object(
     youngs_modulus_Pa: float | None = None,
     poisson_ratio: float | None = None,
     open_top: bool = False,
+    base_N_per_m: float | None = None,
     around: int | None = None,
     variant: int | None = None,
     seed: int = 0,
@@ -43,6 +44,8 @@ def load_object(
         Instead of the material's.
     open_top
         Without a cap.
+    base_N_per_m
+        Stiffness of an elastic base; clamped by default.
     around
         Vertices round the wall.
     variant, seed
@@ -104,4 +107,4 @@ def load_object(
             ),
             youngs_modulus_spread=0.0 if youngs_modulus_Pa else found.youngs_modulus_spread,
         )
-    return found
+    return found if base_N_per_m is None else with_elastic_base(found, base_N_per_m)

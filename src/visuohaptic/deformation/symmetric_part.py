@@ -123,9 +123,17 @@ def symmetric_part(
         points[flat, axis] = 0.0
         held = [axis, 3 + (1 - axis), 5]
         fixed[np.ix_(flat, held)] = True
+    springs = None
+    if whole.springs is not None:
+        # What stands on a plane of the cut belongs to several copies.
+        springs = whole.springs[inside] * np.bincount(number[image])[:, None] / 2 ** len(planes)
     part = ShellMesh(points, number[mesh.faces[kept]], np.asarray(mesh.thickness_m)[kept], share[kept])
     return SymmetricPart(
-        whole, ShellModel(part, whole.material, fixed), 2 ** len(planes), number[image], signs
+        whole,
+        ShellModel(part, whole.material, fixed, springs=springs),
+        2 ** len(planes),
+        number[image],
+        signs,
     )
 
 
@@ -174,6 +182,9 @@ def _falls_on(
         return None
     same_wall = np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max())
     same_base = bool((thing.fixed[other] == thing.fixed).all())
+    if thing.springs is not None:
+        size = float(thing.springs.max())
+        same_base &= bool(np.allclose(thing.springs[other], thing.springs, rtol=1e-6, atol=1e-9 * size))
     one_to_one = len(np.unique(other)) == len(other)
     found: np.ndarray = other
     return found if same_wall and same_base and one_to_one else None
