@@ -25,6 +25,7 @@ __all__ = [
     "REAL",
     "UNKNOWN",
     "RealObject",
+    "both_sides",
     "description",
     "draw_curve",
     "explore",
@@ -126,10 +127,10 @@ def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle
     return read_build(folder)
 
 
-def real_draw(name: str, draw: int, seed: int) -> RealObject:
-    """One draw of an unseen object: of the nine it is always the same container, perturbed."""
-    key = sorted({*REAL, *UNKNOWN}).index(name)
-    base = description(name).variant(draw if name in UNKNOWN else 0, seed)
+def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
+    """One draw of an unseen object: of the nine it is always the same container, perturbed, unless varied."""
+    key = sorted({*REAL, *UNKNOWN, "elliptic"}).index(name)
+    base = description(name).variant(draw if varied or name in UNKNOWN else 0, seed)
     for attempt in range(20):
         rng = np.random.default_rng([seed, key, draw, attempt])
         try:
@@ -226,6 +227,16 @@ def explore(thing: RealObject, rng: np.random.Generator) -> Any:
         return TouchReading(height, axis, (sides[0], sides[1]), width)
 
     return touch
+
+
+def both_sides(touch: Any) -> Any:
+    """The same touch as a pair of stiffnesses, for trees."""
+
+    def pair(height: int, axis: str) -> tuple[float, float]:
+        first, second = touch(height, axis).sides
+        return first.i_N_per_m, second.i_N_per_m
+
+    return pair
 
 
 def _felt(

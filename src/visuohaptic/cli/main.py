@@ -80,6 +80,12 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.reproduce",
         "make figures and tables of the dissertation again, its numbers beside ours",
     ),
+    "classify train": ("visuohaptic.cli.classify_train", "train a tree that plans touches"),
+    "classify plan": ("visuohaptic.cli.classify_plan", "show what to touch, in what order"),
+    "classify run": (
+        "visuohaptic.cli.classify_run",
+        "say what an object is from touches, and where to touch",
+    ),
     "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
     "recording import": (
         "visuohaptic.cli.recording_import",

@@ -11,7 +11,10 @@ from .bayes import (
     fit_model,
     touch_gains,
 )
+from .calibration import calibrate, calibration_error
+from .classifier_file import Classifier, load_classifier, save_classifier
 from .data_set import HEIGHTS, SIDES, FeatureSet, load_feature_set, read_build, save_feature_set
+from .noise import noisy_copies
 from .protocol import TouchProtocol, travel_seconds
 from .readings import CurveFit, SensorNoise, TouchReading, fit_curve, read_curves, stiffness_grid
 from .tree import (
@@ -39,6 +42,7 @@ __all__ = [
     "UNKNOWN",
     "Belief",
     "ClassificationTree",
+    "Classifier",
     "CurveFit",
     "Exploration",
     "FeatureSet",
@@ -49,18 +53,23 @@ __all__ = [
     "TouchProtocol",
     "TouchReading",
     "believe",
+    "calibrate",
+    "calibration_error",
     "explore",
     "feature_name",
     "fit_curve",
     "fit_model",
     "grow_tree",
+    "load_classifier",
     "load_feature_set",
     "load_tree",
     "mean_touches",
     "next_touch",
+    "noisy_copies",
     "predict",
     "read_build",
     "read_curves",
+    "save_classifier",
     "save_feature_set",
     "save_tree",
     "scaled_features",

@@ -1,0 +1,68 @@
+"""A trained classifier on disk: the tree as JSON, and beside it the training objects as NPZ."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import InputError
+from ..files import write_text
+from .bayes import HapticModel, ModelSettings, calibrated, fit_model
+from .data_set import FeatureSet, load_feature_set, save_feature_set
+from .tree import ClassificationTree, load_tree, tree_mapping
+
+__all__ = ["Classifier", "load_classifier", "save_classifier"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Classifier:
+    """Tree, training objects with the names of their own classes, and how sure to be."""
+
+    tree: ClassificationTree
+    data: FeatureSet
+    groups: Mapping[str, Sequence[str]]  #: name -> classes that are answered by this name
+    temperature: float = 1.0
+    unknown_from: float = 0.5
+
+    def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
+        """The Bayesian planner of the same objects."""
+        settings = ModelSettings(use_width=use_width)
+        fitted = fit_model(self.data, self.groups, settings=settings, prior=prior)
+        return calibrated(fitted, self.temperature, self.unknown_from)
+
+
+def save_classifier(path: Path | str, found: Classifier) -> None:
+    """Write ``path`` (JSON) and the same name with ``.npz``."""
+    path = Path(path)
+    if path.suffix != ".json":
+        raise InputError(path, f"found suffix {path.suffix!r}, expected .json")
+    save_feature_set(path.with_suffix(".npz"), found.data)
+    content = tree_mapping(found.tree) | {
+        "groups": {name: list(members) for name, members in found.groups.items()},
+        "temperature": found.temperature,
+        "unknown_from": found.unknown_from,
+    }
+    write_text(path, json.dumps(content, indent=1) + "\n")
+
+
+def load_classifier(path: Path | str) -> Classifier:
+    """Read what :func:`save_classifier` wrote."""
+    path = Path(path)
+    tree = load_tree(path)
+    data = load_feature_set(path.with_suffix(".npz"))
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
+        temperature, unknown_from = float(content["temperature"]), float(content["unknown_from"])
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            path, f"is no classifier ({error})", remedy="make one with classify train"
+        ) from error
+    if not (0 < temperature < 1e3 and 0 < unknown_from <= 1):
+        raise InputError(path, f"found temperature {temperature} and unknown_from {unknown_from}")
+    named = {member: name for name, members in groups.items() for member in members}
+    if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
+        raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
+    return Classifier(tree, data, groups, temperature, unknown_from)
