@@ -169,3 +169,27 @@ def test_opencv_flow_agrees_with_a_window_search():
         ]
         v, u = np.unravel_index(np.argmin(costs), (len(shifts), len(shifts)))
         np.testing.assert_allclose(after - before, [shifts[u], shifts[v]], atol=0.08)
+
+
+def test_regions_are_asked_for_only_when_points_are_missing():
+    rng, asked = np.random.default_rng(9), []
+    image = picture(spectrum(rng), 0, 0)
+    regions = np.ones(image.shape, np.uint8)
+
+    def made() -> np.ndarray:
+        asked.append(True)
+        return regions
+
+    tracker = PointTracker(FlowSettings(points=60))
+    for _ in range(4):
+        tracker.update(image, made, labels=(1,))
+    assert len(asked) == 1, "enough points after the first frame"
+    regions[:, 40:] = 0
+    tracker.forget(1)
+    many = [len(tracker.update(image, made, labels=(1,)).ids) for _ in range(10)]
+    assert max(many) < 0.7 * 60, "a strip holds fewer points than are wanted"
+    # What offered some is asked again at once, what had none only every fourth frame.
+    assert len(asked) < 1 + 6
+    np.testing.assert_array_equal(tracker.update(image, made, labels=(1,)).label, 1)
+    with pytest.raises(InputError, match="same size"):
+        PointTracker().update(image, lambda: regions[1:])
