@@ -136,6 +136,10 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
     found = break_away(record, begin, until, dynamic.value if dynamic is not None else 0.0)
     common = record.common_sigma(inside[-min(3, len(inside)) :])
+    later = phases.pushing(record.t_s) & record.force_valid
+    if later.any():
+        # A contact is in doubt while it is new; what later frames have confirmed no longer is.
+        common = min(common, record.common_sigma(later))
     if found is not None:
         value, random = found
         return Estimate(value, float(np.sqrt(sigma**2 + random**2 + (common * value) ** 2)))
