@@ -38,6 +38,7 @@ CAMPAIGNS = (
     "foam_faults",
     "foam_tags",
     "nav_push",
+    "nav_scenes",
     "objects_db",
     "objects_faults",
     "scene",
