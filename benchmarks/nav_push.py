@@ -1,4 +1,4 @@
-"""Sideward push against MuJoCo and against real pushes, its speed, and what watching the contact is worth.
+"""Sideward and direct push against MuJoCo, sideward push against real pushes, its speed, and what watching the contact is worth.
 
 ``python -m benchmarks.nav_push --count 200`` runs the whole campaign of random things.
 """
@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks._push_direct import drive_direct, foreseen, random_direct
 from benchmarks._push_loop import closed_loop
 from benchmarks._push_world import RADIUS_M, random_case
 from benchmarks._zhou2016 import TRIANGLE_M, RealPush, read_pushes, support_points
@@ -190,9 +191,59 @@ def _loop(count: int) -> list[dict[str, Any]]:
     ]
 
 
+def direct_errors(count: int, length_m: float = 0.5) -> dict[str, np.ndarray]:
+    """Direct pushes of boxes and polygons whose mass is not in the middle: off the goal (m) and turn (rad).
+
+    ``steered`` looks at the object and steers, ``straight`` drives as planned,
+    ``model`` is what :func:`simulate_push`, told the truth, foresees of the straight one.
+    """
+    rows: dict[str, list[float]] = {
+        f"{how} {what}": [] for how in ("steered", "straight", "model") for what in ("off", "turn")
+    }
+    for index in range(count):
+        rng = np.random.default_rng([SEED, index])
+        case = random_direct(rng)
+        for how in ("steered", "straight"):
+            end = drive_direct(case, length_m, see=how == "steered")
+            rows[f"{how} off"].append(float(np.hypot(end[0] - length_m, end[1])))
+            rows[f"{how} turn"].append(abs(float(end[2])))
+            if how == "straight":
+                told = foreseen(case, length_m)
+                rows["model off"].append(float(np.hypot(*(told - end)[:2])))
+                rows["model turn"].append(abs(float(told[2] - end[2])))
+    return {name: np.array(values) for name, values in rows.items()}
+
+
+def _direct(count: int) -> list[dict[str, Any]]:
+    errors = direct_errors(count)
+    note = f"{count} boxes and polygons, mass 2 cm off the middle, friction 0.1-0.5, 0.5 m, MuJoCo"
+    rows = []
+    for what, scale, unit in (("off", 100.0, "cm"), ("turn", 180 / np.pi, "deg")):
+        ours, peer = (scale * float(np.median(errors[f"{how} {what}"])) for how in ("steered", "straight"))
+        rows.append(
+            {
+                "name": f"direct push, {'off its goal' if what == 'off' else 'turned'}, median",
+                "ours": ours,
+                "peer": peer,
+                "peer_name": "the same push, not steered",
+                "unit": unit,
+                "note": f"{note}; p90 {scale * float(np.quantile(errors[f'steered {what}'], 0.9)):.1f}",
+            }
+        )
+        rows.append(
+            {
+                "name": f"direct push, model off MuJoCo's {'place' if what == 'off' else 'turn'}, median",
+                "ours": scale * float(np.median(errors[f"model {what}"])),
+                "unit": unit,
+                "note": f"told the truth, straight; p90 {scale * float(np.quantile(errors[f'model {what}'], 0.9)):.1f}",
+            }
+        )
+    return rows
+
+
 def run(count: int = 12, loops: int = 8) -> list[dict[str, Any]]:
     """Rows of the table; 200 and 100 are the campaign."""
-    return [*_sideward(count), *_speed(), *_real(), *_loop(loops)]
+    return [*_sideward(count), *_direct(count), *_speed(), *_real(), *_loop(loops)]
 
 
 if __name__ == "__main__":

@@ -28,15 +28,16 @@ empty proves that there is none.
 from __future__ import annotations
 
 import heapq
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
 from .node_costs import PushCosts, push_cost
+from .push_states import PushStep, SearchLimits, SearchResult, SearchState, SeenFields, anchors, steps_of
 from .push_world import Body, PushWorld
 
-__all__ = ["PushStep", "SearchLimits", "SearchResult", "search_pushes"]
+__all__ = ["PushStep", "SearchLimits", "SearchResult", "anchors", "search_pushes"]
 
 #: The robot stands off by so many cells before and after a push.
 STAND_OFF = 0.6
@@ -45,111 +46,9 @@ GOAL_SLACK = 0.25
 #: ... and where it stands off an object.
 STAND_SLACK = 0.15
 #: The hasty pass believes the rest to cost so many times its estimate.
-HASTY_GREED = 1.5
+HASTY_GREED = 5.0
 #: More than this the lower bound does not charge for a body [s]: the queue of the field grows with it.
 MAX_CHARGE_S = 60.0
-
-
-@dataclass(frozen=True, slots=True)
-class SearchLimits:
-    """How long to search, and for what."""
-
-    expansions: int = 6000  #: configurations looked at before giving up
-    pushes: int = 12  #: in one plan, at most
-    hasty_expansions: int = 120  #: of the pass that opens one passage after the other, for any plan at all
-    first_expansions: int = 400  #: of the pass that looks for the cheapest plan
-    #: of the passes after it, which share the budget: at most so many times as dear, found the sooner
-    greed: tuple[float, ...] = (2.0, 8.0)
-    work_cells: int = 400_000_000  #: cells of travel fields computed before giving up: half a minute
-    memory_cells: int = 40_000_000  #: cells of travel fields kept to recognise detours
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PushStep:
-    """One push, in grid coordinates."""
-
-    body: int
-    contact: int  #: index into the body's contacts
-    steps: int  #: whole cells
-    shifts_before: Float[np.ndarray, "bodies 2"]
-    shifts_after: Float[np.ndarray, "bodies 2"]
-    stand_before: Float[np.ndarray, "2"]  #: the robot's centre, clear of the body
-    touch: Float[np.ndarray, "2"]  #: the robot's centre at the contact
-    stand_after: Float[np.ndarray, "2"]
-
-
-@dataclass(frozen=True, slots=True)
-class SearchResult:
-    """Pushes in order, or why there are none."""
-
-    found: bool
-    steps: tuple[PushStep, ...] = ()
-    cost: float = float("inf")  #: estimate by the grid [cells at full speed]
-    expanded: int = 0
-    exhausted: bool = False  #: nothing was left to look at
-    reason: str = ""
-
-
-@dataclass(slots=True, eq=False)
-class _State:
-    spent: float  #: [units]
-    robot: Float[np.ndarray, "2"]
-    shifts: Float[np.ndarray, "bodies 2"]
-    pushed: int  #: bit mask of bodies
-    parent: _State | None = None
-    step: PushStep | None = None
-    depth: int = 0
-    opens: bool = True  #: whether the last push may have connected robot and goal
-    refined: bool = True  #: whether its estimate is the best that we have
-
-
-@dataclass(slots=True, eq=False)
-class _Seen:
-    """Fields of configurations that were looked at: what costs more than a drive there is not looked at again."""
-
-    cells_left: int
-    fields: dict[bytes, list[tuple[float, Int32[np.ndarray, "n"]]]] = field(default_factory=dict)
-
-    def dominated(self, state: _State, cell: int) -> bool:
-        """Whether the same place can be had as cheaply from a state of the same configuration."""
-        known = self.fields.get(_key(state.shifts), ())
-        return any(spent + int(cost[cell]) <= state.spent + 1 for spent, cost in known)
-
-    def add(self, state: _State, cost: Int32[np.ndarray, "n"]) -> None:
-        if self.cells_left >= cost.size:
-            self.cells_left -= cost.size
-            self.fields.setdefault(_key(state.shifts), []).append((state.spent, cost))
-
-
-def _key(shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
-    return np.rint(shifts * 4.0).astype(np.int16).tobytes()
-
-
-def anchors(
-    clearance: Float32[np.ndarray, "rows columns"],
-    point: Float[np.ndarray, "2"],
-    radius: float,
-    slow: float,
-    units: int,
-    reach: int = 1,
-) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
-    """Free cells around a point and what it costs to move between them and the point [units]."""
-    rows, columns = clearance.shape
-    c, r = int(np.floor(point[0])), int(np.floor(point[1]))
-    r0, r1, c0, c1 = (
-        max(r - reach, 0),
-        min(r + reach + 1, rows),
-        max(c - reach, 0),
-        min(c + reach + 1, columns),
-    )
-    part = clearance[r0:r1, c0:c1]
-    rr, cc = np.nonzero(part >= radius)
-    d = part[rr, cc]
-    rr, cc = rr + r0, cc + c0
-    length = np.hypot(cc + 0.5 - point[0], rr + 0.5 - point[1])
-    share = np.minimum((d / radius - 1.0) * 0.5, 1.0)
-    cost = np.rint(length * (slow + share * (1.0 - slow)) * units)
-    return (rr * columns + cc).astype(np.int32), cost.astype(np.int32)
 
 
 class _Search:
@@ -258,7 +157,7 @@ class _Search:
     def run(self, expansions: int) -> SearchResult:
         """Search until the cheapest plan is taken from the queue, it runs empty, or the budget is spent."""
         world = self.world
-        first = _State(0.0, self.start, np.zeros((len(world.bodies), 2)), 0)
+        first = SearchState(0.0, self.start, np.zeros((len(world.bodies), 2)), 0)
         if not self.goal_cells.size:
             return SearchResult(False, exhausted=True, reason="the goal is too near to what cannot be moved")
         cells, _ = anchors(
@@ -271,15 +170,25 @@ class _Search:
             return SearchResult(
                 False, exhausted=True, reason="walls separate start and goal, whatever is pushed"
             )
-        seen = _Seen(self.limits.memory_cells)
-        queue: list[tuple[float, int, _State, bool]] = [(0.0, 0, first, False)]
+        seen = SeenFields(self.limits.memory_cells)
+        queue: list[tuple[float, int, SearchState, bool]] = [(0.0, 0, first, False)]
         ticket = expanded = 0
         best = self.known
         cut = False
         while queue:
             bound, _, state, arrived = heapq.heappop(queue)
             if arrived:
-                return SearchResult(True, _steps(state), bound / self.units, expanded, exhausted=not cut)
+                return SearchResult(True, steps_of(state), bound / self.units, expanded, exhausted=not cut)
+            if not state.refined and self.hasty:
+                state.refined = True
+                if not self._opened(state):
+                    assert state.step is not None
+                    again = max(self.charges[state.step.body], self.leasts[state.step.body])
+                    estimate = state.spent + (state.left + again) * self.greed
+                    if estimate < best:
+                        ticket += 1
+                        heapq.heappush(queue, (estimate, ticket, state, False))
+                    continue
             if not state.refined:
                 state.refined = True
                 estimate = state.spent + self._left(state) * self.greed
@@ -313,7 +222,17 @@ class _Search:
             reason="no sequence of straight pushes opens a way" if not cut else "no plan with so few pushes",
         )
 
-    def _left(self, state: _State) -> float:
+    def _opened(self, state: SearchState) -> bool:
+        """Whether the last push lets the robot reach anything that it could not reach before."""
+        from ._push_search_kernels import flood
+
+        clearance = self.world.clearance_with(state.shifts)
+        near, _ = anchors(clearance, state.robot, self.world.radius, self.world.slow, self.units)
+        if not near.size or state.beyond is None:
+            return False
+        return bool((flood(clearance, self.world.radius, near) & state.beyond).any())
+
+    def _left(self, state: SearchState) -> float:
         """Lower bound of what is left after a push [units]."""
         near, extra = anchors(
             self.world.clearance, state.robot, self.world.radius, self.world.slow, self.units
@@ -329,8 +248,8 @@ class _Search:
         return left
 
     def _expand(
-        self, state: _State, best: float, seen: _Seen
-    ) -> tuple[float | None, list[tuple[float, _State]]]:
+        self, state: SearchState, best: float, seen: SeenFields
+    ) -> tuple[float | None, list[tuple[float, SearchState]]]:
         """Cost of driving to the goal now [units], and the states after one push."""
         from ._push_search_kernels import flood, travel_field
 
@@ -361,7 +280,7 @@ class _Search:
             beyond = (clearance.ravel() >= world.radius) & (cost >= self.far)
         elif finished is None:
             beyond = flood(clearance, world.radius, goal_cells)
-        children: list[tuple[float, _State]] = []
+        children: list[tuple[float, SearchState]] = []
         limit = min(best, finished if finished is not None else np.inf)
         for index in range(len(world.bodies)):
             children += self._pushes(state, index, clearance, cost, beyond, limit)
@@ -369,13 +288,13 @@ class _Search:
 
     def _pushes(
         self,
-        state: _State,
+        state: SearchState,
         index: int,
         clearance: Float32[np.ndarray, "rows columns"],
         cost: Int32[np.ndarray, "n"],
         beyond: Bool[np.ndarray, "n"] | None,
         limit: float,
-    ) -> list[tuple[float, _State]]:
+    ) -> list[tuple[float, SearchState]]:
         from ._push_search_kernels import clearance_at, free_push_steps, opening_steps, reach_cost
 
         world, body = self.world, self.world.bodies[index]
@@ -383,7 +302,7 @@ class _Search:
             return []
         shift = state.shifts[index]
         without: Float32[np.ndarray, "rows columns"] | None = None
-        found: list[tuple[float, _State]] = []
+        found: list[tuple[float, SearchState]] = []
         others: tuple[np.ndarray, ...] | None = None
         # The field of the new set of pushed bodies is computed for those children only that are taken.
         rest = self.rest(state.pushed)
@@ -448,15 +367,16 @@ class _Search:
                 after = state.shifts.copy()
                 after[index] = shift + lengths[i] * contact.direction
                 step = PushStep(index, number, int(lengths[i]), state.shifts, after, stand, touch, ends[i])
-                child = _State(
+                child = SearchState(
                     float(spent[i]), ends[i], after, state.pushed | 1 << index, state, step,
-                    state.depth + 1, bool(opens[i + 1]), self.hasty,
+                    state.depth + 1, bool(opens[i + 1]), self.hasty and not opens[i + 1], float(left[i]),
+                    beyond if self.hasty else None,
                 )  # fmt: skip
                 found.append((float(estimate[i]), child))
         return found
 
     def _others(
-        self, state: _State, index: int
+        self, state: SearchState, index: int
     ) -> tuple[Float[np.ndarray, "v 2"], Int32[np.ndarray, "o"], Float[np.ndarray, "k 2"]]:
         """Outlines of the other bodies, one after the other, where each begins, and points inside their edges."""
         others = [(body, state.shifts[k]) for k, body in enumerate(self.world.bodies) if k != index]
@@ -469,15 +389,6 @@ class _Search:
             starts,
             np.concatenate([body.samples + shift for body, shift in others]),
         )
-
-
-def _steps(state: _State) -> tuple[PushStep, ...]:
-    steps: list[PushStep] = []
-    at: _State | None = state
-    while at is not None and at.step is not None:
-        steps.append(at.step)
-        at = at.parent
-    return tuple(reversed(steps))
 
 
 def search_pushes(

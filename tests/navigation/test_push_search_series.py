@@ -1,0 +1,58 @@
+"""Passages in series cost one after the other, not all combinations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.navigation.plan_check import faults
+from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.navigation.push_search import SearchLimits
+from visuohaptic.navigation.strategies import make_plan
+
+
+def series(doors):
+    """Rooms in a row, a stool in every door."""
+    walls, stools = [], []
+    for index in range(doors):
+        x = 2.0 + 2.0 * index
+        walls += [(x, 0, x + 0.1, 1.0), (x, 1.8, x + 0.1, 3.0)]
+        stools.append(MovableObject(f"stool {index}", box(x + 0.05, 1.4, 0.45), STOOL))
+    grid = rooms(2.0 * doors + 2, 3.0, walls)
+    ends = np.array([0.7, 1.4]), np.array([2.0 * doors + 1.3, 1.4])
+    return PlanningProblem(with_objects(grid, stools), ROBOT, *ends, tuple(stools))
+
+
+@pytest.mark.parametrize("doors", [3, 6])
+def test_doors_in_series(doors):
+    problem = series(doors)
+    plan = make_plan(problem, limits=SearchLimits(first_expansions=1))
+    assert plan.reachable
+    assert len(plan.pushes) >= doors
+    assert not faults(problem, plan)
+    # All combinations of a few pushes per door would be thousands.
+    assert plan.expanded < 20 * doors
+
+
+def test_the_hasty_pass_changes_no_cheapest_plan():
+    problem = series(1)
+    with_it = make_plan(problem)
+    without = make_plan(problem, limits=SearchLimits(hasty_expansions=0))
+    assert with_it.cost_s == pytest.approx(without.cost_s, abs=1e-6)
+
+
+def test_contacts_follow_the_learnt_centre_of_friction():
+    from visuohaptic.navigation.push_world import push_world, world_from_grid
+
+    problem = series(1)
+    stool = problem.objects[0]
+    moved = MovableObject(stool.id, stool.footprint_m, stool.tag, friction_offset_m=(0.0, 0.1))
+    told = PlanningProblem(problem.map, ROBOT, problem.start_m, problem.goal_m, (moved,))
+    body = push_world(told).bodies[0]
+    centre = stool.centre_m + (0.0, 0.1)
+    for push in body.contacts:
+        robot = world_from_grid(told.map, body.centre + push.robot)
+        off = centre - robot
+        # The push goes through the learnt centre, not through the centroid.
+        assert abs(off[0] * push.direction[1] - off[1] * push.direction[0]) < 1e-9
