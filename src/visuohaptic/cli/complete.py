@@ -26,6 +26,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cluster", type=int, help="number of the region; the nearest to the model by default"
     )
     parser.add_argument("--touches", type=Path, help="CSV table of touches so far")
+    parser.add_argument(
+        "--register",
+        type=Path,
+        help="CSV table of contacts on the visible part, to fit the frame of the touches",
+    )
     parser.add_argument("--out", type=Path, required=True, help="completed surface, PLY")
     parser.add_argument("--next", action="store_true", help="plan the next touch")
     parser.add_argument("--bound-m", type=float, default=0.001, help="expected error to stop at, 1 mm")
@@ -41,6 +46,7 @@ def run(args: Any) -> dict[str, Any]:
     from ..reconstruction.hole import load_hole_regions
     from ..reconstruction.mesh import SurfaceMesh
     from ..reconstruction.touch import read_touches
+    from ..reconstruction.touch_registration import register_touches
 
     if not (np.isfinite(args.bound_m) and args.bound_m > 0):
         raise InputError("--bound-m", f"found {args.bound_m}, expected > 0")
@@ -52,7 +58,12 @@ def run(args: Any) -> dict[str, Any]:
     if not 0 <= number < len(regions):
         raise InputError(args.region, f"has {len(regions)} clusters, no number {number}", field="clusters")
     touches = read_touches(args.touches) if args.touches else []
-    completion = Completion(model, regions[number], CompletionSettings(use_priors=not args.no_priors))
+    pose, rms_m = None, 0.0
+    if args.register:
+        known = [touch.contact_m for touch in read_touches(args.register) if touch.contact_m is not None]
+        pose, rms_m = register_touches(np.array(known).reshape(-1, 3), model)
+    settings = CompletionSettings(use_priors=not args.no_priors)
+    completion = Completion(model, regions[number], settings, pose_visual_haptic=pose)
     for touch in touches:
         completion.add(touch)
     completed = completion.completed()
@@ -68,6 +79,8 @@ def run(args: Any) -> dict[str, Any]:
         "expected_error_m": completion.expected_error_m(),
         "done": completion.done(args.bound_m),
     }
+    if pose is not None:
+        found["registration"] = {"matrix_visual_haptic": pose.matrix.tolist(), "rms_m": rms_m}
     if completion.prior is not None:
         prior = completion.prior
         found["symmetry"] = {

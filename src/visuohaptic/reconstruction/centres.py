@@ -68,7 +68,8 @@ def around_core(
     """
     core, depth_m = region.core()
     for _ in range(_CORE_ROUNDS):
-        excess = fit(core) + 0.25 * depth_m
+        # Only what is plainly outside: a region is rough, and says little of where the surface is.
+        excess = fit(core) + 0.02 * depth_m
         worst = np.argsort(-excess)[:_CORE_POINTS]
         worst = worst[excess[worst] > 0]
         if not len(worst):

@@ -42,6 +42,8 @@ _TRUSTED = 0.06
 _USELESS = 0.2
 #: Rounds in which free space that the surface still covers is added.
 _FREE_ROUNDS = 3
+#: Slope of the signed distance that is believed at least.
+_LEAST_SLOPE = 0.2
 #: Contacts without which an exploration is never done.
 LEAST_TOUCHES = 3
 
@@ -289,7 +291,9 @@ class Completion:
             some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 150)]
             gaps, near = cKDTree(some).query(mesh.vertices_m, k=min(3, len(some)))
             share = 1 / np.maximum(gaps, 1e-9)
-            values = self._fit.kriging_sigma_m(some) * self.calibration
+            # r(X) is a distance only where its slope is one: where it is flat, the surface moves farther.
+            slope = np.maximum(np.linalg.norm(self._fit.gradient(some), axis=1), _LEAST_SLOPE)
+            values = self._fit.kriging_sigma_m(some) / slope * self.calibration
             sigma = (values[near] * share).sum(axis=1) / share.sum(axis=1)
             self._uncertainty = SurfaceUncertainty(mesh, score, sigma, self._missing(mesh.vertices_m))
         return self._uncertainty
