@@ -67,6 +67,23 @@ def test_the_state_changes_the_map(tmp_path: Path, capsys: pytest.CaptureFixture
     assert found == sorted(found)
 
 
+def test_an_elastic_base_softens_what_is_near_it(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["stiffness", "elliptic", "--at", "0", "0.03", "0.02", "--no-sigma", "--around", "32"]
+    soft, clamped = (
+        run(capsys, *words, *more)["at"][0]["stiffness_N_per_m"]  # type: ignore[index]
+        for more in (["--base-stiffness", "1e4"], [])
+    )
+    assert soft < 0.9 * clamped
+
+
+def test_a_face_that_names_no_vertex_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bad = tmp_path / "bad.obj"
+    corners = [f"v {x} {y} {z}" for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+    bad.write_text("\n".join([*corners, "f 1 2 3", "f 1 2 4", "f 2 3 9"]))
+    assert main(["stiffness", str(bad)]) == 2
+    assert "face 3 names vertex 9, the file has 8" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -81,6 +98,7 @@ def test_the_state_changes_the_map(tmp_path: Path, capsys: pytest.CaptureFixture
         (["cup", "--around", "7"], "multiple of 4"),
         (["cup", "--variant", "-1"], "expected 0 to"),
         (["cup", "--thickness", "0.5"], "cut itself"),
+        (["cup", "--base-stiffness", "0"], "expected > 0"),
     ],
 )
 def test_bad_input_is_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -98,3 +116,10 @@ def test_a_plan_becomes_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[s
     again = run(capsys, "objects", "build", str(plan), "--out", str(tmp_path / "out"))
     assert (again["computed"], again["content_sha256"]) == (0, first["content_sha256"])
     assert main(["objects", "build", str(plan), "--out", str(tmp_path / "out"), "--jobs", "0"]) == 2
+    # Features from curves are another result.
+    plan.write_text(
+        "around: 16\nband: false\nnonlinear: {around: 16, heights: [8]}\nclasses: [{class: cup, variants: 2}]"
+    )
+    curved = run(capsys, "objects", "build", str(plan), "--out", str(tmp_path / "out"), "--nonlinear")
+    assert curved["computed"] == 2
+    assert curved["content_sha256"] != first["content_sha256"]

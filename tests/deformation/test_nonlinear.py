@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from benchmarks.shell_nonlinear import PINCH, quarter_tube
@@ -12,10 +14,12 @@ from visuohaptic.deformation import (
     IsotropicMaterial,
     ShellMesh,
     ShellModel,
+    follow_arc,
     follow_displacement,
     follow_load,
     opposing_points,
     pinch_curve,
+    reach_loads,
     tube_mesh,
 )
 from visuohaptic.errors import InputError
@@ -150,10 +154,45 @@ def test_a_limit_load_stops_load_control_with_a_reason():
     # Past the limit point the tangent's determinant is negative.
     assert path.points[0].stable
     assert not path.points[-1].stable
+    # Past the limit the path is walked round to the next state that carries the load.
+    path = reach_loads(shell, load, [1000.0, 3000.0])
+    assert path.complete
+    assert path.control_m[-1] > 15
+    np.testing.assert_allclose(path.load, [1000.0, 3000.0], rtol=1e-6)
     # 12 mm of displacement, where the load is falling, cannot be reached by raising the load.
     path = follow_load(shell, load, [1000.0, 2000.0])
     assert path.complete
     assert path.control_m[-1] < 11
+
+
+def test_displacement_control_goes_round_a_snap_back():
+    """The thin roof's middle turns back under load: its path by arc length is the truth here."""
+    mesh = problems.grid_mesh(
+        lambda u, v: (2540 * np.sin(0.1 * u), 254 * v, 2540 * np.cos(0.1 * u)), 8, 8, 6.35, crossed=True
+    )
+    x, y, _ = mesh.vertices_m.T
+    fixed = problems.held(
+        mesh,
+        (problems.near(x, x.max()), (0, 1, 2)),
+        (problems.near(x, 0), (0, 4, 5)),
+        (problems.near(y, 0), (1, 3, 5)),
+    )
+    model = ShellModel(mesh, IsotropicMaterial(3102.75, 0.3), fixed)
+    load = np.zeros((model.nodes, 6))
+    load[0, 2] = -0.25
+    shell = CorotationalShell(model)
+    targets = [5.0, 10.0, 15.0, 18.0, 22.0, 26.0]
+    path = follow_displacement(shell, load, targets)
+    assert path.complete
+    np.testing.assert_allclose(path.control_m, targets, rtol=1e-5)
+    arc = follow_arc(shell, load, first=50.0, until=900.0)
+    assert np.any(np.diff(arc.control_m) < 0)
+    # Each point lies on the path: within the straight lines between its points.
+    shown = np.stack([arc.control_m / 26, arc.load / 600], axis=1)
+    dense = np.concatenate([a + (b - a) * np.linspace(0, 1, 50)[:, None] for a, b in pairwise(shown)])
+    for control, factor in zip(path.control_m, path.load, strict=True):
+        away = np.linalg.norm(dense - [control / 26, factor / 600], axis=1).min()
+        assert away < 0.02
 
 
 def test_loads_on_what_is_held_are_refused():
