@@ -37,6 +37,7 @@ CAMPAIGNS = (
     "completion",
     "foam_faults",
     "foam_tags",
+    "grasp",
     "nav_push",
     "objects_db",
     "objects_faults",
