@@ -44,10 +44,8 @@ CASES = (
 def run() -> list[dict[str, Any]]:
     """Rows of the table."""
     rows, agreed, confirmed = [], 0, 0
-    shares: list[float] = []
-    simulated: list[float] = []
     for case in CASES:
-        votes, deep = [], []
+        votes, safe, deep = [], [], []
         for variant in (None, *range(VARIANTS)):
             thing = load_object(case.thing, variant=variant, seed=3)
             plan = plan_grasps(thing, GraspTask(force_N=case.force_N), count=1)
@@ -55,6 +53,9 @@ def run() -> list[dict[str, Any]]:
             score = float(plan.scores.pair[vertex])
             right = (score >= plan.task.least_score) == case.good
             votes.append(right)
+            safe.append(
+                (bool(plan.feasibility.feasible[vertex]) and score >= plan.task.least_score) == case.good
+            )
             if variant is not None and variant >= SIMULATED:
                 continue
             said = confirm_grasp(thing, vertex, case.force_N)
@@ -73,14 +74,13 @@ def run() -> list[dict[str, Any]]:
                         + (f"; {said.reason}" if said.reason else ""),
                     }
                 )
-        shares.append(float(np.mean(votes)))
-        simulated.append(float(np.mean(deep)))
         rows.append(
             {
                 "name": f"{case.name}: variants of the class where the map says so",
                 "ours": float(np.mean(votes)),
                 "unit": "share",
-                "note": f"{len(votes)} variants; nonlinear simulation {sum(deep)} of {len(deep)}",
+                "note": f"{len(votes)} variants, walls of all thicknesses; with the limit that holds with 95 %: "
+                f"{np.mean(safe):.2f}; nonlinear simulation {sum(deep)} of {len(deep)}",
             }
         )
     head = [

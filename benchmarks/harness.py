@@ -38,6 +38,7 @@ CAMPAIGNS = (
     "crown_cap",
     "foam_faults",
     "foam_tags",
+    "grasp",
     "nav_push",
     "nav_scenes",
     "objects_db",

@@ -225,6 +225,8 @@ def test_a_click_in_a_browser(cup, tmp_path):
                         "Input.dispatchMouseEvent", type=kind, x=556, y=440, button="left", clickCount=1
                     )
                     time.sleep(0.3)
+            chromium.call("Input.dispatchMouseEvent", type="mouseMoved", x=300, y=700)
+            time.sleep(2.0)
             chromium.screenshot(tmp_path / "cup.png")
             page.open("bottle")
             text = chromium.wait_for("It is: cup")

@@ -87,11 +87,15 @@ class Stage:
             import trimesh
         except ImportError as error:
             raise MissingExtraError("trimesh", "geometry", "a coloured mesh on the page") from error
-        # Both sides, so that one looks into a cup.
-        both = np.concatenate([faces, faces[:, ::-1]])
-        shape = trimesh.Trimesh(vertices_m, both, process=False, validate=False)
-        alpha = np.full((len(colours), 1), 255, np.uint8)
-        shape.visual.vertex_colors = np.concatenate([colours, alpha], axis=1)  # type: ignore[union-attr, unused-ignore]
+        # One looks into a cup: its inside is a second surface, apart so that the two don't flicker.
+        outside = trimesh.Trimesh(vertices_m, faces, process=False, validate=False)
+        apart = 1e-3 * float(np.ptp(vertices_m, axis=0).max())
+        inside_m = vertices_m - apart * outside.vertex_normals
+        points = np.concatenate([vertices_m, inside_m])
+        both = np.concatenate([faces, np.asarray(faces)[:, ::-1] + len(vertices_m)])
+        shape = trimesh.Trimesh(points, both, process=False, validate=False)
+        rgba = np.column_stack([colours, np.full(len(colours), 255, np.uint8)])
+        shape.visual.vertex_colors = np.concatenate([rgba, rgba])  # type: ignore[union-attr, unused-ignore]
         self.drop(name)
         handle = self.keep(name, self.scene.add_mesh_trimesh(f"/view/{name}", shape))
         if on_click is not None:
