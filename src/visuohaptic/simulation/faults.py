@@ -1,0 +1,268 @@
+"""Faults that can be switched on: wrappers of the robot protocols, and wrong maps; repeatable by their generator.
+
+Whatever a task is told through these wrappers may be wrong; what the simulated
+world does stays true. Slip in the hand and falling objects are switches of
+the worlds themselves (:class:`~visuohaptic.simulation.kitchen.KitchenTable`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from jaxtyping import Int8
+
+from ..camera import Camera, Frame
+from ..errors import InputError
+from ..robots import BaseState, FrameSource, MobileBase
+
+__all__ = [
+    "FaultKind",
+    "FaultyBase",
+    "FaultyFrames",
+    "FrameFaults",
+    "PoseFaults",
+    "frame_faults",
+    "wrong_map",
+]
+
+
+class FaultKind(StrEnum):
+    """The switches."""
+
+    DROPPED_FRAMES = "dropped_frames"
+    LATE_FRAMES = "late_frames"
+    DUPLICATE_FRAMES = "duplicate_frames"
+    CAMERA_BUMP = "camera_bump"
+    LIGHTING = "lighting"
+    SLIP = "slip"
+    OBJECT_FALLS = "object_falls"
+    WRONG_MAP = "wrong_map"
+    LOST_POSE = "lost_pose"
+
+
+def _check_shares(where: object, **shares: float) -> None:
+    for name, share in shares.items():
+        if not 0.0 <= share <= 1.0:
+            raise InputError(type(where).__name__, f"found {share}, expected 0 to 1", field=name)
+
+
+@dataclass(frozen=True, slots=True)
+class FrameFaults:
+    """What happens to frames; all off by default."""
+
+    drop: float = 0.0  #: share that never arrives
+    duplicate: float = 0.0  #: share that arrives twice
+    late: float = 0.0  #: share that arrives after its followers
+    late_frames: int = 3  #: by how many frames
+    bump_at_s: float = math.inf  #: the camera is knocked then, after the first frame's time
+    bump_px: tuple[float, float] = (12.0, -7.0)
+    bump_rad: float = 0.02
+    light_at_s: float = math.inf  #: the light changes then
+    light_s: float = 0.5  #: and takes so long to change
+    light_gain: float = 0.45
+    light_offset: float = 5.0
+    end_at_s: float = math.inf  #: the cable is pulled
+
+    def __post_init__(self) -> None:
+        _check_shares(self, drop=self.drop, duplicate=self.duplicate, late=self.late)
+        if self.late_frames < 1 or not self.light_s > 0:
+            raise InputError(
+                "FrameFaults",
+                f"found late_frames {self.late_frames}, light_s {self.light_s}, expected >= 1 and > 0",
+            )
+
+
+def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
+    """Faults of the camera as one switch; none for the kinds that are not the camera's."""
+    return {
+        FaultKind.DROPPED_FRAMES: FrameFaults(drop=0.2),
+        FaultKind.LATE_FRAMES: FrameFaults(late=0.2),
+        FaultKind.DUPLICATE_FRAMES: FrameFaults(duplicate=0.2),
+        FaultKind.CAMERA_BUMP: FrameFaults(bump_at_s=at_s),
+        FaultKind.LIGHTING: FrameFaults(light_at_s=at_s),
+    }.get(kind, FrameFaults())
+
+
+class FaultyFrames:
+    """A ``robots.FrameSource`` that loses, repeats, delays and spoils the frames of another one."""
+
+    def __init__(self, source: FrameSource, faults: FrameFaults, rng: np.random.Generator) -> None:
+        self.source, self.faults, self._rng = source, faults, rng
+        self._start_s = math.nan
+
+    @property
+    def camera(self) -> Camera | None:
+        """The model that everybody believes in; a bump doesn't change it."""
+        return self.source.camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """Of the source; how many arrive is not known."""
+        return self.source.frame_count
+
+    def __iter__(self) -> Iterator[Frame]:
+        held: list[tuple[int, Frame]] = []  #: late frames, and how many more go first
+        for frame in self.source:
+            if math.isnan(self._start_s):
+                self._start_s = frame.t_s
+            if frame.t_s - self._start_s >= self.faults.end_at_s:
+                return
+            # One draw for each fault and frame: a switched-on fault doesn't move another's dice.
+            dropped, twice, late = self._rng.random(3) < (
+                self.faults.drop,
+                self.faults.duplicate,
+                self.faults.late,
+            )
+            held = [(left - 1, old) for left, old in held]
+            yield from (old for left, old in held if left <= 0)
+            held = [(left, old) for left, old in held if left > 0]
+            if dropped:
+                continue
+            spoilt = self._spoilt(frame)
+            if late:
+                held.append((self.faults.late_frames + 1, spoilt))
+                continue
+            yield spoilt
+            if twice:
+                yield spoilt
+        yield from (old for _, old in held)
+
+    def close(self) -> None:
+        """Release the source."""
+        self.source.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _spoilt(self, frame: Frame) -> Frame:
+        f, age = self.faults, frame.t_s - self._start_s
+        image = frame.image
+        if age >= f.bump_at_s:
+            import cv2
+
+            rows, columns = image.shape[:2]
+            matrix = cv2.getRotationMatrix2D((0.5 * columns, 0.5 * rows), math.degrees(f.bump_rad), 1.0)
+            matrix[:, 2] += f.bump_px
+            image = cv2.warpAffine(image, matrix, (columns, rows), borderMode=cv2.BORDER_REPLICATE)
+        if age >= f.light_at_s:
+            share = min(1.0, (age - f.light_at_s) / f.light_s)
+            gain, offset = 1.0 + share * (f.light_gain - 1.0), share * f.light_offset
+            image = np.clip(np.rint(gain * image.astype(np.float32) + offset), 0, 255).astype(image.dtype)
+        return frame if image is frame.image else replace(frame, image=image)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFaults:
+    """What happens to the pose that a platform reports; all off by default. Times since the first state."""
+
+    jump_at_s: float = math.inf  #: the pose is lost then and taken up elsewhere
+    jump: tuple[float, float, float] = (0.6, -0.4, 0.5)  #: (x [m], y [m], heading [rad])
+    freeze_at_s: float = math.inf  #: from then on the pose stays as it is, though time goes on
+    freeze_s: float = math.inf
+    slip_at_s: float = math.inf  #: the wheels slip then: odometry counts on, the platform stays behind
+    slip_s: float = 1.0
+    slip_share: float = 0.5  #: of the told speed that is lost
+
+
+class FaultyBase:
+    """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip."""
+
+    def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
+        _check_shares(faults, slip_share=faults.slip_share)
+        self._base, self.faults = base, faults
+        self._start_s = base.state().t_s
+        self._frozen: BaseState | None = None
+        self._lead_m = 0.0  #: way that odometry has counted and the platform has not gone
+        self._told = (0.0, 0.0)
+        self._last_s = self._start_s
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities; while the wheels slip less of the speed arrives."""
+        self._told = (speed_m_s, turn_rate_rad_s)
+        self._base.drive(speed_m_s * (1.0 - self._slip()), turn_rate_rad_s)
+
+    def stop(self) -> None:
+        """Stand still."""
+        self._told = (0.0, 0.0)
+        self._base.stop()
+
+    def state(self) -> BaseState:
+        """What is reported."""
+        true, f = self._base.state(), self.faults
+        age, dt = true.t_s - self._start_s, true.t_s - self._last_s
+        if dt > 0:
+            slip = self._slip()
+            if slip > 0 and true.speed_m_s != 0.0:
+                self._lead_m += true.speed_m_s / max(1.0 - slip, 0.05) * slip * dt
+            # The slip begins and ends without anybody telling the wheels anew.
+            self._base.drive(self._told[0] * (1.0 - slip), self._told[1])
+            self._last_s = true.t_s
+        c, s = math.cos(true.heading_rad), math.sin(true.heading_rad)
+        told = replace(true, x_m=true.x_m + self._lead_m * c, y_m=true.y_m + self._lead_m * s)
+        if age >= f.jump_at_s:
+            told = replace(
+                told,
+                x_m=told.x_m + f.jump[0],
+                y_m=told.y_m + f.jump[1],
+                heading_rad=told.heading_rad + f.jump[2],
+            )
+        if f.freeze_at_s <= age < f.freeze_at_s + f.freeze_s:
+            self._frozen = self._frozen or told
+            return replace(self._frozen, t_s=true.t_s)
+        self._frozen = None
+        return told
+
+    def _slip(self) -> float:
+        age = self._base.state().t_s - self._start_s
+        f = self.faults
+        return f.slip_share if f.slip_at_s <= age < f.slip_at_s + f.slip_s else 0.0
+
+
+def wrong_map(
+    cells: Int8[np.ndarray, "rows columns"],
+    rng: np.random.Generator,
+    *,
+    shift_cells: int = 4,
+    blocks: int = 3,
+    block_cells: int = 8,
+) -> Int8[np.ndarray, "rows columns"]:
+    """A map that is wrong: shifted, with things that are not there and without things that are.
+
+    Parameters
+    ----------
+    cells
+        -1 unknown, 0 free, 100 occupied.
+    shift_cells
+        In a random direction; what comes in at the border is unknown.
+    blocks
+        So many squares are turned from free to occupied, and as many emptied.
+    """
+    cells = np.asarray(cells)
+    if cells.ndim != 2 or cells.size == 0:
+        raise InputError("wrong_map", f"found shape {cells.shape}, expected rows x columns")
+    angle = rng.uniform(0.0, 2.0 * math.pi)
+    down, right = round(shift_cells * math.sin(angle)), round(shift_cells * math.cos(angle))
+    wrong = np.full_like(cells, -1)
+    rows, columns = cells.shape
+    y, x = (
+        np.arange(max(0, down), min(rows, rows + down)),
+        np.arange(max(0, right), min(columns, columns + right)),
+    )
+    wrong[np.ix_(y, x)] = cells[np.ix_(y - down, x - right)]
+    for value, wanted in ((100, 0), (0, 100)):
+        places = np.argwhere(wrong == wanted)
+        for row, column in places[rng.integers(0, len(places), blocks)] if len(places) else ():
+            part = wrong[row : row + block_cells, column : column + block_cells]
+            part[part == wanted] = value
+    return wrong

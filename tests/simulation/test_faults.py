@@ -1,0 +1,159 @@
+"""Faults: off they change nothing, on they do what they say, and the same with the same seed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from visuohaptic.camera import Frame
+from visuohaptic.errors import InputError
+from visuohaptic.robots import FrameSource, MobileBase
+from visuohaptic.simulation.faults import (
+    FaultKind,
+    FaultyBase,
+    FaultyFrames,
+    FrameFaults,
+    PoseFaults,
+    frame_faults,
+    wrong_map,
+)
+from visuohaptic.simulation.quick_world import QuickWorld
+
+
+class Frames:
+    """Ten a second, each with its number as grey."""
+
+    camera = None
+    frame_count = None
+
+    def __init__(self, count: int = 200) -> None:
+        self.count = count
+
+    def __iter__(self) -> Iterator[Frame]:
+        for k in range(self.count):
+            yield Frame(np.full((20, 30), k % 200, np.uint8), 0.1 * k, k)
+
+    def close(self) -> None: ...
+    def __enter__(self) -> Frames:
+        return self
+
+    def __exit__(self, *_: Any) -> None: ...
+
+
+def through(faults: FrameFaults, seed: int = 0, count: int = 200) -> list[Frame]:
+    source = FaultyFrames(Frames(count), faults, np.random.default_rng(seed))
+    assert isinstance(source, FrameSource)
+    with source:
+        return list(source)
+
+
+def test_off_nothing_changes() -> None:
+    frames = through(FrameFaults())
+    assert [f.index for f in frames] == list(range(200))
+    assert all((f.image == f.index % 200).all() for f in frames)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.integers(1, 9), st.integers(0, 99))
+def test_nothing_is_invented_and_seeds_repeat(
+    drop: float, duplicate: float, late: float, late_frames: int, seed: int
+) -> None:
+    faults = FrameFaults(drop, duplicate, late, late_frames)
+    frames = through(faults, seed, 60)
+    assert [f.index for f in frames] == [f.index for f in through(faults, seed, 60)]
+    counts = np.bincount([f.index for f in frames], minlength=60)
+    assert len(counts) == 60
+    assert counts.max(initial=0) <= 2
+    # No frame overtakes by more than what is late.
+    seen = -1
+    for frame in frames:
+        assert frame.index >= seen - late_frames - 1
+        seen = max(seen, frame.index)
+
+
+def test_shares_are_kept() -> None:
+    """200 frames, share 0.2: within four standard deviations, 4 x sqrt(200 x 0.2 x 0.8) = 23."""
+    assert abs(len(through(frame_faults(FaultKind.DROPPED_FRAMES))) - 160) < 23
+    assert abs(len(through(frame_faults(FaultKind.DUPLICATE_FRAMES))) - 240) < 23
+    order = [f.index for f in through(frame_faults(FaultKind.LATE_FRAMES))]
+    assert sorted(order) == list(range(200))
+    assert order != sorted(order)
+
+
+def test_light_bump_and_cable() -> None:
+    frames = through(frame_faults(FaultKind.LIGHTING, at_s=5.0))
+    assert (frames[49].image == 49).all()
+    assert (frames[100].image == round(0.45 * 100 + 5)).all()
+    assert len(through(FrameFaults(end_at_s=2.0))) == 20
+    picture = np.zeros((40, 60), np.uint8)
+    picture[20, 30] = 255
+    source: Any = [Frame(picture, 0.0, 0), Frame(picture, 1.0, 1)]
+    moved = list(
+        FaultyFrames(
+            source, FrameFaults(bump_at_s=0.5, bump_px=(5.0, 0.0), bump_rad=0.0), np.random.default_rng(0)
+        )
+    )
+    assert np.argwhere(moved[0].image == 255).tolist() == [[20, 30]]
+    assert np.argwhere(moved[1].image == 255).tolist() == [[20, 35]]
+
+
+def drive(faults: PoseFaults, seconds: float = 3.0) -> tuple[QuickWorld, FaultyBase]:
+    world = QuickWorld([])
+    base = FaultyBase(world, faults)
+    assert isinstance(base, MobileBase)
+    base.drive(0.2, 0.0)
+    for _ in range(round(30 * seconds)):
+        world.step(1 / 30)
+        base.state()
+    return world, base
+
+
+def test_a_lost_pose_jumps_and_the_world_goes_on() -> None:
+    world, base = drive(PoseFaults(jump_at_s=1.0, jump=(0.5, -0.25, 1.0)))
+    told, true = base.state(), world.state()
+    assert told.x_m - true.x_m == pytest.approx(0.5)
+    assert told.y_m - true.y_m == pytest.approx(-0.25)
+    assert told.heading_rad - true.heading_rad == pytest.approx(1.0)
+
+
+def test_a_frozen_pose_keeps_its_time() -> None:
+    world, base = drive(PoseFaults(freeze_at_s=1.0, freeze_s=5.0))
+    assert base.state().t_s == world.t_s
+    assert base.state().x_m < world.state().x_m - 0.3
+    _, base = drive(PoseFaults(freeze_at_s=1.0, freeze_s=0.5))
+    assert base.state().x_m == pytest.approx(drive(PoseFaults())[1].state().x_m, abs=1e-9)
+
+
+def test_slipping_wheels_count_on() -> None:
+    """One second at 0.2 m/s with half of it lost: odometry is 10 cm ahead."""
+    world, base = drive(PoseFaults(slip_at_s=1.0, slip_s=1.0, slip_share=0.5))
+    assert base.state().x_m - world.state().x_m == pytest.approx(0.1, rel=0.15)
+    assert world.state().x_m < drive(PoseFaults())[0].state().x_m - 0.06
+
+
+def test_wrong_maps() -> None:
+    cells = np.zeros((60, 80), np.int8)
+    cells[20:40, 30:50] = 100
+    wrong = wrong_map(cells, np.random.default_rng(1))
+    assert wrong.shape == cells.shape
+    assert set(np.unique(wrong)) <= {-1, 0, 100}
+    assert (wrong != cells).mean() > 0.02
+    assert np.array_equal(wrong, wrong_map(cells, np.random.default_rng(1)))
+    assert np.array_equal(wrong_map(cells, np.random.default_rng(1), shift_cells=0, blocks=0), cells)
+    with pytest.raises(InputError, match="expected rows x columns"):
+        wrong_map(np.zeros((0, 3), np.int8), np.random.default_rng(0))
+
+
+def test_bad_shares_are_refused() -> None:
+    with pytest.raises(InputError, match=r"drop: found 1.5, expected 0 to 1"):
+        FrameFaults(drop=1.5)
+    with pytest.raises(InputError, match="slip_share: found -1"):
+        FaultyBase(QuickWorld([]), PoseFaults(slip_share=-1.0))
+    assert frame_faults(FaultKind.SLIP) == FrameFaults()
+    assert math.isinf(frame_faults(FaultKind.WRONG_MAP).end_at_s)
