@@ -34,7 +34,7 @@ from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
 
-LIMITS = SearchLimits(expansions=90, first_expansions=15, hasty_expansions=60)
+LIMITS = SearchLimits(expansions=180, first_expansions=15, hasty_expansions=60)
 
 
 #: What a scene is called solvable with: more than the travels have.

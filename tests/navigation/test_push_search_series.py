@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from tests.navigation.plan_check import faults
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
+
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 from visuohaptic.navigation.push_search import SearchLimits
 from visuohaptic.navigation.strategies import make_plan
@@ -50,7 +50,7 @@ def test_contacts_follow_the_learnt_centre_of_friction():
     moved = MovableObject(stool.id, stool.footprint_m, stool.tag, friction_offset_m=(0.0, 0.1))
     told = PlanningProblem(problem.map, ROBOT, problem.start_m, problem.goal_m, (moved,))
     body = push_world(told).bodies[0]
-    centre = stool.centre_m + (0.0, 0.1)
+    centre = stool.centre_m + np.array([0.0, 0.1])
     for push in body.contacts:
         robot = world_from_grid(told.map, body.centre + push.robot)
         off = centre - robot

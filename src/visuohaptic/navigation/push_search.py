@@ -415,7 +415,7 @@ def search_pushes(
     hasty = SearchResult(False)
     if world.bodies and limits.hasty_expansions:
         search.hasty, search.greed = True, HASTY_GREED
-        hasty = search.run(limits.hasty_expansions)
+        hasty = search.run(min(limits.hasty_expansions, limits.expansions))
         search.hasty, search.greed = False, 1.0
         if hasty.found:
             search.known = hasty.cost * search.units + 1.0

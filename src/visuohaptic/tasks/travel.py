@@ -259,7 +259,8 @@ class _Machine:
         while True:
             pose = self._pose()
             t_s = self._now()
-            speed, turn = follower.command(BaseState(t_s, *pose, 0.0, 0.0))
+            x, y, heading = (float(value) for value in pose)
+            speed, turn = follower.command(BaseState(t_s, x, y, heading, 0.0, 0.0))
             if follower.done:
                 self.base.stop()
                 self.length_m += task.length_m
