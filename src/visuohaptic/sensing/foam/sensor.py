@@ -37,7 +37,7 @@ _REMEMBERED_IMAGES = 8
 
 #: What a point at a kink, and a bridge, scatters by from frame to frame, by its doubt: over rendered
 #: plates of 1 to 10 mm depth. The rest is the same in all frames.
-_KINK_NOISE, _BRIDGE_NOISE = 0.025, 0.33
+_KINK_NOISE, _BRIDGE_NOISE = 0.05, 0.33
 
 #: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
 #: than that, or than this part of the foam's grey level, may be the wrong one of two.
