@@ -11,6 +11,7 @@ def warmup() -> None:
     """A few small views of a plane through both detectors and the fusion, and a small spline."""
     from ..camera import Camera
     from ..recording.depth_sequence import DepthFrame
+    from ._hull_kernels import mask_through, seen_share
     from .pipeline import reconstruct
     from .rbf import RbfSurface
     from .volume import SpaceGrid
@@ -31,3 +32,9 @@ def warmup() -> None:
     surface(corners_m)
     surface.on_grid(corners_m)
     surface.gradient(corners_m)
+    rows = np.array([0, 59])
+    planes = np.array([[0.0, 0.0, -1.0, 0.5], [0.0, 0.0, 1.0, -0.6]])
+    numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])
+    mask_through(frames[0].depth_m.copy(), planes, rows, rows, *numbers, 0.01)
+    ways = np.eye(3)
+    seen_share(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
