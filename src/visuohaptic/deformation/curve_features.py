@@ -79,7 +79,7 @@ def nonlinear_features(
         for height in chosen:
             row, column = height - 1, 2 * axis
             vertex = int(nearest[row, column])
-            if plane.thing.fixed[vertex]:
+            if not plane.can_pinch(vertex):
                 continue
             found, share = _departure(plane, vertex, deformation_m, contents)
             departure[row, column : column + 2] = found

@@ -124,12 +124,20 @@ class PinchPlane:
         moved = self._rest[contents].solve(load.reshape(-1, 1)).reshape(load.shape)
         return self._tips_moved(self.part.expand(moved[:, :3]), tips)
 
+    def can_pinch(self, vertex: int) -> bool:
+        """Whether the vertex can move and there is a wall across from it."""
+        return bool(not self.thing.fixed[vertex] and self._across(vertex).valid[0])
+
+    def _across(self, vertex: int) -> DualTips:
+        whole = self.part.whole
+        # Along the plane's direction, even where a vertex stands a little beside the axis.
+        beside = float(whole.mesh.vertices_m[vertex, 1])
+        return opposing_points(whole.mesh, np.array([vertex]), axis_point_m=(0.0, beside))
+
     def _pinch(self, vertex: int) -> tuple[DualTips, Float[np.ndarray, "p 6"]]:
         """The pair, and the part's share of the load of 1 N on each tip."""
         part, whole = self.part, self.part.whole
-        # Along the plane's direction, even where a vertex stands a little beside the axis.
-        beside = float(whole.mesh.vertices_m[vertex, 1])
-        tips = opposing_points(whole.mesh, np.array([vertex]), axis_point_m=(0.0, beside))
+        tips = self._across(vertex)
         points = self.thing.mesh.vertices_m
         where = f"({', '.join(f'{value:.4g}' for value in points[vertex])}) m"
         if not tips.valid[0]:
