@@ -40,6 +40,8 @@ CAMPAIGNS = (
     "nav_push",
     "objects_db",
     "objects_faults",
+    "recog_state",
+    "recog_table62",
     "scene",
     "transparency",
 )
