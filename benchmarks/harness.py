@@ -43,6 +43,8 @@ CAMPAIGNS = (
     "nav_scenes",
     "objects_db",
     "objects_faults",
+    "recog_state",
+    "recog_table62",
     "scene",
     "touch_map",
     "transparency",

@@ -89,6 +89,7 @@ def run(args: Any) -> dict[str, Any]:
         "objects": len(candidates),
         "loss": tree.loss,
         "loss_sigma": tree.loss_sigma,
+        "nested_loss": tree.nested_loss,
         "nodes": int(np.count_nonzero(tree.feature >= 0)),
         "features": [feature_name(k) for k in tree.features],
         "mean_touches": mean_touches(tree),

@@ -228,7 +228,7 @@ def load_state_model(path: Path | str) -> StateModel:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except InputError:
         raise
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(path, f"is no state model ({error})") from error
     count = len(places)
     good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)

@@ -1,0 +1,93 @@
+"""The ``classify`` verbs, from words to files."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.cli.main import main
+from visuohaptic.recognition import FeatureSet, save_feature_set
+
+
+def _objects(path: Path) -> FeatureSet:
+    rng = np.random.default_rng(0)
+    place = np.linspace(0, 1, 16)
+    features, widths, labels = [], [], []
+    for label, top, width in (("soft", 4.0, 0.06), ("rim", 9.0, 0.06), ("flat", 9.0, 0.03)):
+        for _ in range(12):
+            line = np.exp(np.interp(place, [0, 0.5, 1], [9, 7, top]) + rng.normal(0, 0.1) + place * 0)
+            grid = np.repeat(line[:, None], 4, axis=1) * np.exp(rng.normal(0, 0.02, (16, 1)))
+            features.append(np.stack([grid, grid, 0 * grid], axis=-1))
+            widths.append(np.tile([0.06, width], (16, 1)) * (1 + rng.normal(0, 0.02)))
+            labels.append(label)
+    data = FeatureSet(
+        np.stack(features), np.stack(widths), tuple(labels), tuple(f"{k}" for k in range(len(labels)))
+    )
+    save_feature_set(path, data)
+    return data
+
+
+def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    data = _objects(tmp_path / "set.npz")
+    tree = str(tmp_path / "tree.json")
+
+    def run(*words: str) -> dict:
+        assert main(["classify", *words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    picture = tmp_path / "tree.png"
+    trained = run(
+        "train", "--objects", str(tmp_path / "set.npz"), "--group", "cup=soft,rim", "--out", tree,
+        "--plot", str(picture),
+    )  # fmt: skip
+    assert trained["classes"] == ["cup", "flat"]
+    assert picture.stat().st_size > 10_000
+    run("train", "--objects", str(tmp_path / "set.npz"), "--out", tree)
+    planned = run("plan", tree)
+    assert planned["scaling"] == ["x8", "y8"]
+    assert planned["nodes"]
+    curves = tmp_path / "curves.csv"
+    rng = np.random.default_rng(1)
+    with curves.open("w") as handle:
+        handle.write("height,side,force_N,deformation_m,width_m\n")
+        for height, axis in ((8, "x"), (8, "y"), (15, "x")):
+            column = 0 if axis == "x" else 2
+            for k, side in enumerate(f"{axis}+ {axis}-".split()):
+                for d in np.arange(1, 19) / 6000:
+                    force = data.features[0, height - 1, column + k, 0] * d + rng.normal(0, 0.1)
+                    width = data.width_m[0, height - 1, column // 2]
+                    handle.write(f"{height},{side},{force},{d + rng.normal(0, 1e-4)},{width}\n")
+    found = run("run", tree, str(curves))
+    assert found["answer"] == "soft"
+    assert found["probabilities"]["soft"] > 0.9
+    assert found["touches"] == ["x8", "y8", "x15"]
+    assert sum(found["probabilities"].values()) == pytest.approx(1)
+    monkeypatch.setattr("sys.stdin", io.StringIO("8000 8000 0.06\n" * 10))
+    asked = run("run", tree, "--ask", "--most", "2")
+    assert 1 <= len(asked["touches"]) <= 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["train", "--objects", "nowhere", "--out", "tree.txt"], "with .json"),
+        (["train", "--objects", "nowhere", "--out", "tree.json"], "no such file"),
+        (["train", "--objects", "set.npz", "--out", "tree.json", "--group", "cup"], "expected NAME=CLASS"),
+        (["train", "--objects", "set.npz", "--out", "tree.json", "--classes", "soft,mug"], "found 'mug'"),
+        (["plan", "nowhere.json"], "cannot be read"),
+        (["run", "nowhere.json"], "either a file of curves or --ask"),
+    ],
+)
+def test_one_line_for_a_mistake(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch, words: list[str], said: str
+) -> None:
+    _objects(tmp_path / "set.npz")
+    monkeypatch.chdir(tmp_path)
+    assert main(["classify", *words]) == 2
+    error = capsys.readouterr().err.strip()
+    assert said in error
+    assert "\n" not in error

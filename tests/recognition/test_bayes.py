@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import (
+    UNKNOWN,
+    HapticModel,
+    ModelSettings,
+    TouchProtocol,
+    believe,
+    calibrate,
+    calibration_error,
+    explore,
+    fit_model,
+    mean_touches,
+    noisy_copies,
+    touch_gains,
+    train_tree,
+    travel_seconds,
+)
+from visuohaptic.recognition.bayes import _condition, _evidence
+
+from .worlds import synthetic, touch_of
+
+
+@pytest.fixture(scope="module")
+def model() -> HapticModel:
+    return fit_model(synthetic(30))
+
+
+def test_the_prior_is_believed_until_something_is_touched() -> None:
+    data = synthetic(10)
+    found = believe(fit_model(data, prior={"soft": 3.0, "flat": 1.0}), ()).as_mapping()
+    assert found == pytest.approx({"flat": 0.225, "rim": 0.0, "soft": 0.675, UNKNOWN: 0.1})
+    with pytest.raises(InputError, match="found 'mug', expected one of"):
+        fit_model(data, prior={"mug": 1.0})
+
+
+def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
+    from scipy.stats import multivariate_normal
+
+    touch = touch_of(synthetic(1, seed=5), 1)
+    readings = (touch(8, "y"), touch(15, "x"))
+    place, value, noise = _evidence(model, readings)
+    assert len(place) == 6
+    density = np.zeros(len(model.answers))
+    for v, mean in enumerate(model.mean):
+        k = model.component[v]
+        spread = model.covariance[k][np.ix_(place, place)] + np.diag(noise)
+        weight = np.exp(model.log_prior[v] + multivariate_normal.logpdf(value, mean[place], spread))
+        density[model.answer_of[k]] += weight
+    spread = model.unknown_covariance[np.ix_(place, place)] + np.diag(noise)
+    density[-1] = 0.1 * multivariate_normal.pdf(value, model.unknown_mean[place], spread)
+    np.testing.assert_allclose(believe(model, readings).probability, density / density.sum(), rtol=1e-6)
+
+
+def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:
+    touch = touch_of(synthetic(1, seed=5), 1)
+    place, value, noise = _evidence(model, (touch(4, "x"), touch(9, "y")))
+    _, (mean, spread) = _condition(model, place, value, noise)
+    # Twice Kalman's update, one reading after the other.
+    m, s = model.mean[0], model.covariance[model.component[0]]
+    for k, v, r in zip(place, value, noise, strict=True):
+        gain = s[:, k] / (s[k, k] + r)
+        m, s = m + gain * (v - m[k]), s - np.outer(gain, s[k])
+    np.testing.assert_allclose(mean[0], m, atol=1e-8)
+    np.testing.assert_allclose(spread[model.component[0]], s, atol=1e-8)
+
+
+def test_information_is_where_classes_differ_and_costs_time(model: HapticModel) -> None:
+    settings = ModelSettings(use_width=False, unknown_prior=1e-9)
+    stiff = fit_model(synthetic(30), settings=settings)
+    gains = touch_gains(stiff, (), samples=200, rng=np.random.default_rng(1))
+    # At the foot all classes are alike; at the top "soft" differs from the others.
+    assert gains[15, "x"][0] > 5 * gains[2, "x"][0]
+    assert all(gain >= 0 and seconds > 0 for gain, seconds in gains.values())
+    assert len(gains) == 32
+    touched = touch_of(synthetic(1), 0)(15, "x")
+    assert (15, "x") not in touch_gains(stiff, (touched,), samples=8)
+    protocol = TouchProtocol()
+    assert travel_seconds(protocol, (8, "x"), (8, "y")) == protocol.turn_s
+
+
+def test_known_objects_are_found_with_fewer_touches_than_the_tree(model: HapticModel) -> None:
+    unseen, rng = synthetic(4, seed=77), np.random.default_rng(2)
+    touches, right = [], 0
+    for row in range(len(unseen)):
+        found = explore(model, touch_of(unseen, row, rng=rng), samples=32, rng=rng)
+        touches.append(len(found.readings))
+        right += found.answer == unseen.label[row]
+        assert found.belief.probability.sum() == pytest.approx(1)
+        assert found.seconds > 0
+    assert right >= 11  # of 12
+    assert np.mean(touches) < mean_touches(train_tree(synthetic(30)))
+
+
+def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
+    data = synthetic(2)
+    strange = noisy_copies(data, 1, np.random.default_rng(0), keep=False)
+    strange.features[..., 0] *= 60.0
+    found = explore(model, touch_of(strange, 0), samples=16)
+    assert found.answer == UNKNOWN
+
+
+def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
+    data = synthetic(30, spread=0.4)
+    plain = fit_model(data, settings=ModelSettings(use_width=False))
+    warm = calibrate(plain, data, np.random.default_rng(1), explorations=80, most_touches=3)
+    assert 0.5 <= warm.temperature <= 6
+    assert 0.05 <= warm.unknown_from <= 0.95
+    unseen, rng = synthetic(25, seed=4, spread=0.4), np.random.default_rng(3)
+    confidence, hit = [], []
+    for row in range(len(unseen)):
+        touch = touch_of(unseen, row, rng=rng)
+        share = believe(warm, [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))])]).probability[:-1]
+        share = share / share.sum()
+        confidence.append(share.max())
+        hit.append(warm.answers[int(np.argmax(share))] == unseen.label[row])
+    # 75 objects in few bins: chance alone gives about 0.06.
+    assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
+
+
+def test_calibration_error_of_an_honest_and_of_a_boasting_forecaster() -> None:
+    rng = np.random.default_rng(0)
+    honest = rng.uniform(0.5, 1, 20_000)
+    assert calibration_error(honest, rng.random(20_000) < honest) < 0.015
+    assert calibration_error(np.full(20_000, 0.99), rng.random(20_000) < 0.5) == pytest.approx(
+        0.49, abs=0.015
+    )

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import FeatureSet, load_feature_set, read_build, save_feature_set
+
+from .worlds import build_folder, synthetic
+
+
+def test_a_build_folder_and_a_file_hold_the_same(tmp_path: Path) -> None:
+    data = synthetic(3)
+    read = read_build(build_folder(tmp_path / "objects", data))
+    save_feature_set(tmp_path / "set.npz", read)
+    again = load_feature_set(tmp_path / "set.npz")
+    for found in (read, again):
+        assert found.label == data.label
+        assert found.name == data.name
+        np.testing.assert_allclose(found.features, data.features)
+        np.testing.assert_allclose(found.width_m, data.width_m)
+
+
+def test_candidates_may_be_grouped() -> None:
+    data = synthetic(4)
+    found = data.of_classes(["cup", "flat"], {"cup": ["soft", "rim"]})
+    assert found.classes == ("cup", "flat")
+    assert found.label.count("cup") == 8
+    with pytest.raises(InputError, match=r"found 'mug', expected one of flat, rim, soft"):
+        data.of_classes(["mug", "flat"])
+    with pytest.raises(InputError, match="at least 2"):
+        data.of_classes(["flat"])
+
+
+def test_what_is_broken_is_said(tmp_path: Path) -> None:
+    folder = build_folder(tmp_path / "objects", synthetic(2))
+    with pytest.raises(InputError, match="no features of the state closed=True"):
+        read_build(folder, closed=True)
+    (folder / "soft" / "soft-00001.npz").write_bytes(b"PK\x03\x04 not really")
+    with pytest.raises(InputError, match="is no result of objects build"):
+        read_build(folder)
+    with pytest.raises(InputError, match="run visuohaptic objects build first"):
+        read_build(tmp_path)
+    (tmp_path / "manifest.json").write_text('{"objects": [{"file": "../secret", "class": "x"}]}')
+    with pytest.raises(InputError, match="inside the folder"):
+        read_build(tmp_path)
+    (tmp_path / "bad.npz").write_bytes(b"\0" * 100)
+    with pytest.raises(InputError, match="is no feature set"):
+        load_feature_set(tmp_path / "bad.npz")
+    data = synthetic(2)
+    with pytest.raises(InputError, match="all different"):
+        FeatureSet(data.features, data.width_m, data.label, (data.name[0],) * len(data))

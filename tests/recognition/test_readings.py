@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import curve_coefficients
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import SensorNoise, fit_curve, read_curves, stiffness_grid
+
+
+def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
+    d = np.linspace(0.0005, 0.008, 16)
+    f = 900 * d + 4e4 * d**2
+    expected = curve_coefficients(d, f)
+    found = fit_curve(d, f, SensorNoise(1e-9, 0.0))
+    np.testing.assert_allclose((found.i_N_per_m, found.I_N_per_m, found.II), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("stiffness", [200.0, 3000.0, 20e3])
+def test_noise_of_both_sensors_leaves_no_bias_and_sigma_is_true(stiffness: float) -> None:
+    rng = np.random.default_rng(1)
+    last = min(0.003, 20 / stiffness)
+    d = np.linspace(last / 12, last, 12)
+    fits = [
+        fit_curve(d + rng.normal(0, 1e-4, 12), stiffness * d + rng.normal(0, 0.1, 12)) for _ in range(1500)
+    ]
+    relative = np.array([fit.i_N_per_m for fit in fits]) / stiffness - 1
+    sigma = float(np.median([fit.i_relative_sigma for fit in fits]))
+    # Three standard errors of the mean, and 1 % of second order.
+    assert abs(relative.mean()) < 3 * relative.std() / np.sqrt(1500) + 0.012
+    assert sigma == pytest.approx(relative.std(), rel=0.15)
+
+
+def test_curves_are_read_and_a_missing_side_is_taken_from_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "curves.csv"
+    lines = ["height,side,force_N,deformation_m,width_m"]
+    lines += [f"8,x+,{2000 * d},{d},0.061" for d in (0.001, 0.002, 0.003)]
+    lines += [f"12,y-,{500 * d},{d}," for d in (0.001, 0.002, 0.003)]
+    path.write_text("\n".join(lines))
+    first, second = read_curves(path)
+    assert (first.height, first.axis, first.width_m) == (8, "x", 0.061)
+    assert second.sides[0] is None
+    grid = stiffness_grid((first, second))
+    # Noise of 0.1 mm that is not there is taken off: 3 x 1e-8 of 14e-6.
+    np.testing.assert_allclose(grid[7, :2], 2000, rtol=3e-3)
+    np.testing.assert_allclose(grid[11, 2:], 500, rtol=3e-3)
+    assert np.isnan(grid[0]).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("height,side,force_N\n", "has no column 'deformation_m'"),
+        ("height,side,force_N,deformation_m\n", "has no samples"),
+        ("height,side,force_N,deformation_m\n17,x+,1,0.001\n", "found height 17, expected 1 to 16"),
+        ("height,side,force_N,deformation_m\n1,z,1,0.001\n", r"line 2: found 'z', expected one of x\+"),
+        ("height,side,force_N,deformation_m\n1,x+,nan,0.001\n", "expected a finite number"),
+        ("height,side,force_N,deformation_m\n1,x+,-9,0.003\n", r"curve of x\+1: found .* rises"),
+        ("height,side,force_N,deformation_m\n1,x+,9,0.03\n", "no sample up to 0.003 m"),
+    ],
+)
+def test_one_line_for_a_bad_file(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "curves.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_curves(path)

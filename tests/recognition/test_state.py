@@ -1,0 +1,73 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import Contents, load_container
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import TouchReading, fit_curve
+from visuohaptic.recognition.state import (
+    StateCurve,
+    fit_state_model,
+    load_state_model,
+    save_state_model,
+    simulate_state_curves,
+    state_features,
+    state_probability,
+)
+
+
+def _curves(bend: float, place: str) -> list[StateCurve]:
+    d = np.linspace(0.001, 0.008, 8)
+    out = []
+    for variant, factor in enumerate(np.linspace(0.8, 1.2, 6)):
+        for state, b in (("open", 0.0), ("closed", bend)):
+            out.append(StateCurve(state, variant, place, d, factor * (3000 * d + b * d**2)))
+    return out
+
+
+def test_the_place_where_curves_bend_is_the_best(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    model = fit_state_model(_curves(2e5, "y+8") + _curves(1e3, "x+4"), rng)
+    assert model.places[0] == "y+8"
+    assert model.accuracy[0] > 0.97
+    # Wall and modulus hide what bends by a hundredth of the noise.
+    assert model.accuracy[1] < 0.7
+    save_state_model(tmp_path / "state.json", model)
+    again = load_state_model(tmp_path / "state.json")
+    d = np.linspace(0.0005, 0.008, 30)
+    for b, expected in ((0.0, "open"), (2e5, "closed")):
+        fit = fit_curve(d, 3100 * d + b * d**2)
+        found = state_probability(again, (TouchReading(8, "y", (None, fit)),))
+        assert found["state"] == expected
+        assert found["probabilities"][expected] > 0.9
+    assert state_probability(again, ())["best_place"] == "y+8"
+
+
+def test_the_third_feature_has_no_scale() -> None:
+    a, b = state_features(1000, 1200, 0.3), state_features(2000, 2400, 0.6)
+    np.testing.assert_allclose(b - a, [np.log(2), np.log(2), 0], atol=1e-12)
+
+
+def test_simulated_curves_of_a_bottle_are_stiffer_closed() -> None:
+    thing = load_container("isana").middle()
+    curves = simulate_state_curves(
+        thing, {"open": None, "closed": Contents()}, ["y+8"], variants=1, deformation_m=(0.001, 0.003, 0.005),
+        around=16,
+    )  # fmt: skip
+    opened, closed = curves
+    at = np.linspace(0.001, 0.004, 4)
+    force = [np.interp(at, one.deformation_m, one.force_N) for one in (opened, closed)]
+    assert (force[1] > 1.05 * force[0]).all()
+
+
+def test_bad_files_and_places(tmp_path: Path) -> None:
+    (tmp_path / "state.json").write_text("{}")
+    with pytest.raises(InputError, match="is no state model"):
+        load_state_model(tmp_path / "state.json")
+    with pytest.raises(InputError, match="expected at least 2"):
+        fit_state_model(_curves(1.0, "y+8")[::2], np.random.default_rng(0))
+    with pytest.raises(InputError, match="found 'z9'"):
+        simulate_state_curves(load_container("cup").middle(), {"open": None}, ["z9"], variants=1, around=16)

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import json
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from visuohaptic.deformation import normalised
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import (
+    grow_tree,
+    load_tree,
+    mean_touches,
+    next_touch,
+    predict,
+    save_tree,
+    scaled_features,
+    scaling_touches,
+    train_tree,
+    tree_text,
+    walk,
+)
+from visuohaptic.recognition.tree import _split
+
+from .worlds import synthetic, touch_of
+
+
+@pytest.mark.parametrize("scheme", ["norm", "centre", "point"])
+def test_features_are_those_of_the_deformation_package(scheme: str) -> None:
+    values = synthetic(2).features[0, ..., 0]
+    np.testing.assert_allclose(
+        scaled_features(values, scheme), normalised(values, scheme).ravel(), rtol=1e-12
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(2, 4), st.integers(5, 40))
+def test_a_split_lowers_gini_as_much_as_scikit_learn(seed: int, classes: int, count: int) -> None:
+    from sklearn.tree import DecisionTreeClassifier
+
+    rng = np.random.default_rng(seed)
+    x, y = rng.normal(size=(count, 3)), rng.integers(0, classes, count)
+    y[:2] = 0, 1
+    stump = DecisionTreeClassifier(max_depth=1, random_state=0).fit(x, y).tree_
+    gini = stump.impurity * stump.n_node_samples
+    best = gini[0] - gini[1:].sum()
+    found = _split(x, y, classes)
+    assert (found[2] if found else 0.0) == pytest.approx(best, abs=1e-6)
+
+
+def test_cross_validation_says_that_clear_classes_are_clear() -> None:
+    data = synthetic(30)
+    tree = train_tree(data, rng=np.random.default_rng(3))
+    assert tree.loss <= 0.02
+    assert np.count_nonzero(tree.feature >= 0) == 2
+    other = synthetic(30, seed=9)
+    right = np.mean([a == b for a, b in zip(predict(tree, other.features[..., 0]), other.label, strict=True)])
+    assert right >= 0.95
+
+
+def test_without_reuse_it_is_the_tree_of_scikit_learn() -> None:
+    from sklearn.tree import DecisionTreeClassifier
+
+    data = synthetic(20, spread=0.6)
+    x = np.log1p(scaled_features(data.features[..., 0], "centre"))
+    peer = DecisionTreeClassifier(random_state=0, ccp_alpha=0.0).fit(x, data.number)
+    tree = grow_tree(data, reuse=0.0)
+    assert np.count_nonzero(tree.feature < 0) == peer.get_n_leaves()
+    found = np.array([tree.classes.index(name) for name in predict(tree, data.features[..., 0])])
+    assert np.array_equal(found, peer.predict(x))
+
+
+def test_reuse_saves_touches_and_retraining_takes_milliseconds() -> None:
+    data = synthetic(60, spread=0.5)
+    fresh, thrifty = grow_tree(data, reuse=0.0, alpha=0.01), grow_tree(data, reuse=0.3, alpha=0.01)
+    assert mean_touches(thrifty) <= mean_touches(fresh)
+    begin = time.process_time()
+    grow_tree(data, alpha=0.01)
+    # 180 objects x 64 features; tens of milliseconds, ten times that under load.
+    assert time.process_time() - begin < 0.5
+
+
+def test_more_cost_of_a_leaf_never_makes_a_larger_tree() -> None:
+    data = synthetic(25, spread=0.8)
+    sizes = [len(grow_tree(data, alpha=alpha).feature) for alpha in (0, 0.002, 0.01, 0.05, 1.0)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[-1] == 1
+
+
+def test_a_walk_scales_first_and_asks_only_what_it_needs() -> None:
+    data = synthetic(20)
+    tree = train_tree(data)
+    for row in (0, 25, 45):
+        touch = touch_of(data, row)
+        asked = []
+
+        def pair(height: int, axis: str, touch=touch, asked=asked) -> tuple[float, float]:
+            asked.append((height, axis))
+            first, second = touch(height, axis).sides
+            return first.i_N_per_m, second.i_N_per_m
+
+        answer, touched = walk(tree, pair)
+        assert answer == data.label[row]
+        assert tuple(asked) == touched
+        assert len(set(asked)) == len(asked)
+        assert touched[:2] == scaling_touches("centre")
+        # The same from all values: the decision does not depend on the order of measuring.
+        assert predict(tree, data.features[[row], ..., 0]) == (answer,)
+        assert next_touch(tree, data.features[row, ..., 0])[0] is None
+
+
+def test_a_tree_survives_its_file(tmp_path: Path) -> None:
+    tree = train_tree(synthetic(12))
+    save_tree(tmp_path / "tree.json", tree)
+    again = load_tree(tmp_path / "tree.json")
+    assert tree_text(again) == tree_text(tree)
+    assert again.loss == tree.loss
+    text = (tmp_path / "tree.json").read_text()
+    rng = np.random.default_rng(0)
+    # Whatever is changed: it loads as a tree that ends, or it is refused in one line.
+    for _ in range(60):
+        broken = json.loads(text)
+        key = rng.choice(list(broken))
+        broken[key] = rng.choice(np.array([None, -1, "x", [], [5, 7, 9]], dtype=object))
+        (tmp_path / "broken.json").write_text(json.dumps(broken))
+        with suppress(InputError):
+            predict(load_tree(tmp_path / "broken.json"), synthetic(1).features[..., 0])
+    for text in ("", "[]", "{}", "[" * 100_000):
+        (tmp_path / "broken.json").write_text(text)
+        with pytest.raises(InputError):
+            load_tree(tmp_path / "broken.json")
