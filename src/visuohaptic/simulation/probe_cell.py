@@ -1,0 +1,72 @@
+"""An arm with a point probe beside a bottle: what the probe enters presses back."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import Float
+
+from ..camera import Camera, Frame, Pose
+from .arm import SimulatedArm
+from .bottles import Bottle
+
+__all__ = ["ProbeCell"]
+
+
+@dataclass
+class ProbeCell:
+    """A ``robots.FrameSource`` whose every frame lets the arm move; the bottle stands at a pose in the base."""
+
+    arm: SimulatedArm
+    bottle: Bottle
+    rng: np.random.Generator
+    pose_base_bottle: Pose = field(default_factory=Pose.identity)
+    stiffness_N_per_m: float = 2000.0  #: of probe and wall together
+    force_sigma_N: float = 0.03
+    frame_rate_Hz: float = 30.0
+    duration_s: float = math.inf
+
+    def __post_init__(self) -> None:
+        self._index = 0
+
+    @property
+    def camera(self) -> Camera | None:
+        """None: nothing is drawn."""
+        return None
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there will be; ``None`` without an end."""
+        return None if math.isinf(self.duration_s) else round(self.duration_s * self.frame_rate_Hz)
+
+    def __iter__(self) -> Iterator[Frame]:
+        while self.frame_count is None or self._index < self.frame_count:
+            self.arm.advance(1.0 / self.frame_rate_Hz)
+            yield Frame(np.zeros((2, 2), np.uint8), self.arm.t_s, self._index)
+            self._index += 1
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: Any) -> None:
+        self.close()
+
+    def force(self) -> Float[np.ndarray, "3"]:
+        """Force on the probe in the base [N]: outward by how far it is inside the wall, with noise."""
+        noise = self.force_sigma_N * self.rng.standard_normal(3)
+        x, y, z = self.pose_base_bottle.inverse().apply(self.arm.true_pose().translation_m)
+        if not 0.0 <= z <= self.bottle.height_m:
+            return noise
+        radius = math.hypot(x, y)
+        wall = float(np.asarray(self.bottle.radius_m(np.array(math.atan2(y, x)), np.array(z))))
+        if radius >= wall:
+            return noise
+        outward = np.array([x, y, 0.0]) / max(radius, 1e-9)
+        return self.pose_base_bottle.rotation @ outward * self.stiffness_N_per_m * (wall - radius) + noise

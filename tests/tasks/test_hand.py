@@ -1,0 +1,186 @@
+"""Squeezing, classifying and lifting: what is felt against the container's own curve, failures with reasons."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visuohaptic.deformation import RevolutionShell
+from visuohaptic.errors import InputError
+from visuohaptic.robots import FrameSource, Gripper
+from visuohaptic.simulation.deformable import DeformableContainer
+from visuohaptic.simulation.kitchen import KitchenTable
+from visuohaptic.tasks.classify import ClassifyOutcome, ClassifySettings, classify_by_squeezing
+from visuohaptic.tasks.grasp import GraspOutcome, GraspPlan, GraspTask, grasp_and_lift
+from visuohaptic.tasks.hand import Hand, HandMoment, Place
+from visuohaptic.tasks.machine import replay
+from visuohaptic.tasks.squeeze import SqueezeCurve, SqueezeOutcome, SqueezeSettings, SqueezeTask, squeeze
+from visuohaptic.tasks.trace import Trace
+
+HEIGHTS = np.array([0.0, 0.1, 0.2])
+DEPTHS = np.linspace(0.0, 0.012, 25)
+
+
+def container(
+    k_N_per_m: tuple[float, float, float] = (4000.0, 1500.0, 4000.0), k3: float = 0.0, **rest: Any
+) -> Any:
+    force = np.array(k_N_per_m)[:, None] * DEPTHS + k3 * DEPTHS**3
+    return DeformableContainer("bottle", HEIGHTS, np.full(3, 0.035), DEPTHS, force, **rest)
+
+
+def table(thing: Any = None, seed: int = 0, **rest: Any) -> tuple[KitchenTable, Hand]:
+    kitchen = KitchenTable(thing or container(), np.random.default_rng(seed), **rest)
+    assert isinstance(kitchen, Gripper)
+    assert isinstance(kitchen, FrameSource)
+    return kitchen, Hand(kitchen.arm, kitchen, kitchen, kitchen.feel)
+
+
+def test_stiffness_by_height_is_that_of_the_container(tmp_path: Path) -> None:
+    """Five levels up to 8 N: 0.03 N and 16 um of noise each make about 2 % of the slope."""
+    places = [Place(0.02), Place(0.06), Place(0.1), Place(0.17, 0.5)]
+    _, hand = table()
+    found = squeeze(hand, places)
+    assert found.ending.outcome == SqueezeOutcome.SQUEEZED
+    for curve, place in zip(found.curves, places, strict=True):
+        true = np.interp(place.height_m, HEIGHTS, (4000.0, 1500.0, 4000.0))
+        # The arm's 0.2 mm of height are 5 N/m here.
+        assert curve.stiffness_N_per_m == pytest.approx(true, rel=0.06)
+        assert curve.surface_m == pytest.approx(0.035, abs=1e-4)
+    found.trace.save(tmp_path / "squeeze.jsonl")
+    assert replay(Trace.load(tmp_path / "squeeze.jsonl"), SqueezeTask(places), HandMoment) == found.ending
+
+
+def test_contents_show_in_large_deformations_only() -> None:
+    """Fig. 3.13b: closing and filling leave small deformations alone and stiffen large ones, most with water."""
+    z = np.linspace(0.0, 0.2, 41)
+    shell = RevolutionShell(np.full(41, 0.035), z, 0.0004, rim_held=True)
+    states = {
+        name: DeformableContainer.of_revolution("bottle", shell, "pet", closed=closed, fill=fill)
+        for name, closed, fill in (
+            ("open", False, 0.0),
+            ("closed", True, 0.0),
+            ("half", True, 0.5),
+            ("full", True, 1.0),
+        )
+    }
+    small = [one.force_at(0.1, 2e-4) for one in states.values()]
+    assert max(small) < 1.05 * min(small)
+    large = [one.force_at(0.1, 8e-3) for one in states.values()]
+    assert large == sorted(large)
+    assert large[3] > 2 * large[0]
+    assert states["full"].mass_kg == pytest.approx(0.05 + 1000 * math.pi * 0.035**2 * 0.2, rel=1e-6)
+    found = {}
+    for name in ("open", "full"):
+        _, hand = table(states[name])
+        curve = squeeze(hand, [Place(0.1)], SqueezeSettings(forces_N=(1.0, 2.0, 4.0, 8.0, 12.0))).curves[0]
+        found[name] = curve.force_N[-1] / curve.deformation_m[-1]
+    assert found["full"] > 1.2 * found["open"]
+
+
+def test_curves_of_grasps_become_a_container() -> None:
+    curves = {0.02: ([0.001, 0.004], [2.0, 8.0]), 0.1: ([0.001, 0.004], [1.0, 6.0])}
+    thing = DeformableContainer.from_curves("cup", curves, {0.02: 0.03, 0.1: 0.04}, mass_kg=0.02)
+    assert thing.force_at(0.1, 0.001) == pytest.approx(1.0)
+    assert thing.force_at(0.06, 0.004) == pytest.approx(7.0)
+    assert thing.radius_at(0.06) == pytest.approx(0.035)
+    assert thing.force_at(0.5, 0.004) == 0.0
+    with pytest.raises(InputError, match="ascending heights"):
+        DeformableContainer("x", HEIGHTS[::-1], np.full(3, 0.03), DEPTHS, np.zeros((3, 25)))
+
+
+def test_nothing_there_and_a_blind_sensor() -> None:
+    _, hand = table()
+    found = squeeze(hand, [Place(0.3), Place(0.1)])
+    assert found.ending.outcome == SqueezeOutcome.SOME_MISSED
+    assert [len(curve.force_N) for curve in found.curves] == [0, 5]
+    assert math.isnan(found.curves[0].stiffness_N_per_m)
+    kitchen, hand = table(blind_at_s=4.0)
+    assert squeeze(hand, [Place(0.1), Place(0.05)]).ending.outcome == SqueezeOutcome.SENSOR_FAILED
+    before = kitchen.state().opening_m
+    next(iter(kitchen))
+    assert kitchen.state().opening_m == before
+    with pytest.raises(InputError, match="expected at least one"):
+        squeeze(hand, [])
+
+
+class TwoClasses:
+    """Bayes between two stiffnesses at one height."""
+
+    def __init__(self, places: int = 5) -> None:
+        self.log = {"soft": 0.0, "stiff": 0.0}
+        self.left = places
+
+    def next_place(self) -> Place | None:
+        self.left -= 1
+        return Place(0.1) if self.left >= 0 else None
+
+    def update(self, curve: SqueezeCurve) -> None:
+        for name, k in (("soft", 1500.0), ("stiff", 4000.0)):
+            self.log[name] -= 0.5 * ((curve.stiffness_N_per_m - k) / 800.0) ** 2
+
+    def belief(self) -> Mapping[str, float]:
+        weights = {name: math.exp(value) for name, value in self.log.items()}
+        return {name: value / sum(weights.values()) for name, value in weights.items()}
+
+
+@pytest.mark.parametrize(("k", "name"), [(1500.0, "soft"), (4000.0, "stiff")])
+def test_it_squeezes_until_it_is_sure(k: float, name: str) -> None:
+    _, hand = table(container((k, k, k)))
+    found = classify_by_squeezing(hand, TwoClasses())
+    assert found.ending.outcome == ClassifyOutcome.RECOGNISED
+    assert found.best == name
+    assert found.belief[name] > 0.9
+
+
+def test_it_says_so_when_it_is_not_sure() -> None:
+    _, hand = table(container((2750.0, 2750.0, 2750.0)))
+    found = classify_by_squeezing(hand, TwoClasses(2), ClassifySettings(confidence=0.99))
+    assert found.ending.outcome == ClassifyOutcome.UNDECIDED
+    assert len(found.curves) == 2
+    _, hand = table(fall_at_s=0.0)
+    assert classify_by_squeezing(hand, TwoClasses()).ending.outcome == ClassifyOutcome.NOTHING_FELT
+    _, hand = table(blind_at_s=0.0)
+    assert classify_by_squeezing(hand, TwoClasses()).ending.outcome == ClassifyOutcome.SENSOR_FAILED
+
+
+def test_a_grasp_lifts() -> None:
+    kitchen, hand = table(container(mass_kg=0.3))
+    plan = GraspPlan(Place(0.1), force_N=4.0)
+    found = grasp_and_lift(hand, plan)
+    assert found.ending.outcome == GraspOutcome.LIFTED
+    assert kitchen.lifted_m == pytest.approx(0.1, abs=2e-3)
+    # 4 N on 1500 N/m, less the first newton or so that was needed to feel the surface at all.
+    assert found.deformation_m == pytest.approx(4.0 / 1500.0, abs=5e-4)
+    assert replay(found.trace, GraspTask(plan), HandMoment) == found.ending
+
+
+@pytest.mark.parametrize(
+    ("world", "plan", "outcome"),
+    [
+        ({"fall_at_s": 0.0}, {}, GraspOutcome.NOTHING_THERE),
+        ({"fall_at_s": 6.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
+        ({"slip_at_s": 0.0}, {"lift_m": 0.2}, GraspOutcome.LOST),
+        ({"blind_at_s": 3.0}, {}, GraspOutcome.SENSOR_FAILED),
+        ({}, {"deformation_m": 0.001}, GraspOutcome.TOO_SOFT),
+        ({}, {"object_m": (3.0, 0.0, 0.0)}, "device_failed"),
+    ],
+)
+def test_every_failed_grasp_has_its_reason(world: dict[str, Any], plan: dict[str, Any], outcome: str) -> None:
+    kitchen, hand = table(container(mass_kg=0.3), **world)
+    found = grasp_and_lift(hand, GraspPlan(Place(0.1), **({"force_N": 4.0} | plan)))
+    assert not found.ending.success
+    assert found.ending.outcome == outcome
+    assert found.ending.why
+    assert kitchen.lifted_m < 0.05
+
+
+def test_bad_plans_are_refused() -> None:
+    with pytest.raises(InputError, match="force_N: found 0"):
+        GraspPlan(Place(0.1), force_N=0.0)
+    with pytest.raises(InputError, match="expected rising forces"):
+        SqueezeSettings(forces_N=(2.0, 1.0))
