@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from visuohaptic.deformation import (
     Contents,
     CorotationalShell,
+    ShellMesh,
     ShellObject,
     closed_compliance,
     contained_curve,
@@ -22,6 +25,7 @@ from visuohaptic.deformation import (
 )
 from visuohaptic.deformation.container import ContainerDescription
 from visuohaptic.deformation.contents import enclosed_gradient, pinch_load
+from visuohaptic.deformation.mesher import ring_lid
 from visuohaptic.errors import InputError
 
 BASES = {
@@ -166,3 +170,16 @@ def test_enclosed_volume_needs_the_lid() -> None:
     found = thing("round", 64)
     mesh = found.mesh
     assert enclosed_volume(mesh.vertices_m, mesh.faces, mesh.share) < found.volume_m3
+
+
+def test_the_level_does_not_depend_on_where_the_object_stands() -> None:
+    """As an imported mesh with its own origin, whose foot is closed by the lid's triangles."""
+    found = thing("ellipse", 32)
+    mesh = found.mesh
+    low = ShellMesh(mesh.vertices_m - [0.01, 0.02, 0.13], mesh.faces, mesh.thickness_m, mesh.share)
+    floor = ring_lid(np.arange(32)[::-1])
+    sunk = replace(found, mesh=low, lid=np.concatenate([found.lid, floor]), axis_point_m=(-0.01, -0.02))
+    assert sunk.volume_m3 == pytest.approx(found.volume_m3, rel=1e-9)
+    for fill in (0.05, 0.5, 0.95):
+        assert liquid_level_m(sunk, fill) == pytest.approx(liquid_level_m(found, fill), abs=1e-7)
+    np.testing.assert_allclose(hydrostatic_load(sunk, 0.5), hydrostatic_load(found, 0.5), atol=1e-5)

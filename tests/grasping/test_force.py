@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import IsotropicMaterial
+from visuohaptic.deformation import IsotropicMaterial, liquid_level_m, load_object
 from visuohaptic.errors import InputError
 from visuohaptic.grasping import GripperModel, Handling, Load, object_load, required_force_N
 
@@ -78,3 +78,16 @@ def test_bad_loads_are_refused():
         Load(0.0, (0, 0, 0))
     with pytest.raises(InputError, match="has no density"):
         object_load(replace(container(), material=IsotropicMaterial(2e9, 0.3, "given")))
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("name", ["object_sim/mug.stl", "ycb/TomatoSoupCan.obj"])
+def test_water_in_real_meshes_lies_between_foot_and_level(data, name):
+    thing = load_object(data / "deformation" / "meshes" / name)
+    low = thing.mesh.vertices_m[:, 2].min()
+    for fill in (0.2, 0.8):
+        load = object_load(thing, fill, wall_kg_per_m3=1e-6)
+        assert load.mass_kg == pytest.approx(1000 * fill * thing.volume_m3, rel=1e-6)
+        level = liquid_level_m(thing, fill)
+        # Of a vessel that is about a prism: half the level, wider above or below by a quarter.
+        assert 0.25 * level < load.centre_m[2] - low < 0.75 * level

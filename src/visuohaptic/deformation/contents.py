@@ -167,12 +167,14 @@ def liquid_level_m(thing: ShellObject, fill: float) -> float:
     from scipy.optimize import brentq
 
     mesh, top = thing.mesh, thing.height_m
+    # A mesh of others need not stand at z = 0.
+    foot = float(mesh.vertices_m[:, 2].min())
     whole = thing.volume_m3
 
     def missing(level: float) -> float:
         # What is above the level is pressed flat onto it and becomes the lid.
         cut = mesh.vertices_m.copy()
-        cut[:, 2] = np.minimum(cut[:, 2], level)
+        cut[:, 2] = np.minimum(cut[:, 2], foot + level)
         return enclosed_volume(cut, mesh.faces, mesh.share) + enclosed_volume(cut, thing.lid) - fill * whole
 
     if fill <= 0 or fill >= 1:
@@ -189,7 +191,8 @@ def hydrostatic_load(
     this load to see how the wall bulges.
     """
     mesh = thing.mesh
-    depth = np.maximum(liquid_level_m(thing, fill) - mesh.vertices_m[:, 2], 0.0)
+    above_foot = mesh.vertices_m[:, 2] - mesh.vertices_m[:, 2].min()
+    depth = np.maximum(liquid_level_m(thing, fill) - above_foot, 0.0)
     a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
     area = np.cross(b - a, c - a) / 2 * np.asarray(mesh.share)[:, None]
     corner = depth[mesh.faces]

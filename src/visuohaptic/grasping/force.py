@@ -111,7 +111,7 @@ def object_load(
             a, b, c = (cut[faces[:, k]] for k in range(3))
             part = share * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
             volume += float(part.sum())
-            # A tetrahedron from the origin, which lies in the plane of the foot.
+            # Tetrahedra from the origin: the foot is at z = 0, or has triangles of its own.
             first = first + part @ (a + b + c) / 4
         if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.share) <= 0:
             raise InputError(thing.name, "encloses no volume that could be filled")
