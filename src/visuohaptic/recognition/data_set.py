@@ -116,11 +116,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
             with np.load(path, allow_pickle=False) as data:
                 states, points = data["states"], data["feature_points_m"]
                 row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
-                chosen, values = data["features"], None
-                if "nonlinear_features" in data:
-                    chosen, nonlinear = data["nonlinear_features"], True
-                if row.size:
-                    values = chosen[row[0]]
+                values = data["features"][row[0]] if row.size else None
         except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(path, f"is no result of objects build ({error})") from error
         if values is None:
@@ -134,6 +130,8 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         if not (np.isfinite(values[..., 0]).all() and (values[..., 0] > 0).all()):
             raise InputError(path, "has stiffness that is not finite and positive", field="features")
         features.append(values)
+        # Linear elasticity has no quadratic coefficient.
+        nonlinear = nonlinear or bool((np.nan_to_num(values[..., 2]) != 0).any())
         across_x = np.linalg.norm(points[:, 0, :2] - points[:, 1, :2], axis=1)
         across_y = np.linalg.norm(points[:, 2, :2] - points[:, 3, :2], axis=1)
         widths.append(np.stack([across_x, across_y], axis=1))

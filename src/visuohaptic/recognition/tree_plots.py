@@ -114,7 +114,10 @@ def _draw_features(axes: Any, tree: ClassificationTree, data: FeatureSet) -> Non
     for node in np.flatnonzero(tree.feature >= 0):
         feature = int(tree.feature[node])
         axes.plot(feature // 4 + 1, tree.threshold[node], "kx", ms=9, mew=2)
-        axes.annotate(feature_name(feature), (feature // 4 + 1, tree.threshold[node]), fontsize=7)
+        axes.annotate(
+            feature_name(feature), (feature // 4 + 1, tree.threshold[node]), (8, 4),
+            textcoords="offset points", fontsize=7,
+        )  # fmt: skip
     axes.set(xlabel="height (solid x+, dashed y+)", ylabel="feature without scale [1]")
     axes.set_yscale("symlog", linthresh=1.0)
     axes.legend(fontsize="small")
