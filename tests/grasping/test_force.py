@@ -76,6 +76,8 @@ def test_bad_loads_are_refused():
         object_load(container(), 2.0)
     with pytest.raises(InputError, match=r"found 0\.0 kg"):
         Load(0.0, (0, 0, 0))
+    with pytest.raises(InputError, match="wall_kg_per_m3: found nan"):
+        object_load(container(), wall_kg_per_m3=float("nan"))
     with pytest.raises(InputError, match="has no density"):
         object_load(replace(container(), material=IsotropicMaterial(2e9, 0.3, "given")))
 

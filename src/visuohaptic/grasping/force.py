@@ -90,6 +90,9 @@ def object_load(
     """
     if not 0 <= fill <= 1:
         raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
+    for name, density in (("liquid_kg_per_m3", liquid_kg_per_m3), ("wall_kg_per_m3", wall_kg_per_m3)):
+        if density is not None and not 0 < density < float("inf"):
+            raise InputError("object_load", f"found {density}, expected > 0", field=name)
     mesh = thing.mesh
     if wall_kg_per_m3 is None:
         entry = MATERIALS.get(thing.material.name)

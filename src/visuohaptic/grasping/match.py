@@ -62,6 +62,8 @@ def predicted_shape(
     thing: ShellObject, vertex: int, force_N: float, contents: Contents | None = None
 ) -> DeformedShape:
     """Linear deformation under a pinch, one solve; see :class:`.Confirmation` for the nonlinear one."""
+    if not 0 < force_N < float("inf"):
+        raise InputError("predicted_shape", f"found {force_N} N, expected > 0", field="force_N")
     model = thing.model()
     load = pinch_load(model, pinch_at(thing, vertex), 0)
     moved = model.solve(force_N * load)
@@ -123,6 +125,7 @@ def match_shape(
         )
     for name, value in (
         ("sigma_m", sigma_m),
+        ("most_deformation_m", most_deformation_m),
         ("pose_sigma_m", pose_sigma_m),
         ("pose_sigma_rad", pose_sigma_rad),
         ("gate_m", gate_m),
