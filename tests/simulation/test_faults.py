@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from visuohaptic.camera import Frame
@@ -59,7 +59,7 @@ def test_off_nothing_changes() -> None:
     assert all((f.image == f.index % 200).all() for f in frames)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.integers(1, 9), st.integers(0, 99))
 def test_nothing_is_invented_and_seeds_repeat(
     drop: float, duplicate: float, late: float, late_frames: int, seed: int

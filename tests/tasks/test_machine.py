@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from visuohaptic.errors import InputError
@@ -107,6 +107,8 @@ def test_late_and_repeated_observations_change_nothing(t_s: float) -> None:
     assert len(machine.trace().steps) == 2
 
 
+# On a loaded machine drawing inputs alone may take longer than hypothesis likes.
+@settings(deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.lists(
         st.tuples(

@@ -63,7 +63,10 @@ def map_virtual_room(
     """Map the room of a seed with the quick foam and drifting odometry."""
     room, rng = touch_room(seed), np.random.default_rng(seed)
     x, y, heading = room.start
-    config = PlatformConfig(x_m=x, y_m=y, heading_rad=heading, strip=StripGeometry(spacing_m=0.002))
+    # The bumper covers the whole front: a corner of the hull beside it would be blind.
+    config = PlatformConfig(
+        x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=StripGeometry(0.3, spacing_m=0.002)
+    )
     world = QuickWorld(room.obstacles, config)
     haptic = HapticMap.empty(
         (-0.5, -0.5), (room.size_m[0] + 1.0, room.size_m[1] + 1.0), resolution_m, depth_m=WALL_M

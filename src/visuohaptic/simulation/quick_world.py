@@ -59,7 +59,7 @@ class QuickWorld:
         rim = np.linspace(-1.0, 1.0, 7)
         # The hull but for its front, which is the foam's.
         self._hull = np.concatenate(
-            [np.column_stack([np.full(7, -u), v * rim]), *(np.column_stack([0.98 * u * rim, np.full(7, s * v)]) for s in (-1, 1))]
+            [np.column_stack([np.full(7, -u), v * rim]), *(np.column_stack([u * (0.95 * rim - 0.05), np.full(7, s * v)]) for s in (-1, 1))]
         )  # fmt: skip
         self.truth = QuickTruth(0.0, self._strip.press([]), ())
 
@@ -157,9 +157,8 @@ class QuickWorld:
                 for outline in o.outlines:
                     placed = outline.moved(px, py, o.yaw_rad)
                     cut = placed.moved(-c * fx - s * fy, s * fx - c * fy, -heading)
-                    # Behind the strip's back, or past its ends, nothing can be touched.
-                    u, v = cut.polygon_m().T
-                    if u.max() > 0.0 and v.max() > -half and v.min() < half:
+                    # What lies behind the strip's back or past its ends can't be touched.
+                    if _reach_in_band(cut.polygon_m(), half) > 0.0:
                         found.append((o, cut))
         return found
 
@@ -192,3 +191,16 @@ class QuickWorld:
             if o.movable and self._inside(o, hull).any():
                 away = np.array(self.places[o.name]) - np.array(self.pose[:2])
                 self._move(o.name, 0.005 * away / max(float(np.hypot(*away)), 1e-6))
+
+
+def _reach_in_band(polygon: Float[np.ndarray, "k 2"], half: float) -> float:
+    """Largest u of a polygon (u, v) within -half < v < half; -inf when it is not in there."""
+    a, b = polygon, np.roll(polygon, -1, axis=0)
+    rise = b[:, 1] - a[:, 1]
+    inside = polygon[np.abs(polygon[:, 1]) < half, 0]
+    cuts = []
+    for level in (-half, half):
+        crosses = (a[:, 1] - level) * (b[:, 1] - level) < 0
+        share = (level - a[crosses, 1]) / rise[crosses]
+        cuts.append(a[crosses, 0] + share * (b[crosses, 0] - a[crosses, 0]))
+    return float(np.concatenate([inside, *cuts]).max(initial=-math.inf))

@@ -67,6 +67,7 @@ def _exploration() -> ExploreSettings:
         push_m_s=0.04,
         back_off_m_s=0.1,
         search_m=1.2,
+        timeout_s=40.0,
         push_m=0.05,
         halt_s=0.3,
         back_off_m=0.09,
@@ -88,6 +89,8 @@ class MapSettings:
     stuck_s: float = 1.5  #: told to move but not moving for so long
     frees: int = 12  #: how often to come free in a row without a contact
     free_m: float = 0.12  #: way to come free
+    free_rad: float = 0.6  #: and turn to the left after it
+    least_N: float = 0.3  #: force of a contact for the map: less is a graze
     timeout_s: float = 1800.0
 
     def __post_init__(self) -> None:
@@ -143,11 +146,11 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
     def __init__(self, settings: MapSettings | None = None) -> None:
         self.settings = settings or MapSettings()
         self.rules = {
-            MapState.EXPLORE: Rule((MapState.TURN_AWAY, MapState.TURN_BACK)),
+            MapState.EXPLORE: Rule((MapState.TURN_AWAY, MapState.TURN_BACK, MapState.COME_FREE)),
             MapState.TURN_AWAY: Rule((MapState.ALONG, MapState.COME_FREE), 30.0),
             MapState.ALONG: Rule((MapState.TURN_BACK, MapState.EXPLORE, MapState.COME_FREE), 60.0),
             MapState.TURN_BACK: Rule((MapState.EXPLORE, MapState.COME_FREE), 30.0),
-            MapState.COME_FREE: Rule((MapState.EXPLORE, MapState.COME_FREE), 30.0),
+            MapState.COME_FREE: Rule((MapState.EXPLORE, MapState.COME_FREE, MapState.TURN_AWAY), 30.0),
         }
         super().__init__(self.settings)
         self.contacts = self._empty = self._frees = 0
@@ -179,9 +182,14 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             return self._free(seen)
         if self.state is MapState.COME_FREE:
             gone = math.dist(self._from, (seen.x_m, seen.y_m))
-            if gone >= s.free_m or seen.touched:
-                self.go(MapState.EXPLORE, f"free after {gone:.2f} m")
+            if seen.touched and self._free_m_s > 0:
+                self.go(MapState.EXPLORE, f"something ahead after {gone:.2f} m")
                 return _EXPLORE
+            if gone >= s.free_m:
+                # Not into the same place again.
+                self._goal_rad = seen.heading_rad + s.free_rad
+                self.go(MapState.TURN_AWAY, f"free after {gone:.2f} m")
+                return MapCommand(turn_rate_rad_s=s.turn_rad_s)
             return MapCommand(speed_m_s=self._free_m_s)
         if self.state is MapState.ALONG:
             gone = math.dist(self._from, (seen.x_m, seen.y_m))
@@ -196,14 +204,16 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         return self._turning(seen)
 
     def _free(self, seen: MapMoment) -> MapCommand:
-        """Forward first; what is in the way there is felt. Then back."""
+        """Away from what holds it; the other way the next time."""
         s = self.settings
         self._frees += 1
         if self._frees > s.frees:
             self.end(False, MapOutcome.STUCK, f"could not come free {s.frees} times, last in {self.state}")
             return _STOP
         self._from, self._moved_s = (seen.x_m, seen.y_m), seen.t_s
-        self._free_m_s = 0.06 if self._frees % 2 else -0.06
+        # What holds it while it turns is at its side or back; on a straight way it is in front.
+        turning = self.state in (MapState.TURN_AWAY, MapState.TURN_BACK)
+        self._free_m_s = 0.06 if turning == bool(self._frees % 2) else -0.06
         self.go(MapState.COME_FREE, f"stood for {s.stuck_s:g} s")
         return MapCommand(speed_m_s=self._free_m_s)
 
@@ -228,6 +238,8 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             self._goal_rad = seen.heading_rad + turn
             self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
             return MapCommand(turn_rate_rad_s=s.turn_rad_s)
+        if seen.explored == Outcome.TIMED_OUT:
+            return self._free(seen)  # told to go on, but held where the foam is not
         self._empty += 1
         if self._empty >= s.empty_ways:
             self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} ways in a row met nothing")
@@ -331,7 +343,7 @@ def contact_of(found: Exploration, settings: MapSettings | None = None) -> Hapti
     if not found.touched or state is None:
         return None
     contact = _largest(found, state)
-    if contact is None:
+    if contact is None or contact.force_N < settings.least_N:
         return None
     primitive = found.fit.best if found.fit is not None else None
     if primitive is None or primitive.score < settings.least_share:
