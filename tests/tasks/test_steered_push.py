@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from tests.navigation.plan_scenes import box, rooms
+
 from visuohaptic.errors import InputError
 from visuohaptic.navigation.push_model import PushModel
 from visuohaptic.simulation.floor_world import FloorItem, FloorWorld

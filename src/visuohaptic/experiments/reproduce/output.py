@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,6 +82,13 @@ class Output:
         path = self.folder / f"{name}.png"
         with atomic_path(path) as temporary:
             figure.savefig(temporary, dpi=dpi, format="png")
+        self.pictures.append(path.name)
+        return path
+
+    def drawn(self, name: str, draw: Callable[[Path], object]) -> Path:
+        """Let a function that writes a picture to a path write ``NAME.png``."""
+        path = self.folder / f"{name}.png"
+        draw(path)
         self.pictures.append(path.name)
         return path
 
