@@ -120,7 +120,7 @@ def _touched(
     sensor.reset()
     settings = ExploreSettings(push_m_s=0.02, approach_m_s=0.02, push_m=0.02, back_off_m=0.005)
     found = explore_obstacle(world.base, source, sensor, settings, on_step=keep)
-    force, frame, profile, strip = best[0]
+    force, frame, _, strip = best[0]
     fitted = found.fit.best if found.fit is not None else None
     camera, pose = sensor.setup.camera, sensor.setup.pose_camera_foam
     outlines = []

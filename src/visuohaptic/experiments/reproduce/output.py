@@ -58,6 +58,13 @@ class Output:
         """A generator of this experiment's own; another one for other numbers."""
         return np.random.default_rng([self.seed, *stream])
 
+    @property
+    def shared(self) -> Path:
+        """A folder beside the experiments', for what several of them need and is long to make."""
+        path = self.folder.parent / "shared"
+        path.mkdir(exist_ok=True)
+        return path
+
     def table(self, name: str, columns: Mapping[str, Sequence[Any] | np.ndarray]) -> Path:
         """Write ``NAME.csv``; all columns have the same length, headings carry the unit."""
         lengths = {len(values) for values in columns.values()}
