@@ -3,42 +3,18 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from visuohaptic.deformation import load_object, object_map
-from visuohaptic.grasping import GraspPlan, GraspTask, confirm_grasp, grasp_scores, plan_grasps
+from visuohaptic.experiments.grasp_cases import CASES, best_vertex
+from visuohaptic.grasping import GraspTask, confirm_grasp, grasp_scores, plan_grasps
 
 from .harness import cpu_seconds
 
 #: Variants of each class that the map is asked for; the first few also go through the simulation.
 VARIANTS, SIMULATED = 12, 2
-
-
-@dataclass(frozen=True)
-class Case:
-    """One sentence of the text."""
-
-    name: str
-    thing: str
-    force_N: float
-    low: float  #: the place's height, as a share of the object's
-    high: float
-    side: str  #: "x", "y": narrow or flat side; "" is any
-    good: bool
-
-
-CASES = (
-    Case("cleaner near its lid", "cleaner", 20.0, 0.85, 1.0, "", True),
-    Case("cleaner on its side", "cleaner", 20.0, 0.45, 0.55, "x", True),
-    Case("cleaner at its soft, flat centre", "cleaner", 20.0, 0.48, 0.53, "y", False),
-    Case("cup-rim on top", "cup-rim", 20.0, 0.9, 1.0, "", True),
-    Case("cup-rim in the centre", "cup-rim", 20.0, 0.45, 0.55, "", False),
-    # The text's cup was grasped where the rim held the other one.
-    Case("cup on top, 5 N", "cup", 5.0, 0.96, 1.0, "", False),
-)
 
 
 def run() -> list[dict[str, Any]]:
@@ -104,19 +80,6 @@ def run() -> list[dict[str, Any]]:
         },
     ]
     return head + rows + _cost()
-
-
-def best_vertex(plan: GraspPlan, case: Case) -> int:
-    """The place with the best score within the part of the surface that the sentence means."""
-    points = plan.surface.vertices_m
-    height = points[:, 2] / points[:, 2].max()
-    there = (height >= case.low) & (height <= case.high)
-    if case.side:
-        # The middle of that side: within 5 degrees of its axis.
-        angle = np.degrees(np.arctan2(points[:, 1], points[:, 0])) % 180
-        away = np.minimum(angle, 180 - angle) if case.side == "x" else np.abs(angle - 90)
-        there &= away < 5
-    return int(np.argmax(np.where(there, plan.scores.pair, -1.0)))
 
 
 def _cost() -> list[dict[str, Any]]:

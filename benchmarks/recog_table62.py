@@ -2,7 +2,7 @@
 
 ``python -m benchmarks.recog_table62 --draws 50 --variants 100 --out results/recog`` is the whole
 campaign, about an hour on one core; ``run()`` is a slice of it. Objects of the training and of the
-test have different elements, see ``_recog_world``.
+test have different elements, see ``experiments.virtual_containers``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from visuohaptic.experiments import virtual_containers as world
 from visuohaptic.recognition import (
     HapticModel,
     ModelSettings,
@@ -29,8 +30,6 @@ from visuohaptic.recognition import (
     train_tree,
     walk,
 )
-
-from . import _recog_world as world
 
 FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 _NAMED = {member: name for name, members in world.GROUPS.items() for member in members}

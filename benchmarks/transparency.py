@@ -22,85 +22,23 @@ from typing import Any
 
 import numpy as np
 
+from visuohaptic.experiments.virtual_glass import VOXEL_M, detected, disturbed, judged, rendered
 from visuohaptic.reconstruction.background import background_model, ideal_depth
 from visuohaptic.reconstruction.consistency import ConsistencyDetector, ConsistencySettings, ray_image
 from visuohaptic.reconstruction.pose_refinement import refine_poses
-from visuohaptic.reconstruction.regions import TransparentRegion
 from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE
 from visuohaptic.reconstruction.transparency import TransparencyDetector, TransparencySettings, error_image
 from visuohaptic.reconstruction.volume import SpaceGrid
 from visuohaptic.recording.depth_sequence import DepthFrame, DepthSequence
 from visuohaptic.simulation.depth_camera import DepthCamera
-from visuohaptic.simulation.glass_scene import GlassScene, disturb_pose, glass_scene
+from visuohaptic.simulation.glass_scene import glass_scene
 
 from ._journal import Journal
 
 FIRST_SEED = 16
-POSE_NOISE = (0.003, math.radians(0.1))
-#: (1 m)^3 cut to what is above the table.
-LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
 METHODS = ("published", "consistency")
 #: Of the real sequences: as printed with its margin of 2 px; with fitted poses and the camera's own margin; ours.
 REAL_METHODS = ("published as printed", "published", "consistency")
-
-
-def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
-    """The views of a scene with their true poses."""
-    sensor = DepthCamera.kinect(width)
-    views = scene.render(sensor, np.random.default_rng([6, seed]))
-    return [
-        DepthFrame(view.t_s, view.depth_m, None, view.true_pose_world_camera, sensor.camera, i)
-        for i, view in enumerate(views)
-    ]
-
-
-def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
-    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses."""
-    from dataclasses import replace
-
-    rng = np.random.default_rng([7, seed])
-    return [
-        replace(frame, pose_world_camera=disturb_pose(frame.pose_world_camera, rng, *POSE_NOISE))
-        for frame in frames
-    ]
-
-
-def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegion, ...]:
-    """Regions by one of the methods."""
-    grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
-    if method == "published":
-        published = TransparencyDetector(grid)
-        for frame in frames:
-            published.add(frame)
-        return published.regions()
-    detector = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
-    detector.run(refine_poses(frames))
-    return detector.regions()
-
-
-def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str, float]:
-    """Objects, objects found, false regions, and voxels right, told and true."""
-    grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
-    centres = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
-    truth = scene.truth(centres)
-    told = np.zeros(len(centres), dtype=bool)
-    false = 0
-    for region in regions:
-        inside = region.contains(centres)
-        told |= inside
-        false += int(not inside.any() or truth[inside].mean() < 0.2)
-    shares = [told[solid.transparent_at(centres)] for solid in scene.glass]
-    found = sum(float(share.size > 0 and share.mean() > 0.25) for share in shares)
-    right = float(np.count_nonzero(truth & told))
-    return {
-        "objects": float(len(scene.glass)),
-        "found": found,
-        "false": float(false),
-        "right": right,
-        "told": float(told.sum()),
-        "true": float(truth.sum()),
-        "f1": 2 * right / max(float(told.sum() + truth.sum()), 1.0),
-    }
 
 
 def campaign(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +58,13 @@ class Output:
         """A generator of this experiment's own; another one for other numbers."""
         return np.random.default_rng([self.seed, *stream])
 
+    @property
+    def shared(self) -> Path:
+        """A folder beside the experiments', for what several of them need and is long to make."""
+        path = self.folder.parent / "shared"
+        path.mkdir(exist_ok=True)
+        return path
+
     def table(self, name: str, columns: Mapping[str, Sequence[Any] | np.ndarray]) -> Path:
         """Write ``NAME.csv``; all columns have the same length, headings carry the unit."""
         lengths = {len(values) for values in columns.values()}
@@ -82,6 +89,13 @@ class Output:
         path = self.folder / f"{name}.png"
         with atomic_path(path) as temporary:
             figure.savefig(temporary, dpi=dpi, format="png")
+        self.pictures.append(path.name)
+        return path
+
+    def drawn(self, name: str, draw: Callable[[Path], object]) -> Path:
+        """Let a function that writes a picture to a path write ``NAME.png``."""
+        path = self.folder / f"{name}.png"
+        draw(path)
         self.pictures.append(path.name)
         return path
 

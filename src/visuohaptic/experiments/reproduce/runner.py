@@ -26,7 +26,32 @@ EXPERIMENTS: Mapping[str, str] = {
     "figure-3.4": "figure_3_4",
     "figure-3.7": "figure_3_7",
     "figure-3.8": "figure_3_8",
+    "figure-3.10": "figure_3_10",
+    "figure-3.11": "figure_3_11",
     "figure-3.12": "figure_3_12",
+    "figure-3.13": "figure_3_13",
+    "table-3.1": "table_3_1",
+    "figure-4.1": "figure_4_1",
+    "figure-4.2": "figure_4_2",
+    "figure-4.3": "figure_4_3",
+    "figure-4.4": "figure_4_4",
+    "table-4.1": "table_4_1",
+    "figure-4.6": "figure_4_6",
+    "figure-5.3": "figure_5_3",
+    "figure-5.4": "figure_5_4",
+    "figure-5.6": "figure_5_6",
+    "figure-5.7": "figure_5_7",
+    "figure-5.8": "figure_5_8",
+    "figure-6.2": "figure_6_2",
+    "figure-6.4": "figure_6_4",
+    "figure-6.5": "figure_6_5",
+    "figure-6.6": "figure_6_6",
+    "figure-6.7": "figure_6_7",
+    "table-6.1": "table_6_1",
+    "figure-6.10": "figure_6_10",
+    "table-6.2": "table_6_2",
+    "figure-6.11": "figure_6_11",
+    "figure-6.12": "figure_6_12",
 }
 
 log = logging.getLogger(__name__)
@@ -81,7 +106,7 @@ def reproduce(
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
     module = _module(key)
     out = Output(target, seed, quick)
-    begin = time.perf_counter()
+    begin, begin_cpu = time.perf_counter(), time.process_time()
     try:
         module.run(out)
     except VisuohapticError as error:
@@ -100,6 +125,7 @@ def reproduce(
         "caption": module.CAPTION,
         **made_of,
         "seconds": round(seconds, 2),
+        "cpu_seconds": round(time.process_time() - begin_cpu, 2),
         "versions": _versions(),
         **out.summary(),
     }

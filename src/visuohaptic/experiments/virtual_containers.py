@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import ContainerDescription, load_container, mesh_container
-from visuohaptic.deformation.material import IsotropicMaterial
-from visuohaptic.deformation.mesher import STIFF_CAP_M
-from visuohaptic.deformation.mitc4 import mitc4_factor, mitc4_stiffness
-from visuohaptic.errors import InputError
-from visuohaptic.recognition.data_set import HEIGHTS
+from ..deformation import ContainerDescription, load_container, mesh_container
+from ..deformation.material import IsotropicMaterial
+from ..deformation.mesher import STIFF_CAP_M
+from ..deformation.mitc4 import mitc4_factor, mitc4_stiffness
+from ..errors import InputError
+from ..recognition.data_set import HEIGHTS
 
 __all__ = [
     "GROUPS",
@@ -116,9 +116,9 @@ def description(name: str) -> ContainerDescription:
 
 def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:
     """Features of the classes from ``objects build``, kept in the folder."""
-    from visuohaptic.deformation import build, class_names, plan_jobs
-    from visuohaptic.deformation.build import BuildPlan
-    from visuohaptic.recognition import read_build
+    from ..deformation import build, class_names, plan_jobs
+    from ..deformation.build import BuildPlan
+    from ..recognition import read_build
 
     names = (*class_names(), *(("cut-bottle",) if cut_bottle else ()))
     entries = [{"class": name, "variants": variants} for name in names]
@@ -215,7 +215,7 @@ def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.n
 
 def explore(thing: RealObject, rng: np.random.Generator) -> Any:
     """A function (height, axis) -> touch of this object, with noise of both sensors."""
-    from visuohaptic.recognition import TouchReading, fit_curve
+    from ..recognition import TouchReading, fit_curve
 
     def touch(height: int, axis: str) -> TouchReading:
         column = 0 if axis == "x" else 2

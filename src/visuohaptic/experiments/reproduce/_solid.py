@@ -1,0 +1,57 @@
+"""Surfaces and points in space, drawn alike in all pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["figure_3d", "frame_3d", "shaded"]
+
+_LIGHT = np.array([0.45, -0.65, 0.6]) / np.linalg.norm([0.45, -0.65, 0.6])
+
+
+def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
+    """A figure with ``rows x columns`` axes in space."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "3d"})
+    return figure, axes
+
+
+def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0) -> None:
+    """A mesh (``vertices_m``, ``faces``) of one colour, or coloured by a value 0..1 of each vertex."""
+    from matplotlib import colormaps
+    from matplotlib.colors import to_rgb
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+
+    points, faces = np.asarray(mesh.vertices_m, dtype=float), np.asarray(mesh.faces)
+    if not len(faces):
+        return
+    corners = points[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+    light = 0.62 + 0.38 * np.clip(normal @ _LIGHT, -0.6, 1.0)
+    if isinstance(colour, str):
+        base = np.tile(to_rgb(colour), (len(faces), 1))
+    else:
+        values = np.clip(np.nan_to_num(np.asarray(colour, dtype=float)[faces].mean(axis=1)), 0, 1)
+        base = colormaps["viridis"](values)[:, :3]
+    rgba = np.column_stack([base * light[:, None], np.full(len(faces), alpha)])
+    axes.add_collection3d(Poly3DCollection(1e3 * corners, facecolors=rgba, edgecolors="none"))
+
+
+def frame_3d(axes: Any, low_m: np.ndarray, high_m: np.ndarray, *, elev: float = 14, azim: float = -60) -> None:
+    """Limits in millimetres, equal axes, no frame."""
+    low, high = 1e3 * np.asarray(low_m, dtype=float), 1e3 * np.asarray(high_m, dtype=float)
+    for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
+        setter(a, b)
+    axes.set_box_aspect(np.maximum(high - low, 1e-3))
+    axes.view_init(elev=elev, azim=azim)
+    axes.set_axis_off()

@@ -1,0 +1,133 @@
+"""Bottles whose middle is cut out and touched, and how far the estimated surface is from the true one.
+
+Of each bottle the middle 46 % of the height is not seen. It is touched where planned, or at
+random. The error is the mean square distance of a regular grid of the true wall from the
+estimated surface.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..reconstruction.completion import Completion, CompletionSettings
+from ..reconstruction.hole import HoleRegion
+from ..reconstruction.mesh import SurfaceMesh
+from ..reconstruction.touch import Touch
+from ..simulation.bottles import Bottle
+
+__all__ = [
+    "HOLE",
+    "SIGMA_M",
+    "TOUCHES",
+    "blown_up",
+    "errors_m",
+    "explore",
+    "scene",
+    "touches_to_tenth",
+    "true_points",
+]
+
+TOUCHES = 20
+#: Noise of a contact in each direction [m].
+SIGMA_M = 0.0003
+HOLE = (0.27, 0.73)
+
+
+def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
+    """The visible parts, and a transparency region a little smaller than the hidden part."""
+    low, high = HOLE[0] * bottle.height_m, HOLE[1] * bottle.height_m
+    visible = SurfaceMesh(*bottle.mesh(0.0, low)).joined(SurfaceMesh(*bottle.mesh(high, bottle.height_m)))
+    hidden, _ = bottle.mesh(low, high, caps=False)
+    centre = hidden.mean(axis=0)
+    return visible, HoleRegion.of_points(centre + 0.9 * (hidden - centre))
+
+
+def true_points(bottle: Bottle, rows: int = 24, columns: int = 48) -> Float[np.ndarray, "n 3"]:
+    """A regular grid of the hidden wall."""
+    z = (HOLE[0] + (HOLE[1] - HOLE[0]) * (np.arange(rows) + 0.5) / rows) * bottle.height_m
+    theta = 2 * np.pi * np.arange(columns) / columns
+    tt, zz = (part.ravel() for part in np.meshgrid(theta, z))
+    rho = bottle.radius_m(tt, zz)
+    return np.column_stack([rho * np.cos(tt), rho * np.sin(tt), zz])
+
+
+def errors_m(points: Float[np.ndarray, "n 3"], mesh: SurfaceMesh) -> Float[np.ndarray, "n"]:
+    """Distance of points from a mesh: from the nearest triangle's plane, where one is near."""
+    from scipy.spatial import cKDTree
+
+    centres, normals = mesh.vertices_m[mesh.faces].mean(axis=1), mesh.face_normals
+    gaps, near = cKDTree(centres).query(points)
+    plane = np.abs(((points - centres[near]) * normals[near]).sum(axis=1))
+    spacing = 2.0 * np.sqrt(float(np.median(mesh.face_areas_m2)))
+    along = np.sqrt(np.maximum(gaps**2 - plane**2, 0.0))
+    return np.where(along < spacing, plane, gaps)
+
+
+def explore(
+    bottle: Bottle,
+    rng: np.random.Generator,
+    *,
+    planned: bool = True,
+    priors: bool = True,
+    touches: int = TOUCHES,
+) -> dict[str, Any]:
+    """Mean square error after each touch, rank correlation of the uncertainty, time of a step."""
+    from scipy.stats import spearmanr
+
+    visible, region = scene(bottle)
+    completion = Completion(visible, region, CompletionSettings(use_priors=priors))
+    truth = true_points(bottle)
+    mse, ranks, steps_s = [], [], []
+    mse.append(float(np.mean(errors_m(truth, completion.surface()) ** 2)))
+    for number in range(touches):
+        started_s = time.process_time()
+        if planned:
+            plan = completion.next_touch()
+            start, end = plan.start_m, plan.end_m
+            if number in (0, 2, 5, 10):
+                ranks.append(_rank(completion, bottle, spearmanr))
+        else:
+            # Along random directions, within the hole.
+            angle = rng.uniform(0, 2 * np.pi)
+            z = rng.uniform(*HOLE) * bottle.height_m
+            end = np.array([*completion.axis_m, z])
+            start = end + 0.15 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        spent_s = time.process_time() - started_s
+        way = end - start
+        length = float(np.linalg.norm(way))
+        contact = bottle.probe(start, way / length, length, sigma_m=SIGMA_M, rng=rng)
+        started_s = time.process_time()
+        completion.add(Touch(contact, start, end, SIGMA_M))
+        surface = completion.surface()
+        steps_s.append(spent_s + time.process_time() - started_s)
+        mse.append(float(np.mean(errors_m(truth, surface) ** 2)))
+    return {"kind": bottle.kind, "mse": mse, "spearman": ranks, "step_s": steps_s}
+
+
+def _rank(completion: Completion, bottle: Bottle, spearmanr: Any) -> float:
+    found = completion.uncertainty()
+    points = found.mesh.vertices_m[found.missing]
+    z = points[:, 2]
+    inside = (z > HOLE[0] * bottle.height_m) & (z < HOLE[1] * bottle.height_m)
+    points = points[inside]
+    wall = bottle.radius_m(np.arctan2(points[:, 1], points[:, 0]), points[:, 2])
+    error = np.abs(np.hypot(points[:, 0], points[:, 1]) - wall)
+    return float(spearmanr(found.sigma_m[found.missing][inside], error).statistic)
+
+
+def touches_to_tenth(mse: list[float]) -> float:
+    """First touch after which the error is a tenth of that of the untouched extrapolation."""
+    below = np.flatnonzero(np.array(mse) <= 0.1 * mse[0])
+    return float(below[0]) if len(below) else float("inf")
+
+
+def blown_up(mse: list[float]) -> bool:
+    """An error that rises above twice the untouched one, or tenfold in one step to a fifth of it."""
+    found = np.array(mse)
+    jump = (found[1:] > 10 * found[:-1]) & (found[1:] > 0.2 * found[0])
+    # Half a millimetre is noise, not a blow-up, however good the start was.
+    return bool(((found > 2 * found[0]) & (found > 0.0005**2)).any() or jump.any())
