@@ -63,6 +63,8 @@ class RosGripper:
             The opening is out of reach, or the speed not positive.
         StaleFrameError
             The present opening, from which the time is told, is not known.
+        DeviceError
+            Nobody listens.
         """
         finite("RosGripper.move", opening_m=opening_m, speed_m_s=speed_m_s)
         if not 0.0 <= opening_m <= self._largest_m:
@@ -80,6 +82,7 @@ class RosGripper:
         self._send(self.state().opening_m, 0.0)
 
     def _send(self, opening_m: float, after_s: float) -> None:
+        self._publisher.wait_until_heard()
         # A controller refuses a point in the past; 50 ms is soon enough.
         seconds, nanoseconds = divmod(stamp_ns(max(after_s, 0.05)), 1_000_000_000)
         point: dict[str, Any] = {

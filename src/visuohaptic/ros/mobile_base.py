@@ -64,6 +64,8 @@ class RosBase:
         ------
         InputError
             A velocity is not finite or larger than allowed.
+        DeviceError
+            Nobody listens.
         """
         finite("RosBase.drive", speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
         for name, value, limit in zip(
@@ -72,6 +74,7 @@ class RosBase:
             if abs(value) > limit:
                 raise InputError("RosBase.drive", f"found {value:g}, allowed are {limit:g}", field=name)
         self._repeater.check()
+        self._publisher.wait_until_heard()
         with self._lock:
             self._command = (float(speed_m_s), float(turn_rate_rad_s))
         self._send()

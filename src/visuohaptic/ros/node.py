@@ -247,6 +247,29 @@ class RosPublisher:
             self._sequence += 1
 
     @property
+    def heard(self) -> bool:
+        """Whether anybody subscribes to it now; not known of a latched topic, and no then."""
+        status = getattr(self._publisher, "matching_status", False)
+        return bool(getattr(status, "matching", status))  # zenoh 1.4 has an object there
+
+    def wait_until_heard(self, timeout_s: float = 1.0) -> None:
+        """A command that nobody hears must not be taken for one that is carried out.
+
+        Raises
+        ------
+        DeviceError
+            Nobody has subscribed in time.
+        """
+        until = time.monotonic() + timeout_s
+        while not self.heard:
+            if time.monotonic() > until:
+                raise DeviceError(
+                    f"nobody listens to {self.entity.topic} ({self.entity.datatype}); check the robot's "
+                    "controller, the topic, the domain and the ROS release"
+                )
+            time.sleep(0.002)
+
+    @property
     def sent(self) -> int:
         """How many messages so far."""
         return self._sequence

@@ -63,6 +63,8 @@ class RosArm:
             The target is out of reach, or the speed not positive.
         StaleFrameError
             It is not known where the tip is.
+        DeviceError
+            Nobody listens.
         """
         finite("RosArm.move_linear", speed_m_s=speed_m_s)
         if speed_m_s <= 0:
@@ -78,6 +80,7 @@ class RosArm:
                 field="pose_base_tip",
             )
         self._repeater.check()
+        self._publisher.wait_until_heard()
         _, now = self.pose()
         with self._lock:
             self._line = _Line(now, pose_base_tip, speed_m_s)
