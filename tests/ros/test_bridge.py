@@ -77,12 +77,12 @@ def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
     stamps = [w.header.stamp.sec + 1e-9 * w.header.stamp.nanosec for w in measured]
     assert stamps == pytest.approx([10.0 + number / 30 for number in range(len(pictures))], abs=1e-6)
     assert {w.header.frame_id for w in measured} == {"foam"}
-    # The error budget of a press like this one is about 2 % while loading; the first millimetre has less force.
+    # Loading by a cylinder is read within 1 % beyond the first millimetre, and the JPEG loses a little more.
     forces = np.array([w.wrench.force.x for w in measured])
     truth = np.array(truth)
-    deep = truth > 2.0
+    deep = truth > 0.3
     assert deep.sum() >= 5
-    np.testing.assert_allclose(forces[deep], truth[deep], rtol=0.06)
+    np.testing.assert_allclose(forces[deep], truth[deep], rtol=0.03)
     assert json.loads(seen["event"][0].data)["kind"] == "contact"
     assert len(seen["profile"]) >= len(pictures)
     assert seen["contact"]
@@ -99,7 +99,7 @@ def test_it_can_zero_by_itself(sensor, robot: RosNode, endpoint: str, tmp_path: 
     folder, pictures, _ = sensor
     for name in ("sensor.yaml", "camera.yaml", "foam.yaml"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    with pytest.raises(InputError, match="no zero reference.*zero_frames"):
+    with pytest.raises(InputError, match=r"no zero reference.*zero_frames"):
         Bridge.load(write(tmp_path, endpoint))
     virtual = VirtualSensor()
     rest = [frame.image for frame in virtual.rest_frames(np.random.default_rng(1), 5)]
