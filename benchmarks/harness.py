@@ -46,6 +46,7 @@ CAMPAIGNS = (
     "recog_state",
     "recog_table62",
     "scene",
+    "soak",
     "touch_map",
     "transparency",
 )

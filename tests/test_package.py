@@ -19,7 +19,19 @@ MODULES = sorted(
 )
 
 #: Libraries that belong into the function that uses them.
-HEAVY = {"av", "cv2", "matplotlib", "mcap", "mcap_ros2", "mujoco", "pyarrow", "sklearn", "uvc", "viser"}
+HEAVY = {
+    "av",
+    "cv2",
+    "matplotlib",
+    "mcap",
+    "mcap_ros2",
+    "mujoco",
+    "pyarrow",
+    "sklearn",
+    "uvc",
+    "viser",
+    "zenoh",
+}
 
 
 @pytest.mark.parametrize("name", ["visuohaptic", *MODULES])
@@ -48,6 +60,7 @@ def test_importing_the_package_is_free():
         "objects",
         "recording",
         "robots",
+        "ros",
         "sensing",
         "simulation",
         "tracking",

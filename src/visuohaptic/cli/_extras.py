@@ -71,6 +71,7 @@ OPTIONAL = (
     Library("cholespy", "cholespy", "elastic", "fast solves with many loads"),
     Library("distributed", "distributed", "cluster", "builds over several machines"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
+    Library("zenoh", "eclipse-zenoh", "ros", "live ROS 2", "zenoh.KeyExpr('0/chatter')"),
     Library("collada", "pycollada", "geometry", "COLLADA meshes"),
 )
 

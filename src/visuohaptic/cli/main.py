@@ -91,6 +91,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.recording_import",
         "make a depth sequence from depth pictures and poses of another layout",
     ),
+    "ros bridge": (
+        "visuohaptic.cli.ros_bridge",
+        "run the sensors as a ROS 2 node, image topics in, forces out",
+    ),
     "view": (
         "visuohaptic.cli.view",
         "show objects, maps with plans, surfaces and classifications in the browser",

@@ -9,6 +9,7 @@ from .live import CameraBackend, CameraSettings, FoundCamera, LiveSource, find_c
 from .mcap_in import McapSource
 from .mcap_out import MeasurementWriter
 from .mcap_records import McapDamage, McapFile, McapMessage, Topic
+from .measurement_sink import MeasurementSink
 from .occupancy_map import OccupancyMap
 from .poses import StampedPose, read_poses, write_poses
 from .source import RecordedSource, indices_from_times
@@ -34,6 +35,7 @@ __all__ = [
     "McapFile",
     "McapMessage",
     "McapSource",
+    "MeasurementSink",
     "MeasurementWriter",
     "OccupancyMap",
     "RecordedSource",

@@ -16,7 +16,7 @@ from ..errors import InputError
 from ..recording import ros_messages as ros
 
 if TYPE_CHECKING:
-    from ..recording import MeasurementWriter
+    from ..recording import MeasurementSink
     from .scene import SceneReading
 
 __all__ = ["SCENE_COLUMNS", "SceneTable", "write_scene"]
@@ -77,7 +77,7 @@ def _values(reading: SceneReading) -> dict[str, Any]:
 
 
 def write_scene(
-    recording: MeasurementWriter, reading: SceneReading, name: str = "scene", *, mask: bool = False
+    recording: MeasurementSink, reading: SceneReading, name: str = "scene", *, mask: bool = False
 ) -> None:
     """One reading as messages.
 

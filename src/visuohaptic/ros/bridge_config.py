@@ -1,0 +1,106 @@
+"""The file ``bridge.yaml``: which sensors look at which topics."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from ..errors import InputError
+from ..files import load_yaml, load_yaml_model
+from .graph import check_node, resolve_name
+from .node import ROUTER, RosOptions
+
+__all__ = ["BridgeConfig", "NodeSection", "SensorSection"]
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class NodeSection(_Section):
+    """How the node joins; as :class:`visuohaptic.ros.RosOptions`."""
+
+    name: str = "visuohaptic"
+    namespace: str = "/"
+    domain: Annotated[int, Field(ge=0, le=232)] = 0
+    type_hashes: bool = True
+    connect: list[str] = [ROUTER]
+    listen: list[str] = ["tcp/127.0.0.1:0"]
+    zenoh_config: str | None = None
+    patience_s: Positive = 3.0
+
+    @model_validator(mode="after")
+    def _names(self) -> NodeSection:
+        check_node(self.namespace, self.name)
+        return self
+
+    def options(self, folder: Path) -> RosOptions:
+        """Files are relative to ``folder``."""
+        return RosOptions(
+            self.domain,
+            self.namespace,
+            self.type_hashes,
+            tuple(self.connect),
+            tuple(self.listen),
+            None if self.zenoh_config is None else folder / self.zenoh_config,
+            self.patience_s,
+        )
+
+
+class SensorSection(_Section):
+    """One sensor."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+    config: str  #: sensor.yaml or scene.yaml; its field ``kind`` says which sensor
+    image: str  #: image topic; raw, or compressed when its name ends in /compressed
+    frame: str | None = None  #: of the messages; the sensor's name by default
+    odometry: str | None = None  #: nav_msgs/Odometry, for a scene
+    zero_frames: Annotated[int, Field(ge=0, le=10_000)] = 0  #: zero on the first frames; nothing is stored
+    queue: Annotated[int, Field(ge=1, le=100)] = 2  #: frames that wait while one is read
+
+    @model_validator(mode="after")
+    def _topics(self) -> SensorSection:
+        for topic in (self.image, self.odometry):
+            if topic is not None:
+                resolve_name(topic)
+        return self
+
+
+class BridgeConfig(_Section):
+    """Fields of ``bridge.yaml``; file names are relative to its folder."""
+
+    kind: Literal["ros_bridge"] = "ros_bridge"
+    node: NodeSection = NodeSection()
+    sensors: Annotated[list[SensorSection], Field(min_length=1, max_length=16)]
+    stale_s: Positive = 0.5  #: without an image for so long, ``stale`` is published
+
+    @model_validator(mode="after")
+    def _names(self) -> BridgeConfig:
+        names = [sensor.name for sensor in self.sensors]
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"sensors need names of their own, {', '.join(repeated)} is there twice")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | str) -> BridgeConfig:
+        """Read the file.
+
+        Raises
+        ------
+        InputError
+            With all fields that cannot be used.
+        """
+        return load_yaml_model(path, cls)
+
+
+def sensor_kind(path: Path) -> str:
+    """``foam``, ``beam`` or ``scene``, as the sensor's own file says."""
+    data: Any = load_yaml(path)
+    found = data.get("kind") if isinstance(data, dict) else None
+    if found not in ("foam", "beam", "scene"):
+        raise InputError(path, f"found {found!r}, expected foam, beam or scene", field="kind")
+    return str(found)

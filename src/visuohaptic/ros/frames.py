@@ -1,0 +1,242 @@
+"""An image topic as a source of frames."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..camera import Camera, Frame
+from ..errors import DeviceError, InputError, StaleFrameError
+from ..recording.mcap_in import camera_from_message
+from ..recording.ros_image import decode_compressed, decode_raw
+from .graph import Qos
+from .node import Received, RosNode
+
+__all__ = ["TopicFrames"]
+
+_log = logging.getLogger(__name__)
+
+#: What camera drivers publish with.
+_SENSOR = Qos(reliable=False, depth=5)
+
+
+class TopicFrames:
+    """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.robots.FrameSource`.
+
+    The time of a frame is the stamp in its header, or that of sending where the stamp is zero. Its index is the
+    sender's number of the message, so that a gap tells that messages were lost or left out.
+
+    Parameters
+    ----------
+    topic
+        Image topic; a name that ends in ``/compressed`` has compressed images.
+    camera
+        Model of the camera; images of another size are refused. Without it, ``CameraInfo`` beside the topic.
+    depth
+        Frames that wait for a slow reader; beyond that the oldest is left out. 1: always the newest.
+    timeout_s
+        Iterating fails when no image comes for so long.
+    grey
+        Decode compressed pictures to grey at once.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        topic: str,
+        *,
+        camera: Camera | None = None,
+        depth: int = 2,
+        timeout_s: float = 5.0,
+        grey: bool = False,
+    ) -> None:
+        if depth < 1:
+            raise InputError("TopicFrames", f"found {depth}, expected 1 or more", field="depth")
+        self.topic = node.resolve(topic)
+        self.timeout_s = timeout_s
+        self.left_out = 0  #: frames that came faster than they were read
+        self.damaged = 0  #: pictures that could not be decoded
+        self._camera, self._grey = camera, grey
+        self._new = threading.Condition()
+        self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
+        self._newest: tuple[Received, int] | None = None
+        self._gid, self._offset, self._last = b"", 0, -1
+        self._running = True
+        compressed = self.topic.endswith("/compressed")
+        datatype = "sensor_msgs/msg/" + ("CompressedImage" if compressed else "Image")
+        self._subscriptions = [node.subscribe(self.topic, datatype, self._take, _SENSOR)]
+        if camera is None:
+            self._subscriptions.append(
+                node.subscribe(info_topic(self.topic), "sensor_msgs/msg/CameraInfo", self._describe, _SENSOR)
+            )
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model, as soon as it is known."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a topic has no end."""
+        return None
+
+    def _describe(self, received: Received) -> None:
+        camera = camera_from_message(received.message, info_topic(self.topic))
+        with self._new:
+            self._camera = camera
+            self._new.notify_all()
+
+    def wait_for_camera(self, timeout_s: float = 5.0) -> Camera:
+        """The camera's model; waits for ``CameraInfo``.
+
+        Raises
+        ------
+        DeviceError
+            None came in time.
+        """
+        with self._new:
+            if not self._new.wait_for(lambda: self._camera is not None, timeout_s):
+                raise DeviceError(f"no camera model on {info_topic(self.topic)} for {timeout_s:g} s")
+            assert self._camera is not None
+            return self._camera
+
+    def _take(self, received: Received) -> None:
+        with self._new:
+            entry = (received, self._index(received))
+            self.left_out += len(self._waiting) == self._waiting.maxlen
+            self._waiting.append(entry)
+            self._newest = entry
+            self._new.notify_all()
+
+    def _index(self, received: Received) -> int:
+        """The sender's count; another sender goes on behind the last one."""
+        beside = received.attachment
+        if beside is None:
+            self._last += 1
+            return self._last
+        if beside.gid != self._gid or beside.sequence + self._offset <= self._last:
+            # The first message of anybody leaves no gap: what was before was sent to others.
+            self._gid, self._offset = beside.gid, self._last + 1 - beside.sequence
+        self._last = beside.sequence + self._offset
+        return self._last
+
+    def read(self, timeout_s: float = 2.0) -> Frame:
+        """Wait for the next frame.
+
+        Raises
+        ------
+        DeviceError
+            No image came in time, or the source is closed.
+        """
+        until = time.monotonic() + timeout_s
+        while True:
+            with self._new:
+                self._new.wait_for(lambda: bool(self._waiting) or not self._running, until - time.monotonic())
+                if not self._running:
+                    raise DeviceError(f"{self.topic} is closed")
+                if not self._waiting:
+                    raise DeviceError(f"no image on {self.topic} for {timeout_s:g} s; {self._advice()}")
+                entry = self._waiting.popleft()
+            if (frame := self._frame(*entry)) is not None:
+                return frame
+
+    def _advice(self) -> str:
+        return "check the camera's node, and that domain and ROS release are the same"
+
+    def read_latest(self, max_age_ms: float = 100.0) -> Frame:
+        """The newest frame, at once.
+
+        Raises
+        ------
+        StaleFrameError
+            There is none yet, or it is older than ``max_age_ms``.
+        """
+        with self._new:
+            entry = self._newest
+        frame = self._frame(*entry) if entry is not None else None
+        if frame is None:
+            raise StaleFrameError(f"{self.topic} has delivered no image yet; wait with read()")
+        age_ms = 1e3 * (time.time() - frame.t_s)
+        if age_ms > max_age_ms:
+            raise StaleFrameError(f"the newest image is {age_ms:.0f} ms old, allowed are {max_age_ms:.0f} ms")
+        return frame
+
+    def _frame(self, received: Received, index: int) -> Frame | None:
+        """The picture with its time; ``None`` where it cannot be decoded."""
+        message = received.message
+        try:
+            image = self._image(received)
+        except InputError as error:
+            self.damaged += 1
+            if self.damaged & (self.damaged - 1) == 0:
+                _log.warning("%s: %d images cannot be decoded; %s", self.topic, self.damaged, error)
+            return None
+        camera = self._camera
+        if camera is not None and image.shape[:2] != (camera.height, camera.width):
+            raise InputError(
+                self.topic,
+                f"found images of {image.shape[1]} x {image.shape[0]}, expected {camera.width} x "
+                f"{camera.height} of the camera {camera.name!r}",
+            )
+        return Frame(image, message_time_s(received, message.header.stamp), index)
+
+    def _image(self, received: Received) -> UInt8[np.ndarray, "rows columns *colour"]:
+        if self.topic.endswith("/compressed"):
+            return decode_compressed(received.message.data, self.topic, grey=self._grey)
+        return decode_raw(received.message, self.topic)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames until the source is closed; :class:`DeviceError` when none come."""
+        while not self._closed():
+            try:
+                yield self.read(self.timeout_s)
+            except DeviceError:
+                if self._closed():
+                    return
+                raise
+
+    def _closed(self) -> bool:
+        return not self._running
+
+    def close(self) -> None:
+        """Receive nothing more; harmless when repeated."""
+        with self._new:
+            if not self._running:
+                return
+            self._running = False
+            self._new.notify_all()
+        for subscription in self._subscriptions:
+            subscription.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def info_topic(image: str) -> str:
+    """Where the camera's model is, by ROS's convention: beside the image."""
+    return image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
+
+
+def message_time_s(received: Received, stamp: object) -> float:
+    """Time of a header's stamp [s]; where it is zero, that of sending, or of receiving."""
+    t_s = stamp.sec + 1e-9 * stamp.nanosec  # type: ignore[attr-defined]
+    if t_s > 0:
+        return float(t_s)
+    beside = received.attachment
+    return 1e-9 * beside.source_ns if beside is not None else received.received_s

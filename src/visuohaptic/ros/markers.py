@@ -1,0 +1,76 @@
+"""What RViz and the like draw: arrows for forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..objects import ForceProfile
+from ..recording.ros_messages import header
+
+__all__ = ["arrow", "contact_markers"]
+
+_ARROW, _ADD, _DELETE_ALL = 0, 0, 3
+_COLOUR = (0.85, 0.37, 0.01, 1.0)
+
+
+def _marker(t_s: float, frame: str, name: str, number: int, action: int) -> dict[str, Any]:
+    return {
+        "header": header(t_s, frame),
+        "ns": name,
+        "id": number,
+        "type": _ARROW,
+        "action": action,
+        "pose": {
+            "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+            "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        },
+        "scale": {"x": 0.0, "y": 0.0, "z": 0.0},
+        "color": dict(zip("rgba", _COLOUR, strict=True)),
+        "lifetime": {"sec": 0, "nanosec": 0},
+        "frame_locked": False,
+        "points": [],
+        "colors": [],
+        "texture_resource": "",
+        "texture": {"header": header(0.0, ""), "format": "", "data": b""},
+        "uv_coordinates": [],
+        "text": "",
+        "mesh_resource": "",
+        "mesh_file": {"filename": "", "data": b""},
+        "mesh_use_embedded_materials": False,
+    }
+
+
+def arrow(
+    t_s: float,
+    frame: str,
+    name: str,
+    number: int,
+    points_m: Float[np.ndarray, "2 3"] | Sequence[Sequence[float]],
+    *,
+    width_m: float = 0.004,
+) -> dict[str, Any]:
+    """``visualization_msgs/Marker``: an arrow from one point to another, both in ``frame``."""
+    marker = _marker(t_s, frame, name, number, _ADD)
+    marker["scale"] = {"x": width_m, "y": 2.0 * width_m, "z": 0.0}
+    marker["points"] = [dict(zip("xyz", map(float, point), strict=True)) for point in points_m]
+    return marker
+
+
+def contact_markers(
+    profile: ForceProfile, frame: str, name: str = "foam", *, scale_m_per_N: float = 0.02
+) -> dict[str, Any]:
+    """``visualization_msgs/MarkerArray``: an arrow for the force of each contact that can be trusted.
+
+    It ends where the foam is touched and points against x of frame F, as the force on the sensor does.
+    """
+    markers = [_marker(profile.t_s, frame, name, 0, _DELETE_ALL)]
+    for number, contact in enumerate(profile.contacts):
+        if contact.valid and len(contact.points_foam_m):
+            x, y = np.asarray(contact.points_foam_m)[np.argmax(contact.delta_m)]
+            start = [x + scale_m_per_N * contact.force_N, y, 0.0]
+            markers.append(arrow(profile.t_s, frame, name, number, [start, [x, y, 0.0]]))
+    return {"markers": markers}

@@ -1,0 +1,51 @@
+"""Measurements onto topics, the same ones that a recording holds."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+from ..recording import MeasurementSink
+from .graph import Qos
+from .node import RosNode, RosPublisher
+
+__all__ = ["RosSink"]
+
+#: Maps and markers stay until they are replaced: who comes late sees them, too.
+_LATCHED = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
+
+
+class RosSink(MeasurementSink):
+    """Publishes what :class:`visuohaptic.recording.MeasurementWriter` would write.
+
+    Topics are in the node's namespace: ``/foam/wrench`` of a recording is ``/robot1/foam/wrench`` of a node in
+    ``/robot1``.
+
+    Parameters
+    ----------
+    frame
+        Name of the sensor's frame of coordinates.
+    """
+
+    def __init__(self, node: RosNode, *, frame: str = "sensor") -> None:
+        self.frame = frame
+        self._node = node
+        self._publishers: dict[str, RosPublisher] = {}
+        self._lock = threading.Lock()
+
+    def advertise(self, topic: str, datatype: str) -> RosPublisher:
+        """Say that messages will come, before the first one does."""
+        with self._lock:
+            if topic not in self._publishers:
+                qos = Qos(latched=True, depth=1) if datatype in _LATCHED else None
+                self._publishers[topic] = self._node.advertise(topic.lstrip("/"), datatype, qos)
+            return self._publishers[topic]
+
+    def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
+        """Publish the fields of any standard message that this library knows."""
+        self.advertise(topic, datatype).publish(message)
+
+    @property
+    def sent(self) -> int:
+        """Messages so far, of all topics."""
+        return sum(publisher.sent for publisher in self._publishers.values())

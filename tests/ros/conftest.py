@@ -1,0 +1,50 @@
+"""Two nodes that speak to each other on this machine, without a router and without a network."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+pytest.importorskip("zenoh")
+
+from visuohaptic.ros import RosNode, RosOptions
+
+
+def free_endpoint() -> str:
+    """A port of this machine that nobody uses."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+
+
+@pytest.fixture
+def endpoint() -> str:
+    """Where the first node listens."""
+    return free_endpoint()
+
+
+@pytest.fixture
+def robot(endpoint: str) -> Iterator[RosNode]:
+    """The other side: what a real robot would be."""
+    with RosNode("robot", RosOptions(connect=(), listen=(endpoint,))) as node:
+        yield node
+
+
+@pytest.fixture
+def ours(robot: RosNode, endpoint: str) -> Iterator[RosNode]:
+    """Our side, connected to the robot."""
+    with RosNode("ours", RosOptions(connect=(endpoint,), listen=())) as node:
+        yield node
+
+
+def until(condition: Callable[[], object], timeout_s: float = 5.0) -> bool:
+    """Wait for something that another thread does."""
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return bool(condition())
