@@ -7,22 +7,17 @@ from numba import njit
 
 from ._region_kernels import UNREACHED, diagonal
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
+from ._sweep_kernels import TILE, touch
 
 __all__ = [
-    "TILE",
     "cells_near_changes",
     "differences",
     "distance_window",
     "footprint",
     "forget",
     "release",
-    "touch",
-    "windows",
     "with_neighbours",
 ]
-
-#: Edge of the tiles by which places of the map are noted where potentials have to be found again [cells].
-TILE = 16
 
 _QUEUED = np.uint8(2)
 _FORGOTTEN = np.uint8(8)
@@ -201,52 +196,6 @@ def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def touch(tiles: np.ndarray, cells: np.ndarray, columns: int) -> None:
-    """Note the tiles of cells (flat)."""
-    for cell in cells:
-        row = cell // columns
-        tiles[row // TILE, (cell - row * columns) // TILE] = 1
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def windows(tiles: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Windows (first and last row, first and last column) round tiles that hang together, (w, 4)."""
-    high, wide = tiles.shape
-    stack = np.empty(high * wide, np.int32)
-    found = np.empty((16, 4), np.int64)
-    count = 0
-    for row in range(high):
-        for column in range(wide):
-            if tiles[row, column] == 0:
-                continue
-            tiles[row, column] = 0
-            stack[0] = row * wide + column
-            used = 1
-            low_row, top_row, low_column, top_column = row, row, column, column
-            while used > 0:
-                used -= 1
-                r0, c0 = stack[used] // wide, stack[used] % wide
-                low_row, top_row = min(low_row, r0), max(top_row, r0)
-                low_column, top_column = min(low_column, c0), max(top_column, c0)
-                for r in range(max(r0 - 1, 0), min(r0 + 2, high)):
-                    for c in range(max(c0 - 1, 0), min(c0 + 2, wide)):
-                        if tiles[r, c] != 0:
-                            tiles[r, c] = 0
-                            stack[used] = r * wide + c
-                            used += 1
-            if count == len(found):
-                larger = np.empty((2 * count, 4), np.int64)
-                larger[:count] = found
-                found = larger
-            found[count, 0] = low_row * TILE
-            found[count, 1] = min((top_row + 1) * TILE, rows) - 1
-            found[count, 2] = low_column * TILE
-            found[count, 3] = min((top_column + 1) * TILE, columns) - 1
-            count += 1
-    return found[:count].copy()
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
 def _holds(seed: np.ndarray, node: int, window: tuple[int, int, int, int]) -> bool:
     """Whether a cell of a window belongs to a node."""
     first_row, last_row, first_column, last_column = window
@@ -368,7 +317,7 @@ def forget(
         flat_seed[gone[place]] = -1
     for place in range(count):
         flat_mark[gone[place]] &= np.uint8(7)
-    touch(tiles, gone[:count], columns)
+    touch(tiles, gone[:count], columns, 0)
     return True
 
 

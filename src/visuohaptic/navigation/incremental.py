@@ -22,8 +22,8 @@ _MANY = 8000
 #: So few cells are done sooner by the queue than by further passes, of which there are at most so many.
 _FEW = 24
 _MORE_SWEEPS = 6
-#: A window that values leave grows by so many cells.
-_GROW = 160
+#: Where values go on from, so many tiles around are worked on.
+_GROW = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
@@ -76,7 +76,7 @@ class NavigationMap:
         stub_length_m: float | None = None,
         spacing_m: float | None = None,
     ) -> None:
-        from ._update_kernels import TILE
+        from ._sweep_kernels import TILE
 
         self._base = np.array(map.cells, dtype=np.int8, order="C")
         self._covered = np.zeros(map.shape, np.uint16)  # obstacles on each cell
@@ -89,6 +89,7 @@ class NavigationMap:
         )
         self._bounds = step_bounds(self.layers)
         self._steps = limits.step_table(map.resolution_m)[0]
+        self._queued = np.zeros(self._base.size, np.uint8)  # for the search of regions, all 0 between edits
         self._tiles = np.zeros([-(-side // TILE) for side in map.shape], np.uint8)
         self._mark = skeleton_marks(self.layers)
         self._lines = SkeletonLines(map.shape)
@@ -241,11 +242,11 @@ class NavigationMap:
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
         from ._region_kernels import spread
-        from ._sweep_kernels import sweep
-        from ._update_kernels import differences, forget, release, touch, windows
+        from ._sweep_kernels import sweep, touch
+        from ._update_kernels import differences, forget, release
 
         layers = self.layers
-        rows, columns = layers.shape
+        columns = layers.shape[1]
         potential, seed = self._potential, self._seed
         seeds = self._decisions[0]
         removed, added = differences(self._before, seeds)
@@ -259,31 +260,16 @@ class NavigationMap:
         lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        touch(self._tiles, lost, columns)
-        left = []
-        for window in windows(self._tiles, rows, columns):
-            found = sweep(layers.step, potential, seed, *window)
-            for _ in range(_MORE_SWEEPS):
-                if len(found) < _FEW:
-                    break
-                # Ways that turn back need more passes, and those that leave the window a larger one.
-                row, column = np.divmod(found, columns)
-                window = (
-                    window[0] - _GROW * (row.min() < window[0]),
-                    window[1] + _GROW * (row.max() > window[1]),
-                    window[2] - _GROW * (column.min() < window[2]),
-                    window[3] + _GROW * (column.max() > window[3]),
-                )
-                window = (
-                    max(window[0], 0),
-                    min(window[1], rows - 1),
-                    max(window[2], 0),
-                    min(window[3], columns - 1),
-                )
-                found = sweep(layers.step, potential, seed, *window)
-            left.append(found)
-        if left:
-            spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
+        touch(self._tiles, lost, columns, 0)
+        left = sweep(layers.step, potential, seed, self._tiles)
+        for _ in range(_MORE_SWEEPS):
+            if len(left) < _FEW:
+                break
+            # Ways that turn back need more passes, and those that leave the tiles more of them.
+            touch(self._tiles, left, columns, _GROW)
+            left = sweep(layers.step, potential, seed, self._tiles)
+        if len(left):
+            spread(layers.step, potential, seed, left, *self._bounds, SQUARE, self._queued)
 
 
 def _boxes(cells: Int[np.ndarray, "c 2"]) -> list[tuple[int, int, int, int]]:
