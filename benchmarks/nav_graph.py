@@ -166,7 +166,7 @@ def path_ratios(grid: Any, pairs: int, seed: int = _SEED) -> np.ndarray:
 
 def lattice_graph(side: int = 100) -> Any:
     """A graph of ``side`` x ``side`` nodes as in a town: jittered streets, some closed."""
-    from visuohaptic.navigation.graph import NavigationGraph
+    from visuohaptic.navigation.graph import EdgePaths, NavigationGraph
 
     rng = np.random.default_rng(_SEED)
     number = np.arange(side * side).reshape(side, side)
@@ -185,7 +185,9 @@ def lattice_graph(side: int = 100) -> Any:
     start = np.arange(0, 2 * len(ends) + 1, 2, dtype=np.int32)
     none = np.zeros(len(cells), np.int32)
     clearance = np.full(len(ends), 1.0)
-    return NavigationGraph(cells, node_m, ends, length_m / 0.3, length_m, clearance, start, paths, none, 1)
+    return NavigationGraph(
+        cells, node_m, ends, length_m / 0.3, length_m, clearance, EdgePaths(lambda: (start, paths)), none, 1
+    )
 
 
 def topology_errors(count: int, seed: int = _SEED) -> int:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Int32
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 from ._lines import SkeletonLines
-from .graph import NavigationGraph, decisions_from_lines, graph_from_decisions
+from .graph import Decisions, NavigationGraph, decisions_from_lines, graph_from_decisions
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
@@ -231,13 +231,13 @@ class NavigationMap:
         near = near[np.argsort(self.layers.distance_m.ravel()[near])]
         turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
         beside = with_neighbours(turned, *self.map.shape)
-        self._before = self._decisions[0]
+        self._before = self._decisions.cells
         self._decisions = self._traced(np.concatenate([near, beside]))
         self._graph = self._regions = None
 
-    def _traced(self, touched: Int32[np.ndarray, "c"]) -> tuple[np.ndarray, ...]:
-        lines = self._lines.follow(self.layers, self._mark, touched)
-        return decisions_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
+    def _traced(self, touched: Int32[np.ndarray, "c"]) -> Decisions:
+        raw = self._lines.follow(self.layers, self._mark, touched)
+        return decisions_from_lines(self.layers, raw, self._stub_length_m, self._spacing_m)
 
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
@@ -248,7 +248,7 @@ class NavigationMap:
         layers = self.layers
         columns = layers.shape[1]
         potential, seed = self._potential, self._seed
-        seeds = self._decisions[0]
+        seeds = self._decisions.cells
         removed, added = differences(self._before, seeds)
         release(potential, seed, removed, self._tiles)
         if not forget(layers.step, self._mark, potential, seed, changed, self._tiles, _MANY):
