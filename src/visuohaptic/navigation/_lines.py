@@ -94,7 +94,7 @@ class SkeletonLines:
             self._lost = 0
         ends = (self._cell, self._masks, self._keys, self._links, self._order)
         owner, parent, way = gather_junctions(*ends, layers.shape[1], *scale)
-        found = join_lines(
+        cells, clearance_m, joined, measures, pieces = join_lines(
             distance, *ends, owner, parent, way, self._table, self._measured, self._used, *scale
         )
-        return RawGraph(*found, self._cell.copy(), parent, self._path)
+        return RawGraph(cells, clearance_m, joined, measures, pieces, self._cell.copy(), parent, self._path)

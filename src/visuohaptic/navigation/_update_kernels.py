@@ -10,11 +10,11 @@ from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 from ._sweep_kernels import TILE, touch
 
 __all__ = [
-    "cells_near_changes",
     "differences",
     "distance_window",
     "footprint",
     "forget",
+    "queue_near",
     "release",
     "with_neighbours",
 ]
@@ -133,46 +133,23 @@ def distance_window(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def cells_near_changes(
-    before: np.ndarray,
-    step_before: np.ndarray,
-    distance: np.ndarray,
-    step: np.ndarray,
-    mark: np.ndarray,
-    first_row: int,
-    first_column: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of a window whose step changed, and those whose distance did with their neighbours.
-
-    The second are queued for thinning.
-    """
-    rows, columns = distance.shape
-    changed = np.empty(before.size, np.int32)
-    dearer = np.empty(before.size, np.int32)
-    count = 0
-    steps = 0
-    for row in range(before.shape[0]):
-        for column in range(before.shape[1]):
-            r, c = first_row + row, first_column + column
-            if before[row, column] != distance[r, c]:
-                changed[count] = r * columns + c
-                count += 1
-                if step_before[row, column] != step[r, c]:
-                    dearer[steps] = r * columns + c
-                    steps += 1
-    near = np.empty(9 * count, np.int32)
+def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
+    """Queue cells (flat) and their neighbours for thinning; returns them, each once."""
+    rows, columns = mark.shape
+    flat = mark.ravel()
+    near = np.empty(9 * len(changed), np.int32)
     total = 0
-    for place in range(count):
-        cell = changed[place]
-        row, column = cell // columns, cell % columns
-        for k in range(9):
-            r = row + ROW_STEP[k] if k < 8 else row
-            c = column + COLUMN_STEP[k] if k < 8 else column
-            if 0 <= r < rows and 0 <= c < columns and not mark[r, c] & _QUEUED:
-                mark[r, c] |= _QUEUED
-                near[total] = r * columns + c
-                total += 1
-    return dearer[:steps].copy(), near[:total].copy()
+    for cell in changed:
+        row = cell // columns
+        column = cell - row * columns
+        left, right = max(column - 1, 0), min(column + 1, columns - 1)
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for other in range(r * columns + left, r * columns + right + 1):
+                if not flat[other] & _QUEUED:
+                    flat[other] |= _QUEUED
+                    near[total] = other
+                    total += 1
+    return near[:total].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

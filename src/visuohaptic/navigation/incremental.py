@@ -198,8 +198,8 @@ class NavigationMap:
 
     def _update_distance(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances and steps; returns cells whose step changed, and those that have to be thinned again."""
-        from ._distance_kernels import distance_rows, vertical_update
-        from ._update_kernels import cells_near_changes, distance_window
+        from ._distance_kernels import distance_update, vertical_update
+        from ._update_kernels import distance_window, queue_near
 
         layers = self.layers
         resolution_m = layers.map.resolution_m
@@ -210,17 +210,14 @@ class NavigationMap:
             vertical_update(
                 layers.map.cells, OBSTACLE_FROM, not layers.unknown_is_free, layers.vertical, *box
             )
-        views = [(slice(w[0], w[1] + 1), slice(w[2], w[3] + 1)) for w in windows]
-        before = [(layers.distance_m[view].copy(), layers.step[view].copy()) for view in views]
-        for window in windows:
-            distance_rows(layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step)
-        # Only now: the work on one window writes whole runs, which may reach into the other.
         found = [
-            cells_near_changes(*old, layers.distance_m, layers.step, self._mark, window[0], window[2])
-            for old, window in zip(before, windows, strict=True)
+            distance_update(
+                layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step
+            )
+            for window in windows
         ]
-        changed, near = zip(*found, strict=True)
-        return np.concatenate(changed), np.concatenate(near)
+        changed, dearer = (np.concatenate(cells) for cells in zip(*found, strict=True))
+        return dearer, queue_near(changed, self._mark)
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
