@@ -117,7 +117,20 @@ def join_lines(
     A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
     the slots of a ring are -1. The order does not depend on the numbers of slots and lines.
     """
-    room = used + 4 * len(order) + 1
+    rings = np.empty(256, np.int32)
+    ring_cells = np.empty(256, np.int32)
+    ring_count = 0
+    for line in range(used):
+        if table[line, 0] == -1:
+            if ring_count == len(rings):
+                rings, ring_cells = longer(rings), longer(ring_cells)
+            rings[ring_count], ring_cells[ring_count] = line, table[line, 1]
+            ring_count += 1
+    # Every edge takes two links; arrays of just that size, because untouched memory is slow memory.
+    taken = 0
+    for slot in order:
+        taken += BITS[masks[slot]]
+    room = taken // 2 + ring_count + 1
     ends = np.empty((room, 2), np.int32)
     measures = np.empty((room, 3))
     pieces = np.empty((room, 4), np.int32)
@@ -146,15 +159,6 @@ def join_lines(
             measures[edges, 1] = seconds + way[first, 1] + way[last, 1]
             measures[edges, 2] = min(clearance, min(way[first, 2], way[last, 2]))
             edges += 1
-    rings = np.empty(256, np.int32)
-    ring_cells = np.empty(256, np.int32)
-    ring_count = 0
-    for line in range(used):
-        if table[line, 0] == -1:
-            if ring_count == len(rings):
-                rings, ring_cells = longer(rings), longer(ring_cells)
-            rings[ring_count], ring_cells[ring_count] = line, table[line, 1]
-            ring_count += 1
     ring_order = np.argsort(ring_cells[:ring_count])
     # Nodes in the order of their cells; ``number`` says which one a leader has become.
     nodes = np.empty(len(order) + ring_count, np.int32)

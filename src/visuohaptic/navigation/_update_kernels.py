@@ -14,6 +14,7 @@ __all__ = [
     "distance_window",
     "footprint",
     "forget",
+    "on_skeleton",
     "queue_near",
     "release",
     "with_neighbours",
@@ -296,6 +297,19 @@ def forget(
         flat_mark[gone[place]] &= np.uint8(7)
     touch(tiles, gone[:count], columns, 0)
     return True
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
+    """Those of some cells (flat) that are on the skeleton."""
+    flat = mark.ravel()
+    found = np.empty(len(cells), np.int32)
+    count = 0
+    for cell in cells:
+        if flat[cell] & 1:
+            found[count] = cell
+            count += 1
+    return found[:count].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

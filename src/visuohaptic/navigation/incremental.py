@@ -222,14 +222,15 @@ class NavigationMap:
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
         from ._skeleton_kernels import refine
-        from ._update_kernels import with_neighbours
+        from ._update_kernels import on_skeleton, with_neighbours
 
         # Small distances first: few cells are then looked at more than once.
-        near = near[np.argsort(self.layers.distance_m.ravel()[near])]
-        turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
+        order = near[np.argsort(self.layers.distance_m.ravel()[near])]
+        turned = refine(self.layers.distance_m, self.layers.step, self._mark, order)
+        # Cells that have left the skeleton are beside a changed mark, their own.
         beside = with_neighbours(turned, *self.map.shape)
         self._before = self._decisions.cells
-        self._decisions = self._traced(np.concatenate([near, beside]))
+        self._decisions = self._traced(np.concatenate([on_skeleton(near, self._mark), beside]))
         self._graph = self._regions = None
 
     def _traced(self, touched: Int32[np.ndarray, "c"]) -> Decisions:
