@@ -4,7 +4,8 @@ The public chain is OpenCV's exact distance, scikit-image's thinning and SciPy's
 the best of what was tried; its graph step (sknw, skan) is left out. CPU time, one thread. Maps are the
 real ones of the data; the mosaic lays them side by side until 4000 x 4000 cells are full.
 
-``python -m benchmarks.nav_graph topology 10000`` and ``... edits 5000`` run the campaigns,
+``python -m benchmarks.nav_graph topology 10000`` and ``... edits 5000`` run the campaigns (the first goes on
+where it was stopped, from ``results/nav_topology.txt``),
 ``... memory`` measures the peak of a fresh process.
 """
 
@@ -166,7 +167,7 @@ def path_ratios(grid: Any, pairs: int, seed: int = _SEED) -> np.ndarray:
 
 def lattice_graph(side: int = 100) -> Any:
     """A graph of ``side`` x ``side`` nodes as in a town: jittered streets, some closed."""
-    from visuohaptic.navigation.graph import NavigationGraph
+    from visuohaptic.navigation.graph import EdgePaths, NavigationGraph
 
     rng = np.random.default_rng(_SEED)
     number = np.arange(side * side).reshape(side, side)
@@ -185,23 +186,46 @@ def lattice_graph(side: int = 100) -> Any:
     start = np.arange(0, 2 * len(ends) + 1, 2, dtype=np.int32)
     none = np.zeros(len(cells), np.int32)
     clearance = np.full(len(ends), 1.0)
-    return NavigationGraph(cells, node_m, ends, length_m / 0.3, length_m, clearance, start, paths, none, 1)
+    return NavigationGraph(
+        cells, node_m, ends, length_m / 0.3, length_m, clearance, EdgePaths(lambda: (start, paths)), none, 1
+    )
 
 
-def topology_errors(count: int, seed: int = _SEED) -> int:
-    """Random maps whose graph has not exactly the components and loops of the reachable cells."""
+def topology_errors(count: int, seed: int = _SEED, first: int = 0) -> int:
+    """Random maps whose graph has not exactly the components and loops of the reachable cells.
+
+    Map k is drawn from (seed, k), so that ``first`` goes on where another run has stopped.
+    """
     from tests.navigation.random_maps import RADII_M, random_map, topology
 
     from visuohaptic.navigation.graph import build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
-    rng = np.random.default_rng(seed)
     wrong = 0
-    for _ in range(count):
+    for number in range(first, first + count):
+        rng = np.random.default_rng((seed, number))
         layers = grid_layers(random_map(rng), SpeedLimits(float(rng.choice(RADII_M))))
         graph = build_graph(layers)
         wrong += (graph.components, graph.loops) != topology(layers.reachable)
     return wrong
+
+
+def topology_campaign(count: int, log: Path, part: int = 500) -> tuple[int, int]:
+    """Maps 0 to ``count`` - 1 in parts; each leaves a line in ``log`` and is not done again. Returns wrong, done."""
+    done = {}
+    if log.exists():
+        for line in log.read_text().splitlines():
+            first, maps, wrong = (int(word) for word in line.split())
+            done[first] = (maps, wrong)
+    for first in range(0, count, part):
+        maps = min(part, count - first)
+        if done.get(first, (0, 0))[0] >= maps:
+            continue
+        done[first] = (maps, topology_errors(maps, first=first))
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open("a") as stream:
+            stream.write(f"{first} {maps} {done[first][1]}\n")
+    return sum(wrong for _, wrong in done.values()), sum(maps for maps, _ in done.values())
 
 
 def peak_MB(side: int = 4000) -> tuple[float, float]:
@@ -340,7 +364,8 @@ def main() -> None:
     """A campaign."""
     what, count = sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 0
     if what == "topology":
-        print(f"{topology_errors(count)} of {count} random maps wrong")
+        wrong, done = topology_campaign(count, Path("results") / "nav_topology.txt")
+        print(f"{wrong} of {done} random maps wrong")
     elif what == "edits":
         from tests.navigation.test_incremental import run_edits
 

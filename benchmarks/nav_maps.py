@@ -1,4 +1,4 @@
-"""Maps made here and maps read: mapping a loop with drifting odometry, touch, footprints, layers, malformed files."""
+"""Maps made here and maps read: mapping a loop with drifting odometry, touch, footprints."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from visuohaptic.navigation.mapper import OccupancyMapper
 from visuohaptic.recording import OccupancyMap
 from visuohaptic.simulation.laser import LaserConfig, SimulatedLaser
 
-from . import _haptic_room, map_fuzz
+from . import _haptic_room
 from ._nav_walks import agreement, drifted, smooth_way
 from .nav_doors import data_folder
 
@@ -106,4 +106,4 @@ def run() -> list[dict[str, Any]]:
             "note": f"{len(bins)} bins, drawn as one cell each; 0.1 m per cell assumed",
         }
     )
-    return rows + map_fuzz.run(200)
+    return rows

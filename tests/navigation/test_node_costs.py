@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from visuohaptic.errors import InputError
 from visuohaptic.navigation.node_costs import (
     PushCosts,
     failure_probability,
@@ -83,6 +84,39 @@ def test_uncertain_friction_near_the_limit_is_a_risk():
     # P(F > 20) for N(18, 2) is 0.1587.
     assert failure_probability(unsure, 0.2, ROBOT) == pytest.approx(1 - 0.9 * (1 - 0.1587), abs=1e-3)
     assert push_cost(unsure, 0.2, ROBOT).total_s > push_cost(sure, 0.2, ROBOT).total_s
+
+
+def test_the_tails_are_those_of_counted_draws():
+    tag = HapticTag(drift=Estimate(0.05, 0.03, 0.04), rotation_rad_per_m=Estimate(0.2, 0.5))
+    rng = np.random.default_rng(0)
+    # The counters, the contact that slides to either side, the turn to either side: each ends the push.
+    holds = rng.random(200_000) > PushCosts().prior_failures
+    holds &= np.abs(rng.normal(0.05, 0.05, 200_000) * 1.5) <= PushCosts().drift_limit_m
+    holds &= np.abs(rng.normal(0.2, 0.5, 200_000) * 1.5) <= PushCosts().rotation_limit_rad
+    # 200,000 draws: three standard deviations are 0.003.
+    assert failure_probability(tag, 1.5, ROBOT) == pytest.approx(1.0 - holds.mean(), abs=3.5e-3)
+
+
+@given(st.floats(-0.3, 0.3), st.floats(0.0, 0.2), st.integers(0, 9), st.integers(0, 9), st.floats(0.0, 2.0))
+def test_failure_is_a_probability_that_grows_with_length_and_failures(drift, sigma, explored, failed, length):
+    def tag(failures):
+        return HapticTag(drift=Estimate(drift, sigma), explored=explored + failures, failed=failures)
+
+    here = failure_probability(tag(failed), length, ROBOT)
+    assert 0.0 <= here <= 1.0
+    assert failure_probability(tag(failed), length + 0.5, ROBOT) >= here - 1e-12
+    assert failure_probability(tag(failed + 1), length, ROBOT) >= here - 1e-12
+
+
+def test_what_is_fixed_or_falls_fails_and_what_is_known_well_does_not():
+    assert failure_probability(HapticTag(fixed=True), 0.1, ROBOT) == 1.0
+    assert failure_probability(HapticTag(falls=True), 0.1, ROBOT) == 1.0
+    stool = HapticTag(drift=Estimate(0.03, 0.01), rotation_rad_per_m=Estimate(0.0, 0.1), explored=1)
+    # What is left is the prior of the counters, 0.2 / 2.
+    assert failure_probability(stool, 0.6, ROBOT) == pytest.approx(0.1, abs=0.01)
+    assert failure_probability(None, 0.6, ROBOT) > failure_probability(stool, 0.6, ROBOT)
+    with pytest.raises(InputError, match="length"):
+        failure_probability(stool, -1.0, ROBOT)
 
 
 @given(

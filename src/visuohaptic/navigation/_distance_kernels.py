@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["FAR", "distance_rows", "vertical_cells", "vertical_update"]
+__all__ = ["FAR", "distance_rows", "distance_update", "vertical_cells", "vertical_update"]
 
 #: No obstacle in this column.
 FAR = np.uint16(65535)
@@ -77,76 +77,86 @@ def vertical_update(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
+def _envelope(
+    line: np.ndarray,
+    column: int,
+    end: int,
+    vertex: np.ndarray,
+    height: np.ndarray,
+    border: np.ndarray,
+) -> int:
+    """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its pieces.
+
+    Piece k is the parabola of source ``vertex[k]``, from ``border[k]`` on.
+    """
+    columns = len(line)
+    begin = column - 1 if column > 0 else 0
+    stop = end if end < columns else columns - 1  # last column that can be a source
+    count = 0
+    for u in range(begin, stop + 1):
+        if line[u] == FAR:
+            continue
+        # Not above the cone of an obstacle that bounds the run: it would never be the lowest.
+        value = float(line[u]) * float(line[u])
+        top = value + float(u) * float(u)
+        here = 0
+        while count > 0:
+            v = vertex[count - 1]
+            crossing = math.floor((top - height[count - 1]) / (2.0 * (u - v)))
+            here = int(crossing) + 1
+            if here <= border[count - 1] and count > 1:
+                count -= 1
+                continue
+            if here <= begin:
+                count -= 1
+                here = 0
+                continue
+            break
+        if count == 0:
+            here = begin
+        if here <= stop:
+            vertex[count] = u
+            height[count] = top
+            border[count] = here
+            count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
 def distance_rows(
     vertical: np.ndarray,
-    first_row: int,
-    last_row: int,
-    first_column: int,
-    last_column: int,
     resolution_m: float,
     steps: np.ndarray,
     distance: np.ndarray,
     step: np.ndarray,
 ) -> None:
-    """Distances [m] and steps of rows ``first_row..last_row``, from the vertical distances.
+    """Distances [m] and steps of all rows, from the vertical distances.
 
     Lower envelope of the parabolas ``(x - u)^2 + vertical(u)^2`` (Felzenszwalb and Huttenlocher
     2012) over each run of cells between two obstacles of a row: what lies behind an obstacle is
-    never nearer than the obstacle. Only runs that touch ``first_column..last_column`` are written.
+    never nearer than the obstacle.
 
     ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2], the last for all
     above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled.
     """
-    columns = vertical.shape[1]
+    rows, columns = vertical.shape
     vertex = np.zeros(columns + 1, np.int32)
     height = np.zeros(columns + 1, np.float64)
     border = np.zeros(columns + 1, np.int32)
     last = len(steps) - 1
-    unit = resolution_m
-    for row in range(first_row, last_row + 1):
+    for row in range(rows):
         line = vertical[row]
-        start = first_column
-        while start > 0 and line[start] != 0:
-            start -= 1
-        column = start
-        while column <= last_column:
+        column = 0
+        while column < columns:
             if line[column] == 0:
                 distance[row, column] = 0.0
                 step[row, column] = steps[0]
                 column += 1
                 continue
-            begin = column - 1 if column > 0 else 0
             end = column
             while end < columns and line[end] != 0:
                 end += 1
-            stop = end if end < columns else columns - 1  # last column that can be a source
-            count = 0
-            for u in range(begin, stop + 1):
-                if line[u] == FAR:
-                    continue
-                # Not above the cone of an obstacle that bounds the run: it would never be the lowest.
-                value = float(line[u]) * float(line[u])
-                top = value + float(u) * float(u)
-                here = 0
-                while count > 0:
-                    v = vertex[count - 1]
-                    crossing = math.floor((top - height[count - 1]) / (2.0 * (u - v)))
-                    here = int(crossing) + 1
-                    if here <= border[count - 1] and count > 1:
-                        count -= 1
-                        continue
-                    if here <= begin:
-                        count -= 1
-                        here = 0
-                        continue
-                    break
-                if count == 0:
-                    here = begin
-                if here <= stop:
-                    vertex[count] = u
-                    height[count] = top
-                    border[count] = here
-                    count += 1
+            count = _envelope(line, column, end, vertex, height, border)
             if count == 0:
                 for x in range(column, end):
                     distance[row, x] = np.inf
@@ -158,6 +168,78 @@ def distance_rows(
                 high = border[k + 1] if k + 1 < count else end
                 for x in range(low, min(high, end)):
                     squared = np.int64(x - v) * np.int64(x - v) + fall
-                    distance[row, x] = np.float32(math.sqrt(float(squared)) * unit)
+                    distance[row, x] = np.float32(math.sqrt(float(squared)) * resolution_m)
                     step[row, x] = steps[min(squared, np.int64(last))]
             column = end
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def distance_update(
+    vertical: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+    resolution_m: float,
+    steps: np.ndarray,
+    distance: np.ndarray,
+    step: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As :func:`distance_rows` in a window (both ends included) outside which nothing has changed.
+
+    Returns the cells (flat) whose distance is another now, and those of them whose step is.
+    """
+    columns = vertical.shape[1]
+    vertex = np.zeros(columns + 1, np.int32)
+    height = np.zeros(columns + 1, np.float64)
+    border = np.zeros(columns + 1, np.int32)
+    squares = np.empty(columns + 1, np.int64)  # [cells^2], -1 where there is no obstacle
+    last = len(steps) - 1
+    room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
+    changed = np.empty(room, np.int32)
+    dearer = np.empty(room, np.int32)
+    count, dear = 0, 0
+    for row in range(first_row, last_row + 1):
+        line = vertical[row]
+        start = first_column
+        while start > 0 and line[start] != 0:
+            start -= 1
+        column = start
+        while column <= last_column:
+            if line[column] == 0:
+                squares[column] = 0
+                column += 1
+                continue
+            end = column
+            while end < columns and line[end] != 0:
+                end += 1
+            pieces = _envelope(line, column, end, vertex, height, border)
+            low_end, high_end = max(column, first_column), min(end, last_column + 1)
+            if pieces == 0:
+                squares[low_end:high_end] = -1
+            for k in range(pieces):
+                v = vertex[k]
+                fall = np.int64(line[v]) * np.int64(line[v])
+                low = max(border[k], low_end)
+                high = min(border[k + 1] if k + 1 < pieces else end, high_end)
+                for x in range(low, high):
+                    squares[x] = np.int64(x - v) * np.int64(x - v) + fall
+            column = end
+        here = distance[row]
+        for x in range(first_column, last_column + 1):
+            squared = squares[x]
+            fresh = (
+                np.float32(np.inf) if squared < 0 else np.float32(math.sqrt(float(squared)) * resolution_m)
+            )
+            if fresh == here[x]:
+                continue
+            here[x] = fresh
+            cell = row * columns + x
+            changed[count] = cell
+            count += 1
+            new = steps[last if squared < 0 else min(squared, last)]
+            if new != step[row, x]:
+                step[row, x] = new
+                dearer[dear] = cell
+                dear += 1
+    return changed[:count].copy(), dearer[:dear].copy()

@@ -44,6 +44,7 @@ def prune(
         if degree[node] == 1:
             tips[tip_count] = node
             tip_count += 1
+    root = np.empty(count, np.int32)
     while tip_count > 0:
         gone = 0
         for k in range(tip_count):
@@ -84,27 +85,43 @@ def prune(
                 node = ends[going[k], side]
                 if degree[node] == 0:
                     stays[node] = False
-        tip_count = 0
-        for node in range(count):
-            if degree[node] == 1:
-                tips[tip_count] = node
-                tip_count += 1
-        _keep_one(going[:gone], ends, clearance, degree, stays)
+        kept = 0
+        for k in range(tip_count):
+            if degree[tips[k]] == 1:
+                tips[kept] = tips[k]
+                kept += 1
+        tip_count = kept
+        for k in range(gone):
+            for side in range(2):
+                node = ends[going[k], side]
+                if degree[node] == 1:
+                    known = False
+                    for j in range(kept, tip_count):
+                        known |= tips[j] == node
+                    if not known:
+                        tips[tip_count] = node
+                        tip_count += 1
+        _keep_one(going[:gone], ends, clearance, degree, stays, root)
     return alive, stays, degree
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
 def _keep_one(
-    gone: np.ndarray, ends: np.ndarray, clearance: np.ndarray, degree: np.ndarray, stays: np.ndarray
+    gone: np.ndarray,
+    ends: np.ndarray,
+    clearance: np.ndarray,
+    degree: np.ndarray,
+    stays: np.ndarray,
+    root: np.ndarray,
 ) -> None:
-    """Where a round left nothing of a tree, its inner end stays: stubs of one junction share that."""
-    seen = np.zeros(len(stays), np.uint8)
+    """Where a round left nothing of a tree, its inner end stays: stubs of one junction share that.
+
+    ``root`` (n,) int32 is used in between.
+    """
+    # Isolated nodes linked by edges of this round: the component's widest stays, if none has edges left.
     for edge in gone:
         for side in range(2):
-            node = ends[edge, side]
-            seen[node] = min(seen[node] + 1, 2)
-    # Isolated nodes linked by edges of this round: the component's widest stays, if none has edges left.
-    root = np.arange(len(stays)).astype(np.int32)
+            root[ends[edge, side]] = ends[edge, side]
     for edge in gone:
         a, b = ends[edge, 0], ends[edge, 1]
         while root[a] != a:
@@ -131,15 +148,14 @@ def keep_edges(
     clearance: np.ndarray,
     ends: np.ndarray,
     measures: np.ndarray,
-    path_start: np.ndarray,
-    path: np.ndarray,
     alive: np.ndarray,
     stays: np.ndarray,
     degree: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The graph that is left, lines merged through nodes of degree 2; same form as :func:`trace`.
+    """The graph that is left, lines merged through nodes of degree 2.
 
-    A ring of such nodes keeps its widest. Edges run from the smaller node to the larger.
+    A ring of such nodes keeps its widest. Edges run from the smaller node to the larger. Returns cells of the
+    nodes, ends and measures of the edges, and of which half-edges of the raw graph each is made (CSR form).
     """
     count = len(cells)
     start, half = half_edges(count, ends)
@@ -188,8 +204,8 @@ def keep_edges(
     seen[:] = False
     out_ends = np.empty((len(ends), 2), np.int32)
     out_measures = np.empty((len(ends), 3))
-    out_start = np.zeros(len(ends) + 1, np.int32)
-    out_path = np.empty(len(path), np.int32)
+    edge_ways = np.zeros(len(ends) + 1, np.int32)
+    ways = np.empty(len(ends), np.int32)
     edges = 0
     size = 0
     for node in range(count):
@@ -200,23 +216,14 @@ def keep_edges(
             if not alive[way >> 1] or seen[way >> 1]:
                 continue
             length, cost, width = 0.0, 0.0, np.inf
-            begin = size
             while True:
                 edge = way >> 1
                 seen[edge] = True
                 length += measures[edge, 0]
                 cost += measures[edge, 1]
                 width = min(width, measures[edge, 2])
-                low, high = path_start[edge], path_start[edge + 1]
-                skip = 1 if size > begin else 0  # the cell that two edges share
-                if way & 1 == 0:
-                    for cell in range(low + skip, high):
-                        out_path[size] = path[cell]
-                        size += 1
-                else:
-                    for cell in range(high - 1 - skip, low - 1, -1):
-                        out_path[size] = path[cell]
-                        size += 1
+                ways[size] = way
+                size += 1
                 came = way ^ 1
                 other = ends[edge, came & 1]
                 if number[other] >= 0:
@@ -228,13 +235,13 @@ def keep_edges(
             out_measures[edges, 1] = cost
             out_measures[edges, 2] = width
             edges += 1
-            out_start[edges] = size
+            edge_ways[edges] = size
     return (
         out_cells,
         out_ends[:edges].copy(),
         out_measures[:edges].copy(),
-        out_start[: edges + 1].copy(),
-        out_path[:size].copy(),
+        edge_ways[: edges + 1].copy(),
+        ways[:size].copy(),
     )
 
 

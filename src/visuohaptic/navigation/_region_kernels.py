@@ -36,12 +36,14 @@ def spread(
     slowest: int,
     fastest: int,
     side: int,
+    queued: np.ndarray,
 ) -> int:
     """Spread the values of ``cells`` (flat indices) as far as they improve others; returns cells settled.
 
     ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32 hold the values before and after;
     ``slowest`` and ``fastest`` bound the steps of reachable cells. The map is worked on in squares of
     ``side`` cells, which stay in the cache; what crosses a border waits until its square's turn.
+    ``queued`` (rows * columns,) uint8 is used in between: all 0 before and after.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -57,7 +59,6 @@ def spread(
     ring -= 1
     head = np.full(ring + 1, -1, np.int32)
     item = np.empty(4096, np.int32)
-    queued = np.zeros(rows * columns, np.uint8)
     following = np.empty(4096, np.int32)
 
     across = (columns + side - 1) // side

@@ -4,6 +4,8 @@ The pair (potential, seed) of ``_region_kernels`` is one whole number here, pote
 one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
 upwards follow every way that does not turn back twice; a third looks for cells that are not
 final yet. From those ``_region_kernels.spread`` goes on.
+
+Where to work is said by tiles of the map: an edit takes back regions, which fill little of the box round them.
 """
 
 from __future__ import annotations
@@ -13,7 +15,10 @@ from numba import njit
 
 from ._region_kernels import UNREACHED
 
-__all__ = ["sweep"]
+__all__ = ["TILE", "sweep", "touch"]
+
+#: Edge of the tiles by which places of the map are noted where potentials have to be found [cells].
+TILE = 16
 
 _SHIFT = 31
 _SEED = np.int64(2**31 - 1)
@@ -22,36 +27,111 @@ _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def _runs(
-    step: np.ndarray, first_row: int, last_row: int, first_column: int, last_column: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Runs of reachable cells of a window: (first, stop) columns, and where a row's begin."""
-    width = last_column - first_column + 1
-    runs = np.empty((max(width, 1024), 2), np.int32)
-    start = np.zeros(last_row - first_row + 2, np.int32)
-    change = np.empty(width + 2, np.int32)
+def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> None:
+    """Note the tiles of cells (flat), and those up to ``around`` tiles away."""
+    high, wide = tiles.shape
+    for cell in cells:
+        row = cell // columns
+        r, c = row // TILE, (cell - row * columns) // TILE
+        if around == 0:
+            tiles[r, c] = 1
+        else:
+            tiles[
+                max(r - around, 0) : min(r + around + 1, high), max(c - around, 0) : min(c + around + 1, wide)
+            ] = 1
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _noted(tiles: np.ndarray) -> np.ndarray:
+    """Whether each row of tiles has noted ones; 0 beside the first and the last."""
+    found = np.zeros(tiles.shape[0] + 2, np.uint8)
+    for row in range(tiles.shape[0]):
+        line = tiles[row]
+        here = np.uint8(0)
+        for column in range(len(line)):
+            here |= line[column]
+        found[row + 1] = here
+    return found
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _spans(tiles: np.ndarray, row: int, ring: int, columns: int, spans: np.ndarray) -> int:
+    """Columns (first, stop) of a row of cells that are in noted tiles, or on the ring round them; how many."""
+    high, wide = tiles.shape
+    own = row // TILE
+    beside = own
+    if ring and row % TILE == 0 and own > 0:
+        beside = own - 1
+    elif ring and row % TILE == TILE - 1 and own + 1 < high:
+        beside = own + 1
+    here, other = tiles[own], tiles[beside]
     count = 0
-    for row in range(first_row, last_row + 1):
-        line = step[row, first_column : last_column + 1]
-        # No branch: where runs begin and end cannot be guessed.
-        changes = np.uint32(0)
-        before = False
-        for k in range(width):
-            reachable = line[k] != 0
-            change[changes] = k
-            changes += np.uint32(reachable != before)
-            before = reachable
-        change[changes] = width
-        if count + width > len(runs):
-            larger = np.empty((2 * len(runs), 2), np.int32)
-            larger[:count] = runs[:count]
-            runs = larger
-        for k in range(0, np.int64(changes), 2):
-            runs[count, 0] = first_column + change[k]
-            runs[count, 1] = first_column + change[k + 1]
-            count += 1
-        start[row - first_row + 1] = count
-    return runs, start
+    before = np.uint8(0)
+    for tile in range(wide):
+        noted = here[tile] | other[tile]
+        if noted != before:
+            if noted:
+                spans[count, 0] = max(tile * TILE - ring, 0)
+            else:
+                spans[count, 1] = min(tile * TILE + ring, columns)
+                count += 1
+            before = noted
+    if before:
+        spans[count, 1] = columns
+        count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _runs(
+    step: np.ndarray, tiles: np.ndarray, noted: np.ndarray, ring: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows with cells to work on, where the runs of each begin, and the runs: (first, stop) columns.
+
+    Runs are of reachable cells in noted tiles, with ``ring`` = 1 also on the ring of cells round them.
+    """
+    rows, columns = step.shape
+    used = np.empty(rows, np.int32)
+    start = np.zeros(rows + 1, np.int32)
+    runs = np.empty((max(columns, 1024), 2), np.int32)
+    change = np.empty(columns + 2, np.int32)
+    spans = np.empty((tiles.shape[1] + 1, 2), np.int32)
+    count, lines = 0, 0
+    for own in range(tiles.shape[0]):
+        above, here, below = noted[own], noted[own + 1], noted[own + 2]
+        if not (here or (ring and (above or below))):
+            continue
+        known = 0
+        for row in range(own * TILE, min((own + 1) * TILE, rows)):
+            # Rows inside a row of tiles have the same spans.
+            if row % TILE < 2 or row % TILE == TILE - 1:
+                known = _spans(tiles, row, ring, columns, spans)
+            before_row = count
+            for span in range(known):
+                first, stop = spans[span, 0], spans[span, 1]
+                line = step[row, first:stop]
+                # No branch: where runs begin and end cannot be guessed.
+                changes = np.uint32(0)
+                before = False
+                for k in range(len(line)):
+                    reachable = line[k] != 0
+                    change[changes] = k
+                    changes += np.uint32(reachable != before)
+                    before = reachable
+                change[changes] = len(line)
+                if count + len(line) > len(runs):
+                    larger = np.empty((2 * len(runs), 2), np.int32)
+                    larger[:count] = runs[:count]
+                    runs = larger
+                for k in range(0, np.int64(changes), 2):
+                    runs[count, 0] = first + change[k]
+                    runs[count, 1] = first + change[k + 1]
+                    count += 1
+            if count > before_row:
+                used[lines] = row
+                lines += 1
+                start[lines] = count
+    return used[:lines], start, runs
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -127,46 +207,38 @@ def _better(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def sweep(
-    step: np.ndarray,
-    potential: np.ndarray,
-    seed: np.ndarray,
-    first_row: int,
-    last_row: int,
-    first_column: int,
-    last_column: int,
-) -> np.ndarray:
-    """Improve the values of a window (both ends included) from each other and from the cells round it.
+def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.ndarray) -> np.ndarray:
+    """Improve the values in noted tiles from each other and from the cells round them.
 
-    ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``. Returns the
-    cells (flat) of the window and of the ring round it whose ways onward have to be looked at still.
+    ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``; ``tiles`` uint8,
+    one per ``TILE`` x ``TILE`` cells, 1 where noted, all 0 afterwards. Returns the cells (flat) of the tiles
+    and of the ring round them whose ways onward have to be looked at still.
     """
-    rows, columns = step.shape
+    columns = step.shape[1]
     here = np.empty(columns + 2, np.int64)
     below = np.empty(columns + 2, np.int64)
     above = np.empty(columns + 2, np.int64)
     best = np.empty(columns + 2, np.int64)
-    bottom, top, low, high = first_row, last_row, first_column, last_column
-    runs, start = _runs(step, bottom, top, low, high)
+    noted = _noted(tiles)
+    used, start, runs = _runs(step, tiles, noted, 0)
     for way in (1, -1):
-        row = bottom if way == 1 else top
-        for _ in range(bottom, top + 1):
-            for run in range(start[row - bottom], start[row - bottom + 1]):
+        for line in range(len(used)):
+            number = line if way == 1 else len(used) - 1 - line
+            row = used[number]
+            for run in range(start[number], start[number + 1]):
                 first, stop = runs[run, 0], runs[run, 1]
                 _load(potential, seed, row - way, first, stop, below)
                 _load(potential, seed, row, first, stop, here)
                 _enter(step[row, first:stop], here, below, best)
                 _along(here, best, potential[row, first:stop], seed[row, first:stop])
-            row += way
-    # The ring is looked at as well: the window's new values may lead there.
-    bottom, top = max(first_row - 1, 0), min(last_row + 1, rows - 1)
-    low, high = max(first_column - 1, 0), min(last_column + 1, columns - 1)
-    if (bottom, top, low, high) != (first_row, last_row, first_column, last_column):
-        runs, start = _runs(step, bottom, top, low, high)
+    # The ring is looked at as well: the tiles' new values may lead there.
+    used, start, runs = _runs(step, tiles, noted, 1)
+    tiles[:] = 0
     found = np.empty(1024, np.int32)
     count = 0
-    for row in range(bottom, top + 1):
-        for run in range(start[row - bottom], start[row - bottom + 1]):
+    for number in range(len(used)):
+        row = used[number]
+        for run in range(start[number], start[number + 1]):
             first, stop = runs[run, 0], runs[run, 1]
             _load(potential, seed, row - 1, first, stop, below)
             _load(potential, seed, row, first, stop, here)

@@ -7,22 +7,18 @@ from numba import njit
 
 from ._region_kernels import UNREACHED, diagonal
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
+from ._sweep_kernels import TILE, touch
 
 __all__ = [
-    "TILE",
-    "cells_near_changes",
     "differences",
     "distance_window",
     "footprint",
     "forget",
+    "on_skeleton",
+    "queue_near",
     "release",
-    "touch",
-    "windows",
     "with_neighbours",
 ]
-
-#: Edge of the tiles by which places of the map are noted where potentials have to be found again [cells].
-TILE = 16
 
 _QUEUED = np.uint8(2)
 _FORGOTTEN = np.uint8(8)
@@ -138,46 +134,23 @@ def distance_window(
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
-def cells_near_changes(
-    before: np.ndarray,
-    step_before: np.ndarray,
-    distance: np.ndarray,
-    step: np.ndarray,
-    mark: np.ndarray,
-    first_row: int,
-    first_column: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of a window whose step changed, and those whose distance did with their neighbours.
-
-    The second are queued for thinning.
-    """
-    rows, columns = distance.shape
-    changed = np.empty(before.size, np.int32)
-    dearer = np.empty(before.size, np.int32)
-    count = 0
-    steps = 0
-    for row in range(before.shape[0]):
-        for column in range(before.shape[1]):
-            r, c = first_row + row, first_column + column
-            if before[row, column] != distance[r, c]:
-                changed[count] = r * columns + c
-                count += 1
-                if step_before[row, column] != step[r, c]:
-                    dearer[steps] = r * columns + c
-                    steps += 1
-    near = np.empty(9 * count, np.int32)
+def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
+    """Queue cells (flat) and their neighbours for thinning; returns them, each once."""
+    rows, columns = mark.shape
+    flat = mark.ravel()
+    near = np.empty(9 * len(changed), np.int32)
     total = 0
-    for place in range(count):
-        cell = changed[place]
-        row, column = cell // columns, cell % columns
-        for k in range(9):
-            r = row + ROW_STEP[k] if k < 8 else row
-            c = column + COLUMN_STEP[k] if k < 8 else column
-            if 0 <= r < rows and 0 <= c < columns and not mark[r, c] & _QUEUED:
-                mark[r, c] |= _QUEUED
-                near[total] = r * columns + c
-                total += 1
-    return dearer[:steps].copy(), near[:total].copy()
+    for cell in changed:
+        row = cell // columns
+        column = cell - row * columns
+        left, right = max(column - 1, 0), min(column + 1, columns - 1)
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for other in range(r * columns + left, r * columns + right + 1):
+                if not flat[other] & _QUEUED:
+                    flat[other] |= _QUEUED
+                    near[total] = other
+                    total += 1
+    return near[:total].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -198,52 +171,6 @@ def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarra
             i += 1
             j += 1
     return removed[:gone].copy(), added[:come].copy()
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def touch(tiles: np.ndarray, cells: np.ndarray, columns: int) -> None:
-    """Note the tiles of cells (flat)."""
-    for cell in cells:
-        row = cell // columns
-        tiles[row // TILE, (cell - row * columns) // TILE] = 1
-
-
-@njit(cache=True, error_model="numpy", boundscheck=False)
-def windows(tiles: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Windows (first and last row, first and last column) round tiles that hang together, (w, 4)."""
-    high, wide = tiles.shape
-    stack = np.empty(high * wide, np.int32)
-    found = np.empty((16, 4), np.int64)
-    count = 0
-    for row in range(high):
-        for column in range(wide):
-            if tiles[row, column] == 0:
-                continue
-            tiles[row, column] = 0
-            stack[0] = row * wide + column
-            used = 1
-            low_row, top_row, low_column, top_column = row, row, column, column
-            while used > 0:
-                used -= 1
-                r0, c0 = stack[used] // wide, stack[used] % wide
-                low_row, top_row = min(low_row, r0), max(top_row, r0)
-                low_column, top_column = min(low_column, c0), max(top_column, c0)
-                for r in range(max(r0 - 1, 0), min(r0 + 2, high)):
-                    for c in range(max(c0 - 1, 0), min(c0 + 2, wide)):
-                        if tiles[r, c] != 0:
-                            tiles[r, c] = 0
-                            stack[used] = r * wide + c
-                            used += 1
-            if count == len(found):
-                larger = np.empty((2 * count, 4), np.int64)
-                larger[:count] = found
-                found = larger
-            found[count, 0] = low_row * TILE
-            found[count, 1] = min((top_row + 1) * TILE, rows) - 1
-            found[count, 2] = low_column * TILE
-            found[count, 3] = min((top_column + 1) * TILE, columns) - 1
-            count += 1
-    return found[:count].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -368,8 +295,21 @@ def forget(
         flat_seed[gone[place]] = -1
     for place in range(count):
         flat_mark[gone[place]] &= np.uint8(7)
-    touch(tiles, gone[:count], columns)
+    touch(tiles, gone[:count], columns, 0)
     return True
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
+    """Those of some cells (flat) that are on the skeleton."""
+    flat = mark.ravel()
+    found = np.empty(len(cells), np.int32)
+    count = 0
+    for cell in cells:
+        if flat[cell] & 1:
+            found[count] = cell
+            count += 1
+    return found[:count].copy()
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)

@@ -14,7 +14,8 @@ from ..objects import HapticTag
 from ..recording.occupancy_map import OccupancyMap
 from .goal_map import _path_distance
 from .local_ground import Footprint, LocalGround, local_ground
-from .push_failure import PushDoubt, centre_from_tag, push_failure_probability, simulated_failure
+from .node_costs import failure_probability
+from .push_failure import PushDoubt, centre_from_tag, simulated_failure
 from .push_model import PushModel, area_and_centroid
 
 __all__ = ["ContactPoint", "DirectPush", "PushLimits", "contact_points", "plan_direct_push"]
@@ -257,7 +258,7 @@ def _push(
         return None
     length = STEP_M * row
     cost = limits.setup_time_s + length / limits.v_push_m_s
-    failure = push_failure_probability(tag, length)
+    failure = failure_probability(tag, length, limits)
     # A slanted contact slides first: one that is at the tolerance counts as half as good.
     failure = 1.0 - (1.0 - failure) * (1.0 - 0.5 * (contact.slant_rad / limits.tolerance_rad) ** 2)
     return DirectPush(contact, platforms[: row + 1], objects[row], length, cost, failure)

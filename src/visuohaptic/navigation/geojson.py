@@ -19,7 +19,7 @@ from jaxtyping import Float, Int
 from ..errors import InputError
 from ..files import write_text
 from ..recording.occupancy_map import OccupancyMap
-from .graph import NavigationGraph
+from .graph import EdgePaths, NavigationGraph
 
 __all__ = ["RouteGraph", "load_graph", "load_route_graph", "save_graph", "save_route_graph"]
 
@@ -196,7 +196,8 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     if not all(map.inside(part).all() for part in every):
         raise InputError(path, "found a point outside its grid", field="coordinates")
     component, components = label_components(len(nodes), joined)
-    lengths = np.array([len(part) for part in paths], dtype=np.int32)
+    start = np.concatenate([[0], np.cumsum([len(part) for part in paths])]).astype(np.int32)
+    path_cells = np.concatenate(paths) if paths else np.empty((0, 2), np.int32)
     graph = NavigationGraph(
         cells,
         map.world_from_cell(cells),
@@ -204,8 +205,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
         np.array([_number(path, edge, "cost") for edge in edges]),
         np.array([_number(path, edge, "length_m") for edge in edges]),
         np.array([_number(path, edge, "clearance_m") for edge in edges]),
-        np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32),
-        np.concatenate(paths) if paths else np.empty((0, 2), np.int32),
+        EdgePaths(lambda: (start, path_cells)),
         component,
         components,
     )

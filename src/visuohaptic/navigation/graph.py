@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -10,10 +12,31 @@ import numpy as np
 from jaxtyping import Float, Int, Int32, UInt8
 
 from ..errors import InputError
+from ._lines import RawGraph, SkeletonLines, speeds
 from .grid import GridLayers
 from .skeleton import skeleton_marks
 
-__all__ = ["NavigationGraph", "build_graph"]
+__all__ = ["EdgePaths", "NavigationGraph", "build_graph"]
+
+
+class EdgePaths:
+    """Cells of the paths of all edges; those of an edited map are written when they are first asked for.
+
+    Parameters
+    ----------
+    write
+        Returns where an edge's cells begin (m+1,), and all cells (row, column) (p, 2).
+    """
+
+    def __init__(
+        self, write: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]]
+    ) -> None:
+        self._write = write
+
+    @cached_property
+    def written(self) -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
+        """Where an edge's cells begin, and all cells."""
+        return self._write()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,11 +53,20 @@ class NavigationGraph:
     edge_cost_s: Float[np.ndarray, "m"]  #: time along the path at the speed of Eq. (4.1)
     edge_length_m: Float[np.ndarray, "m"]  #: length of the path
     edge_clearance_m: Float[np.ndarray, "m"]  #: smallest distance from an obstacle on the path
-    path_start: Int32[np.ndarray, "m+1"]  #: where an edge's cells begin in ``path_cells``
-    path_cells: Int32[np.ndarray, "p 2"]  #: (row, column), from the first node to the second
+    paths: EdgePaths = field(repr=False)  #: see ``path_start`` and ``path_cells``
     component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
     components: int  #: connected parts
     _searching: list[Any] = field(default_factory=list, repr=False)  # CSR form, made by the first query
+
+    @property
+    def path_start(self) -> Int32[np.ndarray, "m+1"]:
+        """Where an edge's cells begin in ``path_cells``."""
+        return self.paths.written[0]
+
+    @property
+    def path_cells(self) -> Int32[np.ndarray, "p 2"]:
+        """(row, column) of each edge's cells, from its first node to its second."""
+        return self.paths.written[1]
 
     @property
     def nodes(self) -> int:
@@ -90,8 +122,6 @@ def graph_from_marks(
     spacing_m: float | None,
 ) -> NavigationGraph:
     """The graph of a skeleton; ``mark`` is 1 on its cells."""
-    from ._lines import SkeletonLines
-
     for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
@@ -100,72 +130,71 @@ def graph_from_marks(
     return graph_from_decisions(layers, decisions_from_lines(layers, raw, stub_length_m, spacing_m))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Decisions:
+    """What stays of traced lines: nodes at decisions, edges, and how to write down their paths."""
+
+    cells: Int32[np.ndarray, "n"]  #: of the nodes (row * columns + column), ascending
+    ends: Int32[np.ndarray, "m 2"]
+    measures: Float[np.ndarray, "m 3"]  #: length [m], cost [s], clearance [m]
+    paths: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p"]]]  #: cells (flat) in CSR form
+
+
 def decisions_from_lines(
-    layers: GridLayers, raw: tuple[np.ndarray, ...], stub_length_m: float | None, spacing_m: float | None
-) -> tuple[np.ndarray, ...]:
-    """What stays of traced lines: cells of the nodes, then edges and paths as of ``_graph_kernels.join_lines``."""
+    layers: GridLayers, raw: RawGraph, stub_length_m: float | None, spacing_m: float | None
+) -> Decisions:
+    """Remove stubs and merge what is no decision."""
     from ._prune_kernels import keep_edges, prune
 
-    cells, ends, measures, path_start, path = raw
-    clearance = layers.distance_m.ravel()[cells]
-    alive, stays, degree = prune(
-        clearance, ends, measures[:, 0].copy(), -1.0 if stub_length_m is None else stub_length_m
+    left = prune(
+        raw.clearance_m,
+        raw.ends,
+        raw.measures[:, 0].copy(),
+        -1.0 if stub_length_m is None else stub_length_m,
     )
-    nodes, ends, measures, path_start, path = keep_edges(
-        cells, clearance, ends, measures, path_start, path, alive, stays, degree
+    nodes, ends, measures, edge_ways, ways = keep_edges(
+        raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
     )
-    if spacing_m:
-        nodes, ends, measures, path_start, path = _spaced(
-            layers, nodes, ends, measures, path_start, path, spacing_m
-        )
-    return nodes, ends, measures, path_start, path
+    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_ways, ways))
+    return _spaced(layers, found, spacing_m) if spacing_m else found
 
 
-def graph_from_decisions(layers: GridLayers, found: tuple[np.ndarray, ...]) -> NavigationGraph:
+def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGraph:
     """The graph of what :func:`decisions_from_lines` has left."""
     from ._prune_kernels import label_components
 
-    nodes, ends, measures, path_start, path = found
     columns = layers.shape[1]
-    component, components = label_components(len(nodes), ends)
-    node_cells = np.column_stack(np.divmod(nodes, columns)).astype(np.int32)
+
+    def write() -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
+        start, path = found.paths()
+        return start, np.column_stack(np.divmod(path, columns)).astype(np.int32)
+
+    component, components = label_components(len(found.cells), found.ends)
+    node_cells = np.column_stack(np.divmod(found.cells, columns)).astype(np.int32)
     return NavigationGraph(
         node_cells,
         layers.map.world_from_cell(node_cells),
-        ends,
-        measures[:, 1].copy(),
-        measures[:, 0].copy(),
-        measures[:, 2].copy(),
-        path_start,
-        np.column_stack(np.divmod(path, columns)).astype(np.int32),
+        found.ends,
+        found.measures[:, 1].copy(),
+        found.measures[:, 0].copy(),
+        found.measures[:, 2].copy(),
+        EdgePaths(write),
         component,
         components,
     )
 
 
-def _speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
-    limits = layers.limits
-    return np.array([limits.radius_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
-
-
-def _spaced(
-    layers: GridLayers,
-    nodes: np.ndarray,
-    ends: np.ndarray,
-    measures: np.ndarray,
-    path_start: np.ndarray,
-    path: np.ndarray,
-    spacing_m: float,
-) -> tuple[np.ndarray, ...]:
+def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decisions:
     """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
-    from ._graph_kernels import measure_paths
+    from ._junction_kernels import measure_paths
 
+    path_start, path = before.paths()
     columns = layers.shape[1]
-    taken = set(nodes.tolist())
+    taken = set(before.cells.tolist())
     pieces = []
-    for edge in range(len(ends)):
+    for edge in range(len(before.ends)):
         cells = path[path_start[edge] : path_start[edge + 1]]
-        count = round(measures[edge, 0] / spacing_m)
+        count = round(before.measures[edge, 0] / spacing_m)
         cuts = [0]
         if count > 1:
             rows, cols = np.divmod(cells, columns)
@@ -186,5 +215,6 @@ def _spaced(
     lengths = np.array([len(turned[k]) for k in order], dtype=np.int32)
     start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
     flat = np.concatenate([turned[k] for k in order]) if len(order) else path
-    measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, _speeds(layers))
-    return found, np.searchsorted(found, joined[order]).astype(np.int32), measured, start, flat
+    measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, speeds(layers))
+    ends = np.searchsorted(found, joined[order]).astype(np.int32)
+    return Decisions(found, ends, measured, lambda: (start, flat))

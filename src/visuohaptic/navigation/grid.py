@@ -148,13 +148,12 @@ def grid_layers(
     """
     from ._distance_kernels import distance_rows, vertical_cells
 
-    rows, columns = map.shape
     steps, unit_s = limits.step_table(map.resolution_m)
     vertical = np.zeros(map.shape, np.uint16)
     vertical_cells(np.ascontiguousarray(map.cells), OBSTACLE_FROM, not unknown_is_free, vertical)
     distance_m = np.zeros(map.shape, np.float32)
     step = np.zeros(map.shape, np.uint16)
-    distance_rows(vertical, 0, rows - 1, 0, columns - 1, map.resolution_m, steps, distance_m, step)
+    distance_rows(vertical, map.resolution_m, steps, distance_m, step)
     return GridLayers(
         map, limits, unknown_is_free, distance_m, step, unit_s, vertical if keep_vertical else None
     )

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Int32
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 from ._lines import SkeletonLines
-from .graph import NavigationGraph, decisions_from_lines, graph_from_decisions
+from .graph import Decisions, NavigationGraph, decisions_from_lines, graph_from_decisions
 from .grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from .regions import SQUARE, Regions, assign_regions, step_bounds
 from .skeleton import skeleton_marks
@@ -22,8 +22,8 @@ _MANY = 8000
 #: So few cells are done sooner by the queue than by further passes, of which there are at most so many.
 _FEW = 24
 _MORE_SWEEPS = 6
-#: A window that values leave grows by so many cells.
-_GROW = 160
+#: Where values go on from, so many tiles around are worked on.
+_GROW = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
@@ -76,7 +76,7 @@ class NavigationMap:
         stub_length_m: float | None = None,
         spacing_m: float | None = None,
     ) -> None:
-        from ._update_kernels import TILE
+        from ._sweep_kernels import TILE
 
         self._base = np.array(map.cells, dtype=np.int8, order="C")
         self._covered = np.zeros(map.shape, np.uint16)  # obstacles on each cell
@@ -89,6 +89,7 @@ class NavigationMap:
         )
         self._bounds = step_bounds(self.layers)
         self._steps = limits.step_table(map.resolution_m)[0]
+        self._queued = np.zeros(self._base.size, np.uint8)  # for the search of regions, all 0 between edits
         self._tiles = np.zeros([-(-side // TILE) for side in map.shape], np.uint8)
         self._mark = skeleton_marks(self.layers)
         self._lines = SkeletonLines(map.shape)
@@ -197,8 +198,8 @@ class NavigationMap:
 
     def _update_distance(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances and steps; returns cells whose step changed, and those that have to be thinned again."""
-        from ._distance_kernels import distance_rows, vertical_update
-        from ._update_kernels import cells_near_changes, distance_window
+        from ._distance_kernels import distance_update, vertical_update
+        from ._update_kernels import distance_window, queue_near
 
         layers = self.layers
         resolution_m = layers.map.resolution_m
@@ -209,45 +210,43 @@ class NavigationMap:
             vertical_update(
                 layers.map.cells, OBSTACLE_FROM, not layers.unknown_is_free, layers.vertical, *box
             )
-        views = [(slice(w[0], w[1] + 1), slice(w[2], w[3] + 1)) for w in windows]
-        before = [(layers.distance_m[view].copy(), layers.step[view].copy()) for view in views]
-        for window in windows:
-            distance_rows(layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step)
-        # Only now: the work on one window writes whole runs, which may reach into the other.
         found = [
-            cells_near_changes(*old, layers.distance_m, layers.step, self._mark, window[0], window[2])
-            for old, window in zip(before, windows, strict=True)
+            distance_update(
+                layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step
+            )
+            for window in windows
         ]
-        changed, near = zip(*found, strict=True)
-        return np.concatenate(changed), np.concatenate(near)
+        changed, dearer = (np.concatenate(cells) for cells in zip(*found, strict=True))
+        return dearer, queue_near(changed, self._mark)
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
         from ._skeleton_kernels import refine
-        from ._update_kernels import with_neighbours
+        from ._update_kernels import on_skeleton, with_neighbours
 
         # Small distances first: few cells are then looked at more than once.
-        near = near[np.argsort(self.layers.distance_m.ravel()[near])]
-        turned = refine(self.layers.distance_m, self.layers.step, self._mark, near)
+        order = near[np.argsort(self.layers.distance_m.ravel()[near])]
+        turned = refine(self.layers.distance_m, self.layers.step, self._mark, order)
+        # Cells that have left the skeleton are beside a changed mark, their own.
         beside = with_neighbours(turned, *self.map.shape)
-        self._before = self._decisions[0]
-        self._decisions = self._traced(np.concatenate([near, beside]))
+        self._before = self._decisions.cells
+        self._decisions = self._traced(np.concatenate([on_skeleton(near, self._mark), beside]))
         self._graph = self._regions = None
 
-    def _traced(self, touched: Int32[np.ndarray, "c"]) -> tuple[np.ndarray, ...]:
-        lines = self._lines.follow(self.layers, self._mark, touched)
-        return decisions_from_lines(self.layers, lines, self._stub_length_m, self._spacing_m)
+    def _traced(self, touched: Int32[np.ndarray, "c"]) -> Decisions:
+        raw = self._lines.follow(self.layers, self._mark, touched)
+        return decisions_from_lines(self.layers, raw, self._stub_length_m, self._spacing_m)
 
     def _update_regions(self, changed: np.ndarray) -> None:
         """Take back potentials that rest on changed cells or removed nodes, and fill the gap."""
         from ._region_kernels import spread
-        from ._sweep_kernels import sweep
-        from ._update_kernels import differences, forget, release, touch, windows
+        from ._sweep_kernels import sweep, touch
+        from ._update_kernels import differences, forget, release
 
         layers = self.layers
-        rows, columns = layers.shape
+        columns = layers.shape[1]
         potential, seed = self._potential, self._seed
-        seeds = self._decisions[0]
+        seeds = self._decisions.cells
         removed, added = differences(self._before, seeds)
         release(potential, seed, removed, self._tiles)
         if not forget(layers.step, self._mark, potential, seed, changed, self._tiles, _MANY):
@@ -259,31 +258,16 @@ class NavigationMap:
         lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost
-        touch(self._tiles, lost, columns)
-        left = []
-        for window in windows(self._tiles, rows, columns):
-            found = sweep(layers.step, potential, seed, *window)
-            for _ in range(_MORE_SWEEPS):
-                if len(found) < _FEW:
-                    break
-                # Ways that turn back need more passes, and those that leave the window a larger one.
-                row, column = np.divmod(found, columns)
-                window = (
-                    window[0] - _GROW * (row.min() < window[0]),
-                    window[1] + _GROW * (row.max() > window[1]),
-                    window[2] - _GROW * (column.min() < window[2]),
-                    window[3] + _GROW * (column.max() > window[3]),
-                )
-                window = (
-                    max(window[0], 0),
-                    min(window[1], rows - 1),
-                    max(window[2], 0),
-                    min(window[3], columns - 1),
-                )
-                found = sweep(layers.step, potential, seed, *window)
-            left.append(found)
-        if left:
-            spread(layers.step, potential, seed, np.concatenate(left), *self._bounds, SQUARE)
+        touch(self._tiles, lost, columns, 0)
+        left = sweep(layers.step, potential, seed, self._tiles)
+        for _ in range(_MORE_SWEEPS):
+            if len(left) < _FEW:
+                break
+            # Ways that turn back need more passes, and those that leave the tiles more of them.
+            touch(self._tiles, left, columns, _GROW)
+            left = sweep(layers.step, potential, seed, self._tiles)
+        if len(left):
+            spread(layers.step, potential, seed, left, *self._bounds, SQUARE, self._queued)
 
 
 def _boxes(cells: Int[np.ndarray, "c 2"]) -> list[tuple[int, int, int, int]]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..files import write_text
+from .geojson import _feature
 from .joint_graph import JointGraph
 
 __all__ = ["save_joint_route_graph"]
@@ -53,8 +54,8 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
                         "trigger": "ON_ENTER",
                         "metadata": {
                             "object": node.kind.id,
-                            "seconds": node.task_s,
-                            "failure_probability": node.kind.failure_probability(joint.robot),
+                            "seconds": float(node.task_s),
+                            "failure_probability": float(node.kind.failure_probability(joint.robot)),
                         },
                     }
                 }
@@ -63,11 +64,3 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
             number += 1
     data = {"type": "FeatureCollection", "name": Path(path).stem, "features": features}
     write_text(path, json.dumps(data, allow_nan=False) + "\n")
-
-
-def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "properties": properties,
-        "geometry": {"type": kind, "coordinates": coordinates},
-    }

@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import erf, isfinite, log, sqrt
+from typing import Protocol
 
+from ..errors import InputError
 from ..objects import Estimate, HapticTag
 from .problem import RobotModel
 
@@ -110,18 +112,41 @@ def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | 
     return robot.v_push_m_s * (1.0 + effort * (costs.slowest_share - 1.0))
 
 
+class PushForce(Protocol):
+    """What has a largest pushing force: a robot, or the limits of a push."""
+
+    @property
+    def push_force_max_N(self) -> float:
+        """The platform pushes at most so hard [N]."""
+
+
 def failure_probability(
-    tag: HapticTag | None, length_m: float, robot: RobotModel, costs: PushCosts | None = None
+    tag: HapticTag | None, length_m: float, robot: PushForce, costs: PushCosts | None = None
 ) -> float:
     """Probability that one push of a length fails: the counters, and what the tag is unsure of.
 
     The counters give a Beta posterior mean; force, drift and rotation the
     probability that the next push exceeds what the platform or the limits
-    allow, with the predictive sigma of each estimate.
+    allow, with the predictive sigma of each estimate. Drift and rotation go either way.
+
+    Parameters
+    ----------
+    tag
+        ``None`` for an object that was never touched. What is fixed or falls fails for certain.
+    length_m
+        Way of the object [m], 0 where only the counters and the force count.
+    robot
+        Its largest force.
+    costs
+        Limits and priors.
     """
+    if not (isfinite(length_m) and length_m >= 0):
+        raise InputError("failure_probability", f"found a length of {length_m} m, expected at least 0")
     costs = costs or PushCosts()
     if tag is None:
         return 1.0 - costs.unknown_movable
+    if tag.fixed or tag.falls:
+        return 1.0
     holds = 1.0 - _from_counters(tag, costs)
     force = _largest_force(tag)
     if force is not None:
@@ -131,7 +156,8 @@ def failure_probability(
         (tag.rotation_rad_per_m, costs.rotation_limit_rad),
     ):
         if estimate is not None and length_m > 0:
-            holds *= 1.0 - _exceeds(abs(estimate.value), estimate.predictive_sigma, limit / length_m)
+            mean, sigma = estimate.value * length_m, estimate.predictive_sigma * length_m
+            holds *= 1.0 - min(_exceeds(mean, sigma, limit) + _exceeds(-mean, sigma, limit), 1.0)
     return 1.0 - holds
 
 

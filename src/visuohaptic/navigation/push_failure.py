@@ -1,4 +1,4 @@
-"""How likely a push fails: from the haptic tag, and from simulation with what is not known."""
+"""How likely a push fails by simulation with what is not known; from the tag alone: ``node_costs``."""
 
 from __future__ import annotations
 
@@ -9,15 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from ..objects import Estimate, HapticTag
+from ..objects import HapticTag
 from .push_model import PushModel
 
-__all__ = ["PushDoubt", "centre_from_tag", "push_failure_probability", "simulated_failure"]
-
-#: Standard deviation of what a tag does not tell: Table 4.1 has drifts of 0.03 to 0.3 m/m.
-DRIFT_PRIOR, ROTATION_PRIOR_RAD_PER_M = 0.1, 0.8
-#: The physical estimate counts as many explorations.
-PRIOR_EXPLORATIONS = 2.0
+__all__ = ["PushDoubt", "centre_from_tag", "simulated_failure"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,49 +35,6 @@ class PushDoubt:
         spread = np.array([self.place_m, self.place_m, self.yaw_rad])
         drawn = replace(model, contact_friction=friction, support_m=support)
         return drawn, np.asarray(object_m, dtype=np.float64) + spread * rng.standard_normal(3)
-
-
-def push_failure_probability(
-    tag: HapticTag | None,
-    length_m: float,
-    *,
-    slide_limit_m: float = 0.12,
-    turn_limit_rad: float = 0.7,
-) -> float:
-    """Probability that an object leaves the platform, or cannot be moved, in a direct push of a length.
-
-    The contact slides by H_S times the length, the object turns by H_R times
-    the length; both are normal about the tag's values with their predictive
-    spread, and one of them beyond its limit ends the push. The two have one
-    cause, a push beside the centre of friction, so the larger probability
-    counts, not both. Explorations and failures weigh against that estimate as
-    counts (the mean of a Beta distribution).
-
-    Parameters
-    ----------
-    tag
-        What is known; ``None`` for nothing. Fields that were not observed get a wide prior.
-    length_m
-        Of the push.
-    slide_limit_m
-        Sideways shift of the contact at which it is lost; less than the
-        platform's radius, where the rim looks away.
-    turn_limit_rad
-        Turn of the object after which the plan no longer holds.
-    """
-    if not (math.isfinite(length_m) and length_m >= 0 and slide_limit_m > 0 and turn_limit_rad > 0):
-        raise InputError(
-            "push_failure_probability",
-            f"found length {length_m} m, limits {slide_limit_m} m, {turn_limit_rad} rad; expected >= 0 and > 0",
-        )
-    tag = tag if tag is not None else HapticTag()
-    if tag.fixed or tag.falls:
-        return 1.0
-    slides = _beyond(tag.drift, DRIFT_PRIOR, length_m, slide_limit_m)
-    turns = _beyond(tag.rotation_rad_per_m, ROTATION_PRIOR_RAD_PER_M, length_m, turn_limit_rad)
-    explored = max(tag.explored, tag.failed, 0)
-    physical = max(slides, turns)
-    return (max(tag.failed, 0) + PRIOR_EXPLORATIONS * physical) / (explored + PRIOR_EXPLORATIONS)
 
 
 def centre_from_tag(
@@ -179,13 +131,3 @@ def _free_way(
     rows = np.flatnonzero(np.isfinite(trace.contact_m[:, 0]))
     row = int(rows[0]) if len(rows) else len(path) - 1
     return float(np.hypot(*(path[row, :2] - path[0, :2])))
-
-
-def _beyond(estimate: Estimate | None, prior: float, length_m: float, limit: float) -> float:
-    """Probability that a rate times a length is beyond +-limit."""
-    mean, sigma = (0.0, prior) if estimate is None else (estimate.value, estimate.predictive_sigma)
-    mean, sigma = mean * length_m, sigma * length_m
-    if sigma <= 0.0:
-        return 1.0 if abs(mean) > limit else 0.0
-    high, low = (limit - mean) / sigma, (-limit - mean) / sigma
-    return 0.5 * math.erfc(high / math.sqrt(2.0)) + 0.5 * math.erfc(-low / math.sqrt(2.0))

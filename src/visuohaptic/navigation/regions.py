@@ -90,7 +90,7 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     with the smaller cell, so that the result does not depend on the order of the work.
     """
     from ._region_kernels import UNREACHED, spread
-    from ._sweep_kernels import sweep
+    from ._sweep_kernels import TILE, sweep
 
     columns = layers.shape[1]
     potential = np.full(layers.shape, UNREACHED, np.int32)
@@ -98,9 +98,10 @@ def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
     cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
     potential.ravel()[cells] = 0
     seed.ravel()[cells] = cells
-    left = sweep(layers.step, potential, seed, 0, layers.shape[0] - 1, 0, columns - 1)
+    left = sweep(layers.step, potential, seed, np.ones([-(-side // TILE) for side in layers.shape], np.uint8))
     if len(left):
-        spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE)
+        queued = np.zeros(layers.step.size, np.uint8)
+        spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE, queued)
     return Regions(potential, seed, layers.unit_s, layers, graph)
 
 

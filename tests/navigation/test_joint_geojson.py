@@ -1,0 +1,145 @@
+"""Exported graphs keep to what the Nav2 route server's loader asks for, as its own sample graph does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from visuohaptic.navigation.geojson import save_route_graph
+from visuohaptic.navigation.graph import build_graph
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.joint_geojson import save_joint_route_graph
+from visuohaptic.navigation.joint_graph import extend_graph
+from visuohaptic.navigation.node_types import DoorNode, ManipulationNode, SlidingDoorNode, TransparencyNode
+from visuohaptic.navigation.regions import assign_regions
+
+from .plan_scenes import ROBOT, box, office
+
+TRIGGERS = {"NODE", "ON_ENTER", "ON_EXIT"}
+
+
+def faults(path: Path) -> list[str]:
+    """What the loader of the route server would stop at or misread, by its documented format."""
+    features = json.loads(path.read_text())["features"]
+    nodes = [f for f in features if f["geometry"]["type"] == "Point"]
+    edges = [f for f in features if f["geometry"]["type"] in {"LineString", "MultiLineString"}]
+    found = []
+    if not nodes or not edges or len(nodes) + len(edges) != len(features):
+        found.append("nodes and edges, and nothing else")
+    ids = [f["properties"]["id"] for f in features]
+    if len(set(ids)) < len(ids) or not all(type(i) is int and 0 <= i < 2**32 for i in ids):
+        found.append("ids are whole numbers that nodes and edges share")
+    known = {f["properties"]["id"] for f in nodes}
+    for feature in nodes:
+        x, y = feature["geometry"]["coordinates"]
+        if not (np.isfinite([x, y]).all() and isinstance(feature["properties"].get("frame", ""), str)):
+            found.append(f"node {feature['properties']['id']}")
+    for feature in edges:
+        own = feature["properties"]
+        if not {own["startid"], own["endid"]} <= known:
+            found.append(f"edge {own['id']}: no such node")
+        cost = own.get("cost", 0.0)
+        if not (isinstance(cost, int | float) and cost >= 0 and np.isfinite(cost)):
+            found.append(f"edge {own['id']}: cost {cost}")
+        if type(own.get("overridable", True)) is not bool:
+            found.append(f"edge {own['id']}: overridable")
+    for feature in features:
+        own = feature["properties"]
+        for name, operation in own.get("operations", {}).items():
+            if type(operation["type"]) is not str or operation["trigger"] not in TRIGGERS:
+                found.append(f"operation {name} of {own['id']}")
+            found += _unread(operation.get("metadata", {}), f"{own['id']}.{name}")
+        found += _unread(own.get("metadata", {}), str(own["id"]))
+    return found
+
+
+def _unread(metadata: dict[str, Any], where: str) -> list[str]:
+    """The loader takes numbers, texts, truth values, lists of those and objects; null makes it throw."""
+    found = []
+    for key, value in metadata.items():
+        if isinstance(value, dict):
+            found += _unread(value, f"{where}.{key}")
+        elif not all(
+            isinstance(v, bool | int | float | str) for v in (value if isinstance(value, list) else [value])
+        ):
+            found.append(f"{where}.{key}")
+    return found
+
+
+@pytest.fixture(scope="module")
+def joint():
+    problem = office()
+    layers = grid_layers(problem.map, SpeedLimits(ROBOT.radius_m))
+    graph = build_graph(layers)
+    outline = problem.objects[0].footprint_m
+    glass = box(*graph.node_m[0], 0.3, 0.3)
+    kinds = [
+        *(ManipulationNode(item, 0.15) for item in problem.objects),
+        DoorNode("wing", outline, 0.9),
+        SlidingDoorNode("slide", outline),
+        TransparencyNode("glass", glass),
+    ]
+    return extend_graph(graph, assign_regions(layers, graph), ROBOT, kinds)
+
+
+def test_the_joint_graph_is_what_the_route_server_loads(joint, tmp_path):
+    path = tmp_path / "joint.geojson"
+    save_joint_route_graph(path, joint)
+    assert faults(path) == []
+    features = json.loads(path.read_text())["features"]
+    operations = {
+        (operation["type"], operation["trigger"])
+        for feature in features
+        for operation in feature["properties"].get("operations", {}).values()
+    }
+    planner = joint.added[0].kind.planner.title().replace(" ", "")
+    assert operations >= {(kind, "ON_ENTER") for kind in (planner, "PushDoor", "TriggerAndWait")}
+    # Only an edge into the place of a task carries its operation.
+    tasks = {node.number for node in joint.added}
+    assert all(
+        feature["properties"]["endid"] in tasks
+        for feature in features
+        if "operations" in feature["properties"]
+    )
+    # Seconds stay floating point in the file: the server asks for them as such.
+    for feature in features:
+        for operation in feature["properties"].get("operations", {}).values():
+            assert isinstance(operation["metadata"]["seconds"], float)
+            assert 0.0 <= operation["metadata"]["failure_probability"] <= 1.0
+
+
+def test_the_visual_graph_is_what_the_route_server_loads(joint, tmp_path):
+    save_route_graph(tmp_path / "visual.geojson", joint.visual)
+    assert faults(tmp_path / "visual.geojson") == []
+
+
+@pytest.mark.data
+def test_the_server_s_own_sample_passes_the_same_check(data):
+    # But for one thing: six of its edges share an id, against its own documentation.
+    sample = faults(data / "navigation" / "dev" / "maps" / "nav2" / "depot_graph.geojson")
+    assert sample == ["ids are whole numbers that nodes and edges share"]
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (lambda f: f[-1]["properties"].update(endid=10**6), "no such node"),
+        (lambda f: f[-1]["properties"].update(id=0), "ids are"),
+        (lambda f: f[-1]["properties"].update(metadata={"a": None}), ".a"),
+        (
+            lambda f: f[-1]["properties"].update(operations={"o": {"type": "X", "trigger": "LATER"}}),
+            "operation o",
+        ),
+    ],
+)
+def test_the_check_sees_what_is_wrong(joint, tmp_path, change, fault):
+    path = tmp_path / "bad.geojson"
+    save_joint_route_graph(path, joint)
+    data = json.loads(path.read_text())
+    change(data["features"])
+    path.write_text(json.dumps(data))
+    assert any(fault in line for line in faults(path))
