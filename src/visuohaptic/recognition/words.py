@@ -200,12 +200,13 @@ def agreeing_matches(
         return 0
     a, b = stored.descriptors.astype(np.float32), seen.descriptors.astype(np.float32)
     squared = np.einsum("ij,ij->i", a, a)[:, None] + np.einsum("ij,ij->i", b, b)[None] - 2.0 * (a @ b.T)
-    two = np.argpartition(squared, 1, axis=1)[:, :2]
-    pair = np.take_along_axis(squared, two, axis=1)
-    nearest = two[np.arange(len(a)), np.argmin(pair, axis=1)]
-    good = np.flatnonzero(pair.min(axis=1) < ratio**2 * pair.max(axis=1))
+    rows = np.arange(len(a))
+    nearest = np.argmin(squared, axis=1)
+    best = squared[rows, nearest]
+    squared[rows, nearest] = np.inf
+    good = np.flatnonzero(best < ratio**2 * squared.min(axis=1))
     # The best stored feature of each seen one.
-    good = good[np.argsort(pair.min(axis=1)[good], kind="stable")]
+    good = good[np.argsort(best[good], kind="stable")]
     good = good[np.unique(nearest[good], return_index=True)[1]]
     if len(good) < minimum:
         return 0
