@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import random
+import select
 import signal
 import subprocess
 import tempfile
@@ -76,7 +77,7 @@ def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
     acknowledged: set[str] = set()
     lost = problems = wrong = 0
     start = 8
-    for _ in range(count):
+    for number in range(count):
         reader, writer = os.pipe()
 
         def work(first: int = start, reader: int = reader, writer: int = writer) -> None:
@@ -90,6 +91,9 @@ def kills(folder: Path, count: int, rng: random.Random) -> dict[str, int]:
 
         pid = forked(work)
         os.close(writer)
+        if number % 2:
+            # Half of them are killed in the midst of writing, however slowly the machine gets there.
+            select.select([reader], [], [], 60.0)
         time.sleep(rng.uniform(0.02, 0.5))
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)

@@ -61,3 +61,48 @@ def test_one_line_for_a_mistake(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert re.search(said, error)
+
+
+def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("small_gicp")
+    import cv2
+    from benchmarks._prior_world import containers, label, scene_with, seen_cloud
+
+    from visuohaptic.objects import Appearance, Geometry, Sighting
+
+    rng = np.random.default_rng(0)
+    meshes = containers(1, classes=("bottle", "cup"))
+    with open_database(tmp_path / "db") as database:
+        for number, (name, mesh) in enumerate(meshes.items()):
+            png = cv2.imencode(".png", label(number))[1].tobytes()
+            database.add(
+                VisuoHapticObject(
+                    name.split("/")[0],
+                    geometry=Geometry(mesh.vertices_m, mesh.faces),
+                    appearance=Appearance(template_png=png),
+                    seen=Sighting((0.0, 0.0, 0.0), 0.1, 1.0, context=("kitchen",)),
+                )
+            )
+    np.save(tmp_path / "cloud.npy", seen_cloud(meshes["cup/0"], rng))
+    cv2.imwrite(str(tmp_path / "scene.png"), scene_with(label(0), rng, hardness=0.3))
+
+    def run(*words: str) -> dict:
+        assert main(["objects", "recognise", *words, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)
+
+    saved = str(tmp_path / "prior.npz")
+    by_cloud = run("--db", str(tmp_path / "db"), "--cloud", str(tmp_path / "cloud.npy"), "--save", saved)
+    assert by_cloud["candidates"][0]["id"] == "cup"
+    by_image = run("--prior", saved, "--image", str(tmp_path / "scene.png"), "--context", "kitchen")
+    assert by_image["candidates"][0]["id"] == "bottle"
+    assert sum(by_image["models"].values()) == pytest.approx(1.0, abs=0.03)
+    for words, said in (
+        (["--prior", saved], "nothing to look at"),
+        (["--prior", str(tmp_path / "scene.png"), "--cloud", "x"], "not a visual prior"),
+        (["--prior", saved, "--image", str(tmp_path / "cloud.npy")], "not a readable picture"),
+        (["--prior", saved, "--cloud", str(tmp_path / "scene.png")], "not a .npy file"),
+    ):
+        assert main(["objects", "recognise", *words]) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1

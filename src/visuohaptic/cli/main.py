@@ -72,6 +72,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
     "objects export": ("visuohaptic.cli.objects_export", "export objects as folders with cards"),
     "objects sync": ("visuohaptic.cli.objects_sync", "exchange what is new with a shared database"),
     "objects search": ("visuohaptic.cli.objects_search", "find the objects with the most similar features"),
+    "objects recognise": (
+        "visuohaptic.cli.objects_recognise",
+        "say what a seen object may be, with probabilities",
+    ),
     "objects build": (
         "visuohaptic.cli.objects_build",
         "compute stiffness maps and features of whole classes",

@@ -22,15 +22,18 @@ from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
-from sqlalchemy import Connection, and_, bindparam, create_engine, event, func, select, text
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+from sqlalchemy import Connection, func, select
+from sqlalchemy.exc import DBAPIError
 
-from ..errors import DatabaseError, InputError, MissingExtraError
+from ..errors import DatabaseError, InputError
 from . import codec, schema
+from .connection import connect_file, connect_server
+from .integrity import Check, check_all
 from .merge import merge_objects
 from .model import VisuoHapticObject
+from .rows import ALIVE, MANY, Stored, drop_shards, joined, store_rows
 from .schema import counter, feature, meta, object_, shard
-from .shards import ShardFolder, file_sha256, pack, unpack
+from .shards import ShardFolder, pack, unpack
 
 __all__ = ["BATCH", "Check", "ObjectDatabase", "Summary", "open_database"]
 
@@ -40,8 +43,6 @@ _log = logging.getLogger(__name__)
 BATCH = 128
 #: Ids are names of folders in an export, too.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-#: How long a writer waits for the others [s].
-_WAIT_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +53,6 @@ class Summary:
     name: str
     visual_class: str
     change: int  #: number of the write that it comes from
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """Result of an integrity check."""
-
-    objects: int
-    shards: int
-    problems: tuple[str, ...]  #: empty when all is well
-
-
-@dataclass(frozen=True, slots=True)
-class _Stored:
-    obj: VisuoHapticObject
-    deleted_s: float | None
-    row: Any
 
 
 def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabase:
@@ -100,7 +85,7 @@ class ObjectDatabase:
         self._tidy_due = True
         self._turn = threading.RLock()
         if "://" in self.where:
-            self._engine = _connect_server(self.where)
+            self._engine = connect_server(self.where)
             # A password does not belong into messages.
             self.where = self._engine.url.render_as_string(hide_password=True)
         else:
@@ -114,7 +99,7 @@ class ObjectDatabase:
             except OSError as error:
                 raise InputError(folder, f"cannot be made ({error.strerror})") from error
             self._folder = ShardFolder(folder / "shards")
-            self._engine = _connect_file(folder / "objects.sqlite")
+            self._engine = connect_file(folder / "objects.sqlite")
         try:
             with self._reading() as connection:
                 known = schema.version_of(connection)
@@ -155,7 +140,7 @@ class ObjectDatabase:
 
     def __contains__(self, object_id: object) -> bool:
         with self._reading() as connection:
-            return connection.execute(_ALIVE, {"wanted": object_id}).first() is not None
+            return connection.execute(ALIVE, {"wanted": object_id}).first() is not None
 
     def get(self, object_id: str) -> VisuoHapticObject:
         """An object with all its arrays, checked against their hash.
@@ -169,7 +154,7 @@ class ObjectDatabase:
         """
         for _ in range(5):
             with self._reading() as connection:
-                row = connection.execute(_ALIVE, {"wanted": object_id}).first()
+                row = connection.execute(ALIVE, {"wanted": object_id}).first()
                 if row is None:
                     raise InputError(
                         self.where, f"there is no object {object_id!r}", remedy="list them first"
@@ -311,7 +296,7 @@ class ObjectDatabase:
                 old = known.get(one)
                 gone_s = None if deletions is None else deletions.get(one)
                 if old is not None:
-                    obj, gone_s = _join(old.obj, old.deleted_s, obj, gone_s, asked=deletions is None)
+                    obj, gone_s = joined(old.obj, old.deleted_s, obj, gone_s, asked=deletions is None)
                 latest[one], dead[one] = obj, gone_s
                 card, arrays = codec.encode(obj)
                 row = {
@@ -334,8 +319,8 @@ class ObjectDatabase:
                     blobs.append((row, arrays))
                 rows.append((row, old, obj))
             self._store_arrays(connection, blobs)
-            _store_rows(connection, rows)
-            unneeded = _drop_shards(connection, [old.row.shard for _, old, _ in rows if old is not None])
+            store_rows(connection, rows)
+            unneeded = drop_shards(connection, [old.row.shard for _, old, _ in rows if old is not None])
         if self._folder is not None:
             self._folder.remove(unneeded)
         self._last_deleted = dead
@@ -375,40 +360,17 @@ class ObjectDatabase:
 
     def check(self) -> Check:
         """Read everything and compare every hash."""
-        problems = []
         with self._reading() as connection:
-            if self._folder is not None:
-                said = connection.execute(text("PRAGMA integrity_check")).scalars().all()
-                problems += [f"SQLite: {line}" for line in said if line != "ok"]
-                said = connection.execute(text("PRAGMA foreign_key_check")).all()
-                problems += [f"SQLite: broken reference {tuple(row)}" for row in said]
-            shards = connection.execute(select(shard.c.name, shard.c.sha256, shard.c.bytes)).all()
-            for row in shards:
-                if self._folder is not None:
-                    path = self._folder.path(row.name)
-                    if not path.is_file():
-                        problems.append(f"shard {row.name} is missing")
-                    elif file_sha256(path) != row.sha256:
-                        problems.append(f"shard {row.name} has another hash")
-            count = 0
-            for row in connection.execute(select(object_)).all():
-                count += 1
-                try:
-                    self._decode(row, connection)
-                except (DatabaseError, InputError, FileNotFoundError) as error:
-                    problems.append(f"object {row.id}: {error}")
-                if codec.digest_of(row.card, row.arrays_sha256) != row.digest:
-                    problems.append(f"object {row.id} has another hash")
-        return Check(count, len(shards), tuple(problems))
+            return check_all(connection, self._folder, self._decode)
 
     # ---- inside
 
-    def _fetch(self, connection: Connection, ids: Sequence[str]) -> dict[str, _Stored]:
+    def _fetch(self, connection: Connection, ids: Sequence[str]) -> dict[str, Stored]:
         found = {}
         for start in range(0, len(ids), 500):
             some = list(ids[start : start + 500])
-            for row in connection.execute(_MANY, {"wanted": some}):
-                found[row.id] = _Stored(self._decode(row, connection), row.deleted_s, row)
+            for row in connection.execute(MANY, {"wanted": some}):
+                found[row.id] = Stored(self._decode(row, connection), row.deleted_s, row)
         return found
 
     def _decode(self, row: Any, connection: Connection) -> VisuoHapticObject:
@@ -453,106 +415,3 @@ class ObjectDatabase:
             raise DatabaseError(
                 f"{self.where}: {error.strerror or error}; what was being written is not stored"
             ) from error
-
-
-_ALIVE = select(object_).where(and_(object_.c.id == bindparam("wanted"), object_.c.deleted_s.is_(None)))
-_MANY = select(object_).where(object_.c.id.in_(bindparam("wanted", expanding=True)))
-
-
-def _join(
-    mine: VisuoHapticObject,
-    mine_gone_s: float | None,
-    yours: VisuoHapticObject,
-    yours_gone_s: float | None,
-    *,
-    asked: bool,
-) -> tuple[VisuoHapticObject, float | None]:
-    """Two versions with deletions: the last deletion holds unless something is known from after it.
-
-    ``asked``: somebody adds the object again here and now, which undoes a deletion.
-    """
-    gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
-    both = merge_objects(mine, yours)
-    if not gone:
-        return both, None
-    last_s = max(gone)
-    if asked:
-        return yours, None
-    times = [origin.t_s for origin in both.provenance.values()]
-    times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
-    return both, None if any(t_s > last_s for t_s in times) else last_s
-
-
-def _store_rows(
-    connection: Connection, rows: list[tuple[dict[str, Any], _Stored | None, VisuoHapticObject]]
-) -> None:
-    new = [row for row, old, _ in rows if old is None]
-    if new:
-        connection.execute(object_.insert(), new)
-    replaced = [
-        {f"new_{key}": value for key, value in row.items()} for row, old, _ in rows if old is not None
-    ]
-    if replaced:
-        connection.execute(
-            object_.update()
-            .where(object_.c.id == bindparam("new_id"))
-            .values({key: bindparam(f"new_{key}") for key in rows[0][0] if key != "id"}),
-            replaced,
-        )
-        connection.execute(
-            feature.delete().where(feature.c.object_id == bindparam("old_id")),
-            [{"old_id": row["new_id"]} for row in replaced],
-        )
-    vectors = [
-        {
-            "object_id": row["id"],
-            "kind": kind,
-            "change": row["change"],
-            "data": np.asarray(vector.values, "<f8").tobytes(),
-        }
-        for row, _, obj in rows
-        if row["deleted_s"] is None
-        for kind, vector in obj.features.items()
-    ]
-    if vectors:
-        connection.execute(feature.insert(), vectors)
-
-
-def _drop_shards(connection: Connection, names: list[str | None]) -> list[str]:
-    """Remove shards from the table that no object names any more."""
-    some = sorted({name for name in names if name is not None})
-    if not some:
-        return []
-    used = set(connection.execute(select(object_.c.shard).where(object_.c.shard.in_(some))).scalars())
-    unneeded = [name for name in some if name not in used]
-    if unneeded:
-        connection.execute(shard.delete().where(shard.c.name.in_(unneeded)))
-    return unneeded
-
-
-def _connect_file(path: Path) -> Any:
-    engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": _WAIT_S, "check_same_thread": False})
-
-    @event.listens_for(engine, "connect")
-    def prepare(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # BEGIN is ours, below
-        for line in ("journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON"):
-            connection.execute(f"PRAGMA {line}")
-
-    @event.listens_for(engine, "begin")
-    def begin(connection: Connection) -> None:
-        # A writer takes its turn at once: a read that becomes a write could be refused half-way.
-        writes = connection.get_execution_options().get("writes", False)
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-
-    return engine
-
-
-def _connect_server(url: str) -> Any:
-    url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
-    try:
-        return create_engine(url, pool_pre_ping=True)
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("psycopg", "shared", "a shared database") from error
-    except (ArgumentError, NoSuchModuleError) as error:
-        raise InputError(url, f"is not the address of a database ({error})") from error

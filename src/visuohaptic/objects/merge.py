@@ -255,6 +255,11 @@ def _newer(
     there = [(value, obj) for value, obj in ((mine, one), (yours, other)) if not _absent(value)]
     if not there:
         return mine
+    if mine is yours and one is other:
+        origin = one.provenance.get(place) or one.provenance.get(place.partition(".")[0])
+        if origin is not None:
+            origins[place] = origin
+        return mine
     ranked = []
     for value, obj in there:
         origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])

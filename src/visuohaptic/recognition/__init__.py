@@ -15,6 +15,8 @@ from .calibration import calibrate, calibration_error
 from .classifier_file import Classifier, load_classifier, save_classifier
 from .data_set import HEIGHTS, SIDES, FeatureSet, load_feature_set, read_build, save_feature_set
 from .noise import noisy_copies
+from .prior import Candidate, Example, PriorSettings, VisualPrior, calibrate_prior, model_probabilities
+from .prior_file import load_prior, save_prior
 from .protocol import TouchProtocol, travel_seconds
 from .readings import CurveFit, SensorNoise, TouchReading, fit_curve, read_curves, stiffness_grid
 from .tree import (
@@ -41,19 +43,24 @@ __all__ = [
     "SIDES",
     "UNKNOWN",
     "Belief",
+    "Candidate",
     "ClassificationTree",
     "Classifier",
     "CurveFit",
+    "Example",
     "Exploration",
     "FeatureSet",
     "HapticModel",
     "ModelSettings",
+    "PriorSettings",
     "SensorNoise",
     "Touch",
     "TouchProtocol",
     "TouchReading",
+    "VisualPrior",
     "believe",
     "calibrate",
+    "calibrate_prior",
     "calibration_error",
     "explore",
     "feature_name",
@@ -62,8 +69,10 @@ __all__ = [
     "grow_tree",
     "load_classifier",
     "load_feature_set",
+    "load_prior",
     "load_tree",
     "mean_touches",
+    "model_probabilities",
     "next_touch",
     "noisy_copies",
     "predict",
@@ -71,6 +80,7 @@ __all__ = [
     "read_curves",
     "save_classifier",
     "save_feature_set",
+    "save_prior",
     "save_tree",
     "scaled_features",
     "scaling_touches",
