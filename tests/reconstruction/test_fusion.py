@@ -7,7 +7,8 @@ import pytest
 
 from visuohaptic.camera import Camera, Pose
 from visuohaptic.errors import InputError
-from visuohaptic.reconstruction.fusion import SparseTsdfVolume, TsdfVolume
+from visuohaptic.reconstruction.fusion import TsdfVolume
+from visuohaptic.reconstruction.sparse_fusion import SparseTsdfVolume
 from visuohaptic.recording import DepthFrame
 from visuohaptic.recording.ply import read_ply
 

@@ -87,10 +87,12 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):  # 
 
 
 @njit(cache=True)
-def fuse_brick(  # type: ignore[no-untyped-def]
-    distance, weight, color, use_color, start, stop, corner, steps, camera, depth, image, band, gain, cap
-):
-    """Project the voxels ``start`` to ``stop`` and average what they see."""
+def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):  # type: ignore[no-untyped-def]
+    """Project the voxels ``start`` to ``stop`` and average what they see.
+
+    ``view``: intrinsics, depth, picture, half width of the band, weight of the view, greatest weight.
+    """
+    camera, depth, image, band, gain, cap = view
     fx, fy, cx, cy = camera
     rows, columns = depth.shape
     one = np.float32(1.0)
@@ -131,25 +133,10 @@ def fuse_brick(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fuse_dense(  # type: ignore[no-untyped-def]
-    distance,
-    weight,
-    color,
-    use_color,
-    origin,
-    steps,
-    camera,
-    depth,
-    image,
-    low,
-    high,
-    holes,
-    band,
-    gain,
-    cap,
-):
+def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth, image, low, high, holes, band, gain, cap):  # type: ignore[no-untyped-def]  # fmt: skip
     """All bricks of a dense grid; ``origin`` is its first voxel in the camera frame."""
     shape = distance.shape
+    view = (camera, depth, image, band, gain, cap)
     corner = np.zeros(3, np.float32)
     one = np.float32(1.0)
     start = np.zeros(3, np.int64)
@@ -178,42 +165,13 @@ def fuse_dense(  # type: ignore[no-untyped-def]
                                 distance[i, j, k] = value + (one - value) * (gain / total)
                                 weight[i, j, k] = min(total, cap)
                 elif case == _NEAR:
-                    fuse_brick(
-                        distance,
-                        weight,
-                        color,
-                        use_color,
-                        start,
-                        stop,
-                        corner,
-                        steps,
-                        camera,
-                        depth,
-                        image,
-                        band,
-                        gain,
-                        cap,
-                    )
+                    fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view)
 
 
 @njit(cache=True)
-def fuse_bricks(  # type: ignore[no-untyped-def]
-    distance,
-    weight,
-    color,
-    use_color,
-    bricks,
-    chosen,
-    origin,
-    steps,
-    camera,
-    depth,
-    image,
-    band,
-    gain,
-    cap,
-):
+def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # type: ignore[no-untyped-def]  # fmt: skip
     """Chosen bricks of a sparse grid; ``bricks`` are their integer places, ``origin`` as in :func:`fuse_dense`."""
+    view = (camera, depth, image, band, gain, cap)
     corner = np.zeros(3, np.float32)
     start = np.zeros(3, np.int64)
     stop = np.full(3, BRICK, np.int64)
@@ -223,22 +181,7 @@ def fuse_bricks(  # type: ignore[no-untyped-def]
             corner[axis] = origin[axis]
             for edge in range(3):
                 corner[axis] += np.float32(bricks[b, edge] * BRICK) * steps[edge, axis]
-        fuse_brick(
-            distance[b],
-            weight[b],
-            color[b],
-            use_color,
-            start,
-            stop,
-            corner,
-            steps,
-            camera,
-            depth,
-            image,
-            band,
-            gain,
-            cap,
-        )
+        fuse_brick(distance[b], weight[b], color[b], use_color, start, stop, corner, steps, view)
 
 
 @njit(cache=True)
