@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 JOBS ?= 2
 MAP ?=
 VIEW ?=
+PART ?=
 
 .PHONY: demo test bench docs lint types layers check clean warmup
 
@@ -16,8 +17,8 @@ $(VENV)/.installed: pyproject.toml
 	$(BIN)/python -m pip install -q -e ".[all]" --group test --group lint --group docs
 	@touch $@
 
-demo: $(VENV)/.installed ## Drive, touch, measure: the first story
-	$(BIN)/visuohaptic demo $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
+demo: $(VENV)/.installed ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp
+	$(BIN)/visuohaptic demo $(PART) $(if $(MAP),--map $(MAP)) $(if $(VIEW),--view)
 
 test: $(VENV)/.installed ## All tests
 	$(BIN)/python -m pytest -n $(JOBS)

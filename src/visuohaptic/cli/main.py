@@ -32,7 +32,7 @@ __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 #: Verb -> module and one line of help. The help is repeated here so that the
 #: overview needs no import of the modules, which take half a second.
 VERBS: Mapping[str, tuple[str, str]] = {
-    "demo": ("visuohaptic.cli.demo", "drive a simulated robot at three obstacles and read the force"),
+    "demo": ("visuohaptic.cli.demo", "tell the story of a simulated robot that looks, touches and remembers"),
     "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
     "sense scene": (
         "visuohaptic.cli.sense_scene",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,6 +16,7 @@ from jaxtyping import Float, UInt8
 from ..errors import InputError
 from ..objects import Event, EventKind, HapticTag
 from ..recording import MeasurementWriter, OccupancyMap, TableWriter
+from ..robots import FrameSource
 from ..sensing.ego_motion import EgoMotionSettings
 from ..sensing.scene import SceneSettings, SceneTracker
 from ..sensing.scene_record import write_scene
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from ..sensing.foam import FoamSensor, ObservedStrip
     from ..viewer import LivePage
 
-__all__ = ["DemoObject", "DemoResult", "DemoSample", "run_demo"]
+__all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo"]
 
 log = logging.getLogger(__name__)
 
@@ -39,7 +40,7 @@ log = logging.getLogger(__name__)
 _TABLE_FRAMES = 6
 #: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion.
 #: The platform begins on free floor, a little more than the camera's view.
-_EXPLORE = ExploreSettings(
+SLOWLY = ExploreSettings(
     approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
 )
 
@@ -99,6 +100,9 @@ def run_demo(
     seed: int = 1,
     say: Callable[[str], None] = log.info,
     page: LivePage | None = None,
+    scene: tuple[OccupancyMap, Sequence[ApproachPath]] | None = None,
+    explore: ExploreSettings | None = None,
+    through: Callable[[FrameSource], FrameSource] = lambda source: source,
 ) -> DemoResult:
     """Set the scene, calibrate and zero the sensor, explore three obstacles.
 
@@ -112,12 +116,18 @@ def run_demo(
         Receives the lines of the live table.
     page
         Shows it live.
+    scene
+        A map and the obstacles in it, instead of ``map_path`` and our own office.
+    explore
+        How to drive and push; slowly by default.
+    through
+        What the frames go through before the sensor has them, as faults that are switched on.
     """
     begin = time.monotonic()
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    grid, paths = _scene(folder, map_path, say)
+    grid, paths = scene if scene is not None else _scene(folder, map_path, say)
     # In colour, as a webcam sees it: in grey a blue bin and a brown floor can look the same.
     virtual = VirtualSensor(look=Look.photo(colour=True))
     say("foam sensor: press, calibrate, mount, zero")
@@ -139,7 +149,7 @@ def run_demo(
         recording.write_map(grid, 0.0)
         for number, path in enumerate(paths):
             run = _Push(world, virtual, sensor, path, seed + number, say, page, recording, table, track)
-            objects.append(run.explore())
+            objects.append(run.explore(explore or SLOWLY, through))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
     return DemoResult(
@@ -190,7 +200,7 @@ class _Push:
         self.touching = False
         self.yaw_rad: list[float] = []  # of a movable obstacle, from its touch on
 
-    def explore(self) -> DemoObject:
+    def explore(self, settings: ExploreSettings, through: Callable[[FrameSource], FrameSource]) -> DemoObject:
         world, path = self.world, self.path
         world.place_platform(*path.start)
         world.forget_events()
@@ -205,7 +215,9 @@ class _Push:
             np.random.default_rng(self.seed),
         )
         camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=60.0, seed=self.seed)
-        found = explore_obstacle(world.base, camera, self.sensor, _EXPLORE, scene=tracker, on_step=self._step)
+        found = explore_obstacle(
+            world.base, through(camera), self.sensor, settings, scene=tracker, on_step=self._step
+        )
         events = tuple(event for name, event in world.events if name == path.obstacle.name)
         place = (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
         if path.obstacle.movable:

@@ -1,0 +1,371 @@
+"""The gripper squeezes the completed bottle: what it is, in which state, and how to grasp it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ...errors import InputError
+from ...recognition import (
+    UNKNOWN,
+    CurveFit,
+    HapticModel,
+    SensorNoise,
+    TouchReading,
+    believe,
+    fit_curve,
+    fit_model,
+    touch_gains,
+)
+from ...recognition.state import StateCurve, fit_state_model, state_probability
+from ...simulation.faults import FaultKind
+from ...simulation.kitchen import KitchenTable
+from ...tasks.classify import ClassifySettings, classify_by_squeezing
+from ...tasks.grasp import GraspPlan, grasp_and_lift
+from ...tasks.hand import Hand, Place
+from ...tasks.squeeze import SqueezeCurve, SqueezeSettings, squeeze
+from .bottle import GROUPS, HEIGHTS, PLACE, STATES, contained, profile_of, training_objects
+from .probe import set_the_table
+from .story import ChapterResult, Measure, Mission, Picture, done, failed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ...deformation.container import ContainerDescription
+
+__all__ = ["grasp_the_bottle", "recognise_the_bottle"]
+
+#: Of the mean of a level's readings: the finger's force and surface.
+NOISE = SensorNoise(0.05, 5e-5)
+#: Levels of the squeeze that tells the state: large deformations [N].
+STATE_FORCES_N = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 28.0, 36.0, 45.0)
+CONFIDENCE = 0.9
+#: Share of the height at which contents are felt best: the belly.
+BELLY = 0.35
+#: The wall is found by as many rounds; a stiffness goes with its power so.
+WALL_ROUNDS, WALL_POWER = 5, 2.3
+
+
+@dataclass
+class BayesSqueezer:
+    """The Bayesian planner as the task asks for it, for an object whose height was measured."""
+
+    model: HapticModel
+    height_m: float
+    rng: np.random.Generator
+    samples: int = 32
+    readings: list[TouchReading] = field(default_factory=list)
+    _asked: tuple[int, str] = (HEIGHTS // 2, "x")
+
+    def next_place(self) -> Place | None:
+        """The touch that tells most for its time."""
+        gains = touch_gains(self.model, tuple(self.readings), samples=self.samples, rng=self.rng)
+        # The ends of an object are where a height that is off by millimetres matters most.
+        gains = {touch: value for touch, value in gains.items() if 3 <= touch[0] <= HEIGHTS - 3}
+        if not gains:
+            return None
+        self._asked = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
+        level, axis = self._asked
+        return Place((level - 0.5) / HEIGHTS * self.height_m, 0.0 if axis == "x" else 0.5 * math.pi)
+
+    def update(self, curve: SqueezeCurve) -> None:
+        """Take what was felt there; both sides of a pinch are one reading."""
+        fit = reading_of(curve)
+        level, axis = self._asked
+        self.readings.append(TouchReading(level, axis, (fit, None), 2.0 * curve.surface_m))
+
+    def belief(self) -> Mapping[str, float]:
+        """Of every class, and of none of them."""
+        return believe(self.model, tuple(self.readings)).as_mapping()
+
+
+def reading_of(curve: SqueezeCurve) -> CurveFit:
+    """Coefficients of a squeeze at several levels."""
+    return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE)
+
+
+def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
+    """Arm and gripper at the table, with the bottle where it truly stands."""
+    if mission.kitchen is None:
+        bottle = set_the_table(mission)
+        x, y, _ = bottle.pose_base_bottle.translation_m
+        never = math.inf
+        late = float(mission.rng(30).uniform(5.0, 70.0))
+        mission.kitchen = KitchenTable(
+            bottle.container,
+            mission.rng(31),
+            place_m=(float(x), float(y)),
+            slip_at_s=0.0 if mission.fault is FaultKind.SLIP else never,
+            fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
+        )
+    kitchen = mission.kitchen
+    return kitchen, Hand(kitchen.arm, kitchen, kitchen, kitchen.feel)
+
+
+def recognise_the_bottle(mission: Mission) -> ChapterResult:
+    """Squeeze where it tells most until the class is sure, then once more, firmly, for the state."""
+    known, bottle = mission.known, set_the_table(mission)
+    assert known.outline_m is not None
+    assert known.bottle_at_m is not None
+    _, hand = the_hand(mission)
+    x, y, _ = PLACE.apply(np.array([*known.bottle_at_m, 0.0]))
+    height = float(known.outline_m[-1, 1])
+    asker = BayesSqueezer(fit_model(training_objects(), GROUPS), height, mission.rng(32))
+    settings = ClassifySettings(
+        confidence=CONFIDENCE, squeezes=6, squeeze=SqueezeSettings(object_m=(x, y, 0.0))
+    )
+    found = classify_by_squeezing(hand, asker, settings)
+    for curve in found.curves:
+        mission.say(
+            f"  squeezed at {1e3 * curve.place.height_m:.0f} mm: {curve.stiffness_N_per_m / 1e3:.2f} N/mm, "
+            f"{2e3 * curve.surface_m:.1f} mm wide"
+        )
+    told = ", ".join(f"{name} {share:.2f}" for name, share in _sorted(found.belief)[:3])
+    mission.say(f"  classes: {told}")
+    if not found.ending.success:
+        return failed(f"{found.ending.outcome}: {found.ending.why}")
+    if found.best == UNKNOWN:
+        return failed(f"it is like none of the classes that are known ({told})")
+    known.curves, known.class_name = found.curves, found.best
+    known.class_model = _nearest(found.best, known.outline_m)
+    if not _is_round(known.class_model):
+        return failed(f"it is taken for {found.best}, whose contents can't be told in this way")
+    wall = fit_the_wall(known.outline_m, found.curves, float(known.class_model.wall[0]))
+    state, share, curve = _state(mission, hand, (x, y, 0.0), wall)
+    known.wall_factor = wall / float(known.class_model.wall[0])
+    parts = [
+        Measure("class", found.best, bottle.description.name),
+        Measure("squeezes that told it", len(found.curves), None),
+        Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
+        Measure("state", state or "not told", bottle.state),
+        Measure("its probability", share, None),
+        Picture(
+            _belief_figure(found.belief, asker, curve),
+            "How sure it is of the class, and the squeeze that tells the state",
+        ),
+    ]
+    if state is None or share < CONFIDENCE:
+        return failed(f"it is a {found.best}, but its state is doubtful ({share:.2f})", *parts)
+    known.state = state
+    right = found.best == bottle.description.name and state == bottle.state
+    why = f"a {found.best} ({found.belief[found.best]:.2f}), {state} ({share:.2f}), after {len(found.curves)} + 1 squeezes"
+    return done(why, right, *parts)
+
+
+def _sorted(belief: Mapping[str, float]) -> list[tuple[str, float]]:
+    return sorted(belief.items(), key=lambda item: -item[1])
+
+
+def _nearest(name: str, outline_m: Float[np.ndarray, "k 2"]) -> ContainerDescription:
+    """The variant of the class that is most like the measured outline."""
+    from ...deformation import load_container
+
+    base = load_container(GROUPS.get(name, (name,))[0])
+    variants = base.variants(24, 0)
+    share = np.linspace(0.05, 0.9, 20)
+
+    def off(one: ContainerDescription) -> float:
+        profile = profile_of(one, 16)
+        theirs = np.interp(share, profile[:, 1] / profile[-1, 1], profile[:, 0])
+        ours = np.interp(share, outline_m[:, 1] / outline_m[-1, 1], outline_m[:, 0])
+        return float(np.sum((theirs - ours) ** 2)) + (profile[-1, 1] - outline_m[-1, 1]) ** 2
+
+    return min(variants, key=off)
+
+
+def _is_round(model: ContainerDescription) -> bool:
+    return model.base.shape == "circle"
+
+
+def fit_the_wall(
+    outline_m: Float[np.ndarray, "k 2"], curves: tuple[SqueezeCurve, ...], start_m: float
+) -> float:
+    """Thickness with which the measured outline is as stiff as it was felt; the modulus is that of PET."""
+    wall = start_m
+    for _ in range(WALL_ROUNDS):
+        thing = contained(outline_m, wall, "closed")
+        ratios = []
+        for curve in curves:
+            k = curve.stiffness_N_per_m
+            expected = thing.force_at(curve.place.height_m, 5e-4) / 5e-4
+            if np.isfinite(k) and k > 0 and expected > 0:
+                ratios.append(k / expected)
+        if not ratios:
+            raise InputError("fit_the_wall", "found no squeeze that tells a stiffness")
+        wall *= float(np.exp(np.mean(np.log(ratios)))) ** (1 / WALL_POWER)
+    return wall
+
+
+def _state(
+    mission: Mission, hand: Hand, object_m: tuple[float, float, float], wall_m: float
+) -> tuple[str | None, float, SqueezeCurve]:
+    """Squeeze the belly firmly and compare with what each state would feel like."""
+    known = mission.known
+    assert known.outline_m is not None
+    height = float(known.outline_m[-1, 1])
+    level = max(1, round(BELLY * HEIGHTS))
+    place = Place((level - 0.5) / HEIGHTS * height)
+    settings = SqueezeSettings(object_m=object_m, forces_N=STATE_FORCES_N, deformation_m=0.007)
+    felt = squeeze(hand, [place], settings)
+    curve = felt.curves[0] if felt.curves else None
+    if curve is None or len(curve.force_N) < 4:
+        raise InputError(
+            "squeeze", f"{felt.ending.outcome}: {felt.ending.why}; no curve of large deformation"
+        )
+    name = f"x+{level}"
+    model = fit_state_model(
+        _state_curves(known.outline_m, wall_m, place.height_m, name, mission.rng(33)),
+        mission.rng(34),
+        noise=NOISE,
+    )
+    fit = reading_of(curve)
+    answer = state_probability(model, (TouchReading(level, "x", (fit, None)),))
+    if answer["probabilities"] is None:
+        return None, 0.0, curve
+    state = str(answer["state"])
+    return state, float(answer["probabilities"][state]), curve
+
+
+def _state_curves(
+    outline_m: Float[np.ndarray, "k 2"], wall_m: float, height_m: float, place: str, rng: np.random.Generator
+) -> list[StateCurve]:
+    found = []
+    for variant in range(8):
+        # What the fit of the wall leaves open, and a modulus that is not exactly PET's.
+        factor, stiffer = 1.0 + rng.uniform(-0.06, 0.06), 1.0 + rng.uniform(-0.06, 0.06)
+        for state in STATES:
+            thing = contained(outline_m, wall_m * factor, state, stiffer)
+            force = np.array([thing.force_at(height_m, d) for d in thing.deformation_m])
+            kept = (
+                (thing.deformation_m > 0)
+                & (force <= 1.1 * STATE_FORCES_N[-1])
+                & (thing.deformation_m < 0.0085)
+            )
+            found.append(StateCurve(state, variant, place, thing.deformation_m[kept], force[kept]))
+    return found
+
+
+def grasp_the_bottle(mission: Mission) -> ChapterResult:
+    """Plan on the recognised class's stiffness map, corrected by what was felt; grasp and lift."""
+    from ...deformation import Contents, mesh_container, object_map
+    from ...grasping import GraspTask, plan_grasps
+    from ...recognition.refinement import correct_map
+
+    known = mission.known
+    assert known.class_model is not None
+    assert known.outline_m is not None
+    assert known.bottle_at_m is not None
+    kitchen, hand = the_hand(mission)
+    closed, fill = STATES[known.state]
+    thing = mesh_container(known.class_model, around=32)
+    surface = object_map(thing, Contents(fill=fill) if closed else None, band=False)
+    # Heights are taken in parts: the class's variant is not exactly as high as the bottle.
+    scale = thing.height_m / float(known.outline_m[-1, 1])
+    points, measured, sigma = [], [], []
+    for curve in known.curves:
+        z, k = curve.place.height_m, curve.stiffness_N_per_m
+        if not (np.isfinite(k) and k > 0):
+            continue
+        radius = float(np.interp(z, known.outline_m[:, 1], known.outline_m[:, 0]))
+        angle = curve.place.angle_rad
+        for turn in (0.0, math.pi):
+            points.append([radius * math.cos(angle + turn), radius * math.sin(angle + turn), scale * z])
+            measured.append(k)
+            sigma.append(max(0.05, reading_of(curve).i_relative_sigma))
+    surface = correct_map(surface, np.array(points), np.array(measured), np.array(sigma))
+    plan = plan_grasps(thing, GraspTask(closed=closed, fill=fill), count=3, surface=surface)
+    mass = plan.load.mass_kg if plan.load is not None else math.nan
+    if not plan.grasps:
+        return failed(f"no grasp: {plan.reason} ({1e3 * mass:.0f} g)")
+    best = plan.grasps[0]
+    height = float(best.first_m[2]) / scale
+    angle = math.atan2(best.direction[1], best.direction[0])
+    mission.say(
+        f"  {1e3 * mass:.0f} g need {best.force_N:.1f} N at {1e3 * height:.0f} mm; the wall gives way by "
+        f"{1e3 * best.deformation_m:.1f} mm there"
+    )
+    x, y, _ = PLACE.apply(np.array([*known.bottle_at_m, 0.0]))
+    # Two fingers are as good either way round: the smaller turn is taken.
+    angle = math.remainder(angle, math.pi)
+    bound = 2.0 * (best.deformation_m + 3.0 * best.deformation_sigma_m) + 0.001
+    task = GraspPlan(Place(height, angle), best.force_N, deformation_m=min(bound, 0.01), object_m=(x, y, 0.0))
+    held = grasp_and_lift(hand, task)
+    true_mass = kitchen.container.mass_kg
+    parts = (
+        Measure("mass [kg]", mass, true_mass),
+        Measure("force of each finger [N]", held.force_N, best.needed_N),
+        Measure(
+            "deformation of one side at the grasp [mm]", 1e3 * held.deformation_m, 1e3 * kitchen.deformation_m
+        ),
+        Measure("lifted [m]", task.lift_m if held.ending.success else 0.0, kitchen.lifted_m),
+        Picture(
+            _score_figure(plan),
+            "Grasp score on the stiffness map of the recognised class, and the grasp (circles)",
+        ),
+    )
+    if not held.ending.success:
+        return failed(f"{held.ending.outcome}: {held.ending.why}", *parts)
+    return done(
+        f"lifted: {held.ending.why}", kitchen.lifted_m > 0.8 * task.lift_m and not kitchen.fallen, *parts
+    )
+
+
+def _belief_figure(belief: Mapping[str, float], asker: BayesSqueezer, curve: SqueezeCurve) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.6, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    names = list(belief)
+    for count in range(1, len(asker.readings) + 1):
+        share = believe(asker.model, tuple(asker.readings[:count])).as_mapping()
+        left.plot(
+            [share[name] for name in names], "o-", label=f"after {count} squeeze{'s' * (count > 1)}", lw=1
+        )
+    left.set_xticks(range(len(names)), names, rotation=30, ha="right", fontsize=8)
+    left.set(ylabel="probability", ylim=(-0.03, 1.03))
+    left.legend(fontsize=8)
+    right.plot(1e3 * curve.deformation_m, curve.force_N, "o-", color="C1")
+    right.set(xlabel="deformation of one side [mm]", ylabel="force of one finger [N]")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+def _score_figure(plan: object) -> Figure:
+    from matplotlib.figure import Figure
+
+    from ...grasping import GraspPlan as Plan
+
+    assert isinstance(plan, Plan)
+    figure = Figure(figsize=(8.6, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    points = plan.surface.vertices_m
+    used = np.unique(plan.surface.faces)
+    # Unrolled: angle about the axis against height.
+    around = np.degrees(np.arctan2(points[used, 1], points[used, 0]))
+    for axes, values, title in (
+        (left, plan.scores.pair[used], "score of both fingers"),
+        (right, 1e-3 * np.asarray(plan.surface.stiffness_N_per_m)[used], "stiffness [N/mm]"),
+    ):
+        order = np.argsort(values)
+        shown = axes.scatter(
+            around[order], 1e3 * points[used][order, 2], c=np.asarray(values)[order], s=9, cmap="viridis"
+        )
+        figure.colorbar(shown, ax=axes)
+        axes.set(title=title, xlabel="angle about the axis [deg]", ylabel="height [mm]")
+        best = plan.grasps[0]
+        for place in (best.first_m, best.second_m):
+            axes.plot(
+                math.degrees(math.atan2(place[1], place[0])),
+                1e3 * place[2],
+                "o",
+                ms=11,
+                mfc="none",
+                color="C3",
+            )
+    return figure
