@@ -120,3 +120,34 @@ def test_a_scene_is_read(tmp_path: Path) -> None:
     driven = sink.messages["/ahead/pose"][-1].pose.pose.position.x
     assert driven == pytest.approx(0.020, abs=0.002)
     assert set(reader.topics) <= set(sink.messages)
+
+
+def test_a_beam_is_read(tmp_path: Path) -> None:
+    from visuohaptic.camera import Camera
+    from visuohaptic.experiments.virtual_beam import VirtualBeam
+    from visuohaptic.ros.readers import BeamReader
+    from visuohaptic.sensing.beam import TrackedBeam
+    from visuohaptic.simulation.effects import CameraEffects
+    from visuohaptic.simulation.rod_rig import RodRig
+
+    virtual = VirtualBeam(
+        RodRig(), Camera.simple(800, 448, 900.0), CameraEffects(blur_px=0.7, noise_sigma=3.0)
+    )
+    virtual.write(tmp_path)
+    renderer, rng = virtual.renderer(), np.random.default_rng(3)
+    path = tmp_path / "sensor.yaml"
+    assert sensor_kind(path) == "beam"
+    reader, sink = BeamReader(TrackedBeam.load(path), "probe"), Kept()
+    assert not reader.zeroed
+    reader.zero(virtual.frames(np.zeros((12, 6)), rng, start_s=-1.0, renderer=renderer))
+    assert reader.zeroed
+    load = np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
+    for frame in virtual.frames(np.tile(load, (3, 1)), rng, renderer=renderer):
+        assert reader.read(frame, sink) is Reason.OK
+    reader.blank(9.0, sink)
+    reader.close()
+    *measured, last = sink.messages["/probe/wrench"]
+    assert [m.wrench.force.y for m in measured] == pytest.approx([2.0] * 3, abs=0.1)
+    assert np.isnan(last.wrench.force.y)
+    assert sink.messages["/probe/diagnostics"][-1].status[0].message == "stale"
+    assert set(reader.topics) == set(sink.messages)
