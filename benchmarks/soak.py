@@ -1,6 +1,7 @@
 """One hour of frames through the whole sensing chain, as fast as it goes: does the memory grow?
 
-A push is rendered once, compressed, and played forwards and backwards: load, unload, rest, again and again. The
+A push is rendered once, compressed, and played there and back: load, unload, rest, again and again, every second
+picture on the way there and the others on the way back, for a picture that comes again soon is told as stale. The
 clock of the frames runs on at 30 Hz. Every frame is decoded, its foam, surroundings and templates are read, contacts
 and events are followed, and what was measured is written to an MCAP file, as on a robot that records.
 
@@ -32,7 +33,7 @@ from .chain import Recording, record
 __all__ = ["Soak", "run"]
 
 _RATE_HZ, _SEED = 30.0, 20161123
-#: Frames until caches, pools and adaptive models are filled: three pushes there and back.
+#: Frames until caches, pools and adaptive models are filled: six pushes there and back.
 _WARM = 420
 _HOUR = int(3600 * _RATE_HZ)
 
@@ -73,9 +74,8 @@ class Soak:
         import cv2
 
         files, states = self._recording.files, self._recording.states
-        last = len(files) - 1
-        place = self.frames % (2 * last)
-        place = place if place <= last else 2 * last - place
+        place = 2 * self.frames % (2 * len(files))
+        place = place if place < len(files) else 2 * len(files) - 1 - place
         t_s = self.frames / _RATE_HZ
         image = np.asarray(cv2.imdecode(files[place], cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
         frame = Frame(image, t_s, self.frames)

@@ -49,6 +49,7 @@ def write(folder: Path, endpoint: str, **more) -> Path:
     return path
 
 
+# The camera waits (wait=True): twelve pictures at once would overrun the queue of a busy machine.
 def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
     folder, pictures, truth = sensor
     wrenches, told = [], []
@@ -61,7 +62,7 @@ def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
     seen: dict[str, list] = {name: [] for name in others}
     for name, datatype in others.items():
         robot.subscribe(f"/foam/{name}", datatype, lambda r, name=name: seen[name].append(r.message))
-    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage")
+    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage", wait=True)
     with Bridge.load(write(folder, endpoint)) as bridge:
         camera.wait_until_heard()
         # Without images it says stale: silence would be taken for no force.
@@ -70,7 +71,8 @@ def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
         assert np.isnan(wrenches[0].wrench.force.x)
         for number, picture in enumerate(pictures):
             camera.publish(messages.compressed_image(10.0 + number / 30, picture, "bumper", 95))
-        assert until(lambda: sum(w.header.stamp.sec < 1000 for w in wrenches) == len(pictures), 20.0)
+        assert until(lambda: bridge.frames == len(pictures), 20.0), bridge.frames
+        assert until(lambda: sum(w.header.stamp.sec < 1000 for w in wrenches) == len(pictures), 5.0)
         topics = {e.topic for e in robot.graph() if e.node == "visuohaptic"}
     assert {"/foam/wrench", "/foam/diagnostics", IMAGE} <= topics
     measured = [w for w in wrenches if w.header.stamp.sec < 1000]
@@ -105,7 +107,7 @@ def test_it_can_zero_by_itself(sensor, robot: RosNode, endpoint: str, tmp_path: 
     rest = [frame.image for frame in virtual.rest_frames(np.random.default_rng(1), 5)]
     wrenches: list = []
     robot.subscribe("/foam/wrench", "geometry_msgs/msg/WrenchStamped", lambda r: wrenches.append(r.message))
-    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage")
+    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage", wait=True)
     with Bridge.load(write(tmp_path, endpoint, sensor={"zero_frames": 5})) as bridge:
         camera.wait_until_heard()
         for number, picture in enumerate([*rest, *pictures[-1:]]):
@@ -116,7 +118,7 @@ def test_it_can_zero_by_itself(sensor, robot: RosNode, endpoint: str, tmp_path: 
 
 def test_a_picture_of_another_size_ends_it(sensor, robot: RosNode, endpoint: str) -> None:
     folder, pictures, _ = sensor
-    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage")
+    camera = robot.advertise(IMAGE, "sensor_msgs/msg/CompressedImage", wait=True)
     with Bridge.load(write(folder, endpoint)) as bridge:
         camera.wait_until_heard()
         camera.publish(messages.compressed_image(10.0, pictures[0][:100], "bumper", 95))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
 import time
 from types import TracebackType
 from typing import Self
 
-from ..errors import InputError
+from ..errors import DeviceError, InputError
 from ..recording.ros_messages import header
 from ..robots import BaseState
 from .frames import message_time_s
@@ -111,8 +112,9 @@ class RosBase:
 
     def close(self) -> None:
         """Stop, and give the platform back; harmless when repeated."""
-        if self._command is not None and self._repeater.problem is None:
-            self.stop()
+        if self._command is not None:
+            with contextlib.suppress(DeviceError):  # the session may be gone; the robot's watchdog is left
+                self.stop()
         self._repeater.close()
         self._odometry.close()
         with self._lock:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import json
 import logging
@@ -15,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from ..errors import DeviceError, InputError, MissingExtraError, VisuohapticError
+from ._gid import publisher_gid
 from .attachment import Attachment
 from .cdr import decode, encode
 from .graph import Entity, EntityKind, Qos, all_tokens, check_node, resolve_name, topic_key
@@ -302,11 +302,6 @@ class RosSubscription:
     def close(self) -> None:
         """Receive nothing more."""
         self.undeclare()
-
-
-def publisher_gid(token: str) -> bytes:
-    """16 bytes that no other publisher has."""
-    return hashlib.sha256(token.encode()).digest()[:16]
 
 
 def _said(error: Exception) -> str:
