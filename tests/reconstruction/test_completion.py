@@ -13,8 +13,10 @@ from visuohaptic.errors import CalibrationError, InputError
 from visuohaptic.reconstruction.completion import Completion, CompletionSettings
 from visuohaptic.reconstruction.hole import HoleRegion, boundary_loops, load_hole_regions, support_band
 from visuohaptic.reconstruction.mesh import SurfaceMesh
+from visuohaptic.reconstruction.profile import disagreement_m
 from visuohaptic.reconstruction.symmetry import fit_prior
 from visuohaptic.reconstruction.touch import Touch, read_touches, rigid_fit
+from visuohaptic.recording.ply import read_ply
 from visuohaptic.simulation.bottles import Bottle, random_bottle
 
 SIGMA_M = 0.0003
@@ -162,6 +164,67 @@ def test_uncertainty_is_honest_and_stops_the_exploration():
     assert 1 / 8 < completion.expected_error_m() / rms[-1] < 8
 
 
+def test_the_deviation_is_that_of_vision_where_it_was_seen_and_larger_in_the_hole():
+    bottle = bellied()
+    visible, region, (low_m, high_m) = scene(bottle)
+    completion = Completion(visible, region)
+    completed = completion.completed()
+    sigma_m = completion.sigma_m(completed.vertices_m)
+    z = completed.vertices_m[:, 2]
+    assert (sigma_m[(z < low_m - 0.01) | (z > high_m + 0.01)] == CompletionSettings().visual_sigma_m).all()
+    middle = np.abs(z - 0.1) < 0.02
+    assert sigma_m[middle].min() > 2 * CompletionSettings().visual_sigma_m  # the belly hides 12 mm
+
+
+def test_a_surface_that_leaves_profile_and_cross_section_is_told_where_it_does():
+    bottle = bellied("elliptic")
+    visible, region, _ = scene(bottle)
+    band = support_band(visible, region)
+    prior = fit_prior(band.points_m, band.normals, 0.1)
+    contacts = []
+    for z in np.arange(0.06, 0.15, 0.01):
+        rho = float(bottle.radius_m(np.array(1.0), np.array(z)))
+        contacts.append((np.array([rho * np.cos(1.0), rho * np.sin(1.0), z]), 1e-4))
+    theta, z = (part.ravel() for part in np.meshgrid(np.linspace(-3, 3, 40), np.linspace(0.075, 0.125, 20)))
+    rho = bottle.radius_m(theta, z)
+    dent_m = 0.004 * np.exp(-((theta / 0.4) ** 2) - ((z - 0.1) / 0.01) ** 2)
+
+    def told(radius):
+        points = np.column_stack([radius * np.cos(theta), radius * np.sin(theta), z])
+        return disagreement_m(points, prior, band, contacts, region.size_m)
+
+    # The wall is known to 0.1 mm every 10 mm: what is left is the fit of the cross-section.
+    assert np.median(told(rho)) < 0.0008
+    off_m = told(rho - dent_m)
+    assert off_m[np.argmax(dent_m)] > 0.6 * dent_m.max()
+    assert off_m[dent_m > 0.002].min() > 2 * np.median(off_m[dent_m < 1e-5])
+
+
+def test_a_mirrored_contact_is_on_the_other_side_where_the_cross_section_changes():
+    rng = np.random.default_rng(2)
+    turn = 0.4
+    theta = rng.uniform(-np.pi, np.pi, 600)
+    low = np.arange(600) < 300
+    z = np.where(low, rng.uniform(0.0, 0.04, 600), rng.uniform(0.14, 0.18, 600))
+
+    def wall(angle, aspect):
+        return 0.03 / np.sqrt(np.cos(angle - turn) ** 2 + (np.sin(angle - turn) / aspect) ** 2)
+
+    rho = np.where(low, wall(theta, 0.7), wall(theta, 1.0))
+    points = np.column_stack([rho * np.cos(theta), rho * np.sin(theta), z])
+    normals = np.column_stack([np.cos(theta), np.sin(theta), 0 * z])
+    prior = fit_prior(points, normals, 0.09)
+    assert prior.p_mirror > 0.5 > prior.p_sweep
+    contact = wall(turn + 0.8, 0.85) * np.array([np.cos(turn + 0.8), np.sin(turn + 0.8), 0.0]) + [0, 0, 0.09]
+    mirrored, sigma_m = prior.mirrored(contact)
+    # An ellipse has two mirror planes; in both the radius is that of the contact.
+    angle = np.arctan2(mirrored[1], mirrored[0])
+    gap_m = abs(np.hypot(*mirrored[:2]) - wall(angle, 0.85))
+    assert gap_m < 3 * sigma_m
+    assert sigma_m < 0.0015
+    assert np.linalg.norm(mirrored - contact) > 0.01
+
+
 def test_touches_of_another_frame_are_registered():
     bottle = bellied()
     visible, region, hole = scene(bottle)
@@ -237,6 +300,7 @@ def test_the_verb_completes_and_plans(files, capsys):
     assert len(found["next"]["target_m"]) == 3
     assert found["symmetry"]["rotation"] > 0.9
     completed = SurfaceMesh.load(files / "done.ply")
+    assert (read_ply(files / "done.ply").fields["sigma_m"] > 0).all()
     middle = completed.vertices_m[np.abs(completed.vertices_m[:, 2] - 0.1) < 0.01]
     wall = bellied().radius_m(np.zeros(len(middle)), middle[:, 2])
     assert np.abs(np.hypot(middle[:, 0], middle[:, 1]) - wall).max() < 0.002

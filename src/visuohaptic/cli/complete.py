@@ -12,7 +12,7 @@ HELP = "Complete a surface where it could not be seen, by touches, and say where
 EPILOG = """\
 reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
         x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty)
-writes  the completed surface (PLY)
+writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
 
 example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
 """
@@ -47,6 +47,7 @@ def run(args: Any) -> dict[str, Any]:
     from ..reconstruction.mesh import SurfaceMesh
     from ..reconstruction.touch import read_touches
     from ..reconstruction.touch_registration import register_touches
+    from ..recording.ply import PlyMesh, write_ply
 
     if not (np.isfinite(args.bound_m) and args.bound_m > 0):
         raise InputError("--bound-m", f"found {args.bound_m}, expected > 0")
@@ -67,7 +68,8 @@ def run(args: Any) -> dict[str, Any]:
     for touch in touches:
         completion.add(touch)
     completed = completion.completed()
-    completed.save(args.out)
+    fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
+    write_ply(args.out, PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields))
     found: dict[str, Any] = {
         "out": str(args.out),
         "cluster": number,

@@ -81,7 +81,7 @@ def explore(
     visible, region = scene(bottle)
     completion = Completion(visible, region, CompletionSettings(use_priors=priors))
     truth = true_points(bottle)
-    mse, ranks, steps_s = [], [], []
+    mse, stages, steps_s = [], [], []
     mse.append(float(np.mean(errors_m(truth, completion.surface()) ** 2)))
     for number in range(touches):
         started_s = time.process_time()
@@ -89,7 +89,7 @@ def explore(
             plan = completion.next_touch()
             start, end = plan.start_m, plan.end_m
             if number in (0, 2, 5, 10):
-                ranks.append(_rank(completion, bottle, spearmanr))
+                stages.append(_told_and_true(completion, bottle))
         else:
             # Along random directions, within the hole.
             angle = rng.uniform(0, 2 * np.pi)
@@ -105,10 +105,17 @@ def explore(
         surface = completion.surface()
         steps_s.append(spent_s + time.process_time() - started_s)
         mse.append(float(np.mean(errors_m(truth, surface) ** 2)))
-    return {"kind": bottle.kind, "mse": mse, "spearman": ranks, "step_s": steps_s}
+    ranks = [float(spearmanr(told, true).statistic) for told, true in stages]
+    found: dict[str, Any] = {"kind": bottle.kind, "mse": mse, "spearman": ranks, "step_s": steps_s}
+    if stages:
+        # All stages of one exploration together: does it fall as and where the error falls?
+        told, true = (np.concatenate(part) for part in zip(*stages, strict=True))
+        found["spearman_all"] = float(spearmanr(told, true).statistic)
+    return found
 
 
-def _rank(completion: Completion, bottle: Bottle, spearmanr: Any) -> float:
+def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, np.ndarray]:
+    """Deviation and radial error of the surface's points in the hole [m]."""
     found = completion.uncertainty()
     points = found.mesh.vertices_m[found.missing]
     z = points[:, 2]
@@ -116,7 +123,7 @@ def _rank(completion: Completion, bottle: Bottle, spearmanr: Any) -> float:
     points = points[inside]
     wall = bottle.radius_m(np.arctan2(points[:, 1], points[:, 0]), points[:, 2])
     error = np.abs(np.hypot(points[:, 0], points[:, 1]) - wall)
-    return float(spearmanr(found.sigma_m[found.missing][inside], error).statistic)
+    return found.sigma_m[found.missing][inside], error
 
 
 def touches_to_tenth(mse: list[float]) -> float:

@@ -27,10 +27,12 @@ from .centres import Centres, around_core, free_points, with_off_surface
 from .hole import HoleRegion, support_band
 from .hole_surface import HoleSpace
 from .mesh import SurfaceMesh
+from .profile import disagreement_m
 from .rbf import RbfSurface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
 from .touch_lines import best_vertex, reachable, starts
+from .uncertainty import SurfaceUncertainty, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 
@@ -42,8 +44,6 @@ _TRUSTED = 0.06
 _USELESS = 0.2
 #: Rounds in which free space that the surface still covers is added.
 _FREE_ROUNDS = 3
-#: Slope of the signed distance that is believed at least.
-_LEAST_SLOPE = 0.2
 #: Contacts without which an exploration is never done.
 LEAST_TOUCHES = 3
 
@@ -60,16 +60,6 @@ class CompletionSettings:
     visual_sigma_m: float = 0.0005  #: noise of the visible surface
     use_priors: bool = True  #: rings of kindred cross-sections from each touch
     ring_points: int = 11  #: of each touch
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceUncertainty:
-    """How far the estimated surface may be off."""
-
-    mesh: SurfaceMesh  #: the planning mesh
-    score: Float[np.ndarray, "v"]  #: biharmonic distance from the nearest support (Eq. 5.7)
-    sigma_m: Float[np.ndarray, "v"]  #: standard deviation of the surface, scaled by what touches found
-    missing: Bool[np.ndarray, "v"]  #: whether a vertex is in the part that was not seen
 
 
 class Completion:
@@ -207,6 +197,10 @@ class Completion:
         if radius < 1e-6:
             return
         points, spread = self.prior.ring(contact, self.settings.ring_points)
+        if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
+            # The cross-section changes between the bands; that both sides are alike still holds.
+            mirrored, off_m = self.prior.mirrored(contact)
+            points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
         spread = np.hypot(spread * self.prior_inflation, sigma_m)
         known = np.array([old for old, _ in self._contacts] + list(self.band.points_m))
         for point, sigma in zip(points, spread, strict=True):
@@ -285,18 +279,24 @@ class Completion:
         if self._uncertainty is None:
             mesh, distances = self._planned()
             score = distances.score(self._support_vertices(mesh))
-            # The variance is smooth: every few vertices are enough, the others take their neighbour's.
-            from scipy.spatial import cKDTree
-
-            some = mesh.vertices_m[:: max(1, len(mesh.vertices_m) // 150)]
-            gaps, near = cKDTree(some).query(mesh.vertices_m, k=min(3, len(some)))
-            share = 1 / np.maximum(gaps, 1e-9)
-            # r(X) is a distance only where its slope is one: where it is flat, the surface moves farther.
-            slope = np.maximum(np.linalg.norm(self._fit.gradient(some), axis=1), _LEAST_SLOPE)
-            values = self._fit.kriging_sigma_m(some) / slope * self.calibration
-            sigma = (values[near] * share).sum(axis=1) / share.sum(axis=1)
+            sigma = spline_sigma_m(self._fit, mesh.vertices_m) * self.calibration
+            if self.prior is not None:
+                # Half, because what the prior's two models disagree on is a part of the same error.
+                off_m = disagreement_m(
+                    mesh.vertices_m, self.prior, self.band, self._contacts, self.region.size_m
+                )
+                sigma = np.hypot(0.5 * sigma, off_m)
             self._uncertainty = SurfaceUncertainty(mesh, score, sigma, self._missing(mesh.vertices_m))
         return self._uncertainty
+
+    def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision."""
+        sigma = np.full(len(points_m), self.settings.visual_sigma_m)
+        missing = self._missing(points_m) & (self.region.distance_m(points_m) < self.band.gap_m)
+        if missing.any():
+            found = self.uncertainty()
+            sigma[missing] = between(found.mesh.vertices_m, found.sigma_m, points_m[missing])
+        return sigma
 
     @property
     def calibration(self) -> float:

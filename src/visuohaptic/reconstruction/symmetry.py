@@ -22,6 +22,8 @@ __all__ = ["ShapePrior", "fit_prior"]
 ORDER = 8
 #: Knots of log R(z) in a band.
 _KNOTS = 6
+#: Directions at which residuals are averaged, over a window of this standard deviation.
+_ANGLES, _WINDOW_RAD = 72, 0.35
 #: Relative residual at which a symmetry is as likely as not.
 _HALF = 0.03
 
@@ -37,16 +39,42 @@ class ShapePrior:
     p_rotation: float  #: probability of rotational symmetry
     p_mirror: float  #: probability of a mirror plane through the axis
     p_sweep: float  #: probability that the cross-section keeps its shape between the bands
+    uneven: float = 0.0  #: part of e that the mirror plane leaves over, standard deviation of log rho
     mirror_rad: float = field(default=0.0)  #: direction of that plane
+    #: Root mean square of log rho's residual around evenly spaced angles from -pi on, the worse band's.
+    spread_by_angle: Float[np.ndarray, "a"] = field(default_factory=lambda: np.zeros(1))
 
-    def _section(self, theta: Float[np.ndarray, "n"], z: float) -> tuple[np.ndarray, np.ndarray]:
+    def section(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """e(theta) at heights: how far log rho is off that of the profile."""
+        return self._section(theta, z_m)[0]
+
+    def spread(self, theta: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+        """What the cross-section leaves over at angles, standard deviation of log rho."""
+        count = len(self.spread_by_angle)
+        grid = -np.pi + 2 * np.pi * np.arange(count) / count
+        return np.interp(theta, grid, self.spread_by_angle, period=2 * np.pi)
+
+    def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
+        """A touched point on the other side of the mirror plane, and its deviation [m].
+
+        It doesn't ask whether the cross-section keeps its shape over the height, as :meth:`ring` does.
+        """
+        offset = np.asarray(point_m)[:2] - self.axis_m
+        along = np.array([np.cos(self.mirror_rad), np.sin(self.mirror_rad)])
+        x, y = 2 * (offset @ along) * along - offset + self.axis_m
+        point = np.array([x, y, float(point_m[2])])
+        return point, float(np.hypot(*offset)) * float(np.hypot(self.uneven, self.residual))
+
+    def _section(
+        self, theta: Float[np.ndarray, "n"], z: float | Float[np.ndarray, "n"]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """e at a height, and how uncertain it is because the bands differ."""
         basis = _basis(theta)
         each = basis @ self.harmonics.T
         if len(self.heights_m) == 1:
             return each[:, 0], np.zeros(len(theta))
         low, high = self.heights_m
-        t = float(np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0))
+        t = np.clip((z - low) / max(high - low, 1e-9), 0.0, 1.0)
         between = (1 - t) * each[:, 0] + t * each[:, 1]
         # A quarter of the difference, most in the middle.
         return between, np.abs(each[:, 1] - each[:, 0]) * np.sqrt(t * (1 - t)) / 2
@@ -77,7 +105,7 @@ class ShapePrior:
 def _basis(theta: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n h"]:
     orders = np.arange(1, ORDER + 1)
     turns = np.outer(theta, orders)
-    return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(theta), -1)
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1).reshape(len(theta), 2 * ORDER)
 
 
 def fit_prior(
@@ -105,7 +133,8 @@ def fit_prior(
     fits = [_fit_band(np.log(rho[rows]), theta[rows], points_m[rows, 2]) for rows in parts]
     heights = np.array([float(np.median(points_m[rows, 2])) for rows in parts])
     harmonics = np.array([fit[0] for fit in fits])
-    residual = float(np.sqrt(np.mean([fit[1] ** 2 for fit in fits])))
+    residual = float(np.sqrt(np.mean([np.var(fit[1]) for fit in fits])))
+    spread = np.max([_by_angle(theta[rows], fit[1]) for rows, fit in zip(parts, fits, strict=True)], axis=0)
     ripple = float(np.sqrt(np.mean(np.sum(harmonics**2, axis=1)) / 2))
     difference = float(np.sqrt(np.sum((harmonics[0] - harmonics[-1]) ** 2) / 2))
     mirror_rad, uneven = _mirror(harmonics)
@@ -117,7 +146,9 @@ def fit_prior(
         _probability(np.hypot(ripple, residual)),
         _probability(np.hypot(uneven, residual)),
         _probability(np.hypot(difference, residual)),
+        uneven,
         mirror_rad,
+        spread,
     )
 
 
@@ -143,8 +174,8 @@ def height_axis(
 
 def _fit_band(
     log_rho: Float[np.ndarray, "n"], theta: Float[np.ndarray, "n"], z: Float[np.ndarray, "n"]
-) -> tuple[Float[np.ndarray, "h"], float]:
-    """Least squares of hats in z and harmonics in theta; harmonics and residual."""
+) -> tuple[Float[np.ndarray, "h"], Float[np.ndarray, "n"]]:
+    """Least squares of hats in z and harmonics in theta; harmonics and residuals."""
     knots = np.linspace(z.min(), z.max() + 1e-9, _KNOTS)
     hats = np.maximum(0.0, 1.0 - np.abs(z[:, None] - knots) / (knots[1] - knots[0]))
     columns = np.concatenate([hats, _basis(theta)], axis=1)
@@ -152,7 +183,14 @@ def _fit_band(
     # High harmonics are held back a little: a band has few points in a corner.
     ridge = np.diag(np.concatenate([np.full(_KNOTS, 1e-6), 1e-3 * orders**2 / ORDER]) * len(z) / 50)
     found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ log_rho)
-    return found[_KNOTS:], float(np.std(log_rho - columns @ found))
+    return found[_KNOTS:], log_rho - columns @ found
+
+
+def _by_angle(theta: Float[np.ndarray, "n"], residual: Float[np.ndarray, "n"]) -> Float[np.ndarray, "a"]:
+    """Root mean square of residuals around each of ``_ANGLES`` directions."""
+    grid = -np.pi + 2 * np.pi * np.arange(_ANGLES) / _ANGLES
+    weights = np.exp((np.cos(grid[:, None] - theta) - 1) / _WINDOW_RAD**2)
+    return np.sqrt(weights @ residual**2 / np.maximum(weights.sum(axis=1), 1e-12))
 
 
 def _mirror(harmonics: Float[np.ndarray, "b h"]) -> tuple[float, float]:
