@@ -250,9 +250,7 @@ def extend_graph(
     JointGraph
         With every node; one that cannot be passed has no edges.
     """
-    layers = regions.layers
-    blocked = (layers.map.cells >= OBSTACLE_FROM) | ((layers.map.cells < 0) & (not layers.unknown_is_free))
-    builder = _Builder(visual, regions, robot, blocked)
+    builder = _Builder(visual, regions, robot)
     added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
     return JointGraph(visual, regions, robot, added)
 
@@ -275,16 +273,10 @@ def with_regions(plan: Plan, regions: Regions) -> Plan:
 class _Builder:
     """Arrays that all nodes of one extension share."""
 
-    def __init__(
-        self,
-        visual: NavigationGraph,
-        regions: Regions,
-        robot: RobotModel,
-        blocked: Bool[np.ndarray, "rows columns"],
-    ) -> None:
+    def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
         from ._push_search_kernels import UNITS
 
-        self.visual, self.regions, self.robot, self.blocked = visual, regions, robot, blocked
+        self.visual, self.regions, self.robot = visual, regions, robot
         self.map = regions.layers.map
         self.radius = robot.radius_m / self.map.resolution_m * (1 - 1e-9)
         self.slow = robot.v_max_m_s / robot.v_min_m_s
@@ -315,7 +307,10 @@ class _Builder:
         )  # fmt: skip
         if r1 <= r0 or c1 <= c0:
             return nothing
-        occupied = self.blocked[r0:r1, c0:c1].copy()
+        around = self.map.cells[r0:r1, c0:c1]
+        occupied = around >= OBSTACLE_FROM
+        if not self.regions.layers.unknown_is_free:
+            occupied |= around < 0
         free_object(occupied, outline, r0, c0)  # 1
         if occupied.any():  # 2
             free = (~occupied).view(np.uint8)
@@ -332,8 +327,10 @@ class _Builder:
         mine = region_of_node(inner, self.radius, seed, i0, j0, start)  # 4
         empty = np.zeros((0, 0), np.int32)
         none = np.zeros(0, np.int32)
+        # The way to a neighbour leads through the node's own region and over the border, not along it.
+        own = cv2.dilate(mine.reshape(inner.shape).view(np.uint8), np.ones((3, 3), np.uint8))
         cost, _, _ = travel_field(
-            inner, self.radius, self.slow, np.array([start], np.int32), np.zeros(1, np.int32),
+            np.where(own > 0, inner, np.float32(0.0)), self.radius, self.slow, np.array([start], np.int32), np.zeros(1, np.int32),
             empty, none, none, 0,
         )  # fmt: skip
         names, costs = border_costs(  # 5, 6
