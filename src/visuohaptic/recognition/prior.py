@@ -364,7 +364,8 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
         With the objects of the examples.
     examples
         Looks that were not stored themselves, with unknown objects among them in about the share that is
-        expected later. Only the worth of evidence that occurs in them is changed.
+        expected later: it becomes the prior of unknown. Only the worth of evidence that occurs in them is
+        changed.
     """
     names = [*prior.entries, UNKNOWN]
     for one in examples:
@@ -380,7 +381,8 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     truth = [names.index(one.truth) for one in examples]
     with_image = any(np.isfinite(look.log_matches).any() for look in looks)
     with_shape = any(np.isfinite(look.log_residual).any() for look in looks)
-    old = prior.settings
+    strangers = sum(one.truth == UNKNOWN for one in examples)
+    old = replace(prior.settings, unknown_prior=(strangers + 1) / (len(examples) + 2))
     names_free = ["matches_exponent", "matches_neutral"] * with_image
     names_free += ["residual_exponent", "residual_neutral_m"] * with_shape
     if not names_free:
