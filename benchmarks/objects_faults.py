@@ -24,6 +24,8 @@ from visuohaptic.objects import Estimate, Evidence, FeatureVector, StiffnessMap,
 from visuohaptic.objects.database import open_database
 from visuohaptic.objects.merge import add_evidence
 
+from ._journal import Journal
+
 
 def make_object(number: int, vertices: int = 60) -> VisuoHapticObject:
     """An object that is told by its number alone."""
@@ -172,15 +174,44 @@ def full_disk(count: int, rng: random.Random) -> dict[str, int] | None:
 
 
 def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
-    """All rows."""
-    rng = random.Random(0)
-    rows = []
-    with tempfile.TemporaryDirectory() as name:
-        found = {
-            f"{kill_count} x kill -9 during import": kills(Path(name) / "kills", kill_count, rng),
-            "8 writers at once": writers(Path(name) / "writers"),
-            f"{disk_count} x full disk": full_disk(disk_count, rng),
-        }
+    """All rows; with ``OBJECTS_FAULTS_JOURNAL`` naming a file, a stopped campaign goes on where it was."""
+    named = os.environ.get("OBJECTS_FAULTS_JOURNAL")
+    about = {"study": "objects_faults", "kills": kill_count, "disks": disk_count}
+    done = Journal(Path(named) if named else None, about)
+
+    def kept(key: str, work: Callable[[], dict[str, int] | None]) -> dict[str, int] | None:
+        if key not in done:
+            done.put(key, work())
+        return done.rows[key]
+
+    def in_blocks(
+        name: str, count: int, block: int, work: Callable[[int, random.Random], dict[str, int] | None]
+    ) -> dict[str, int] | None:
+        total: dict[str, int] = {}
+        for start in range(0, count, block):
+            size = min(block, count - start)
+            rng = random.Random(f"{name} {start}")
+            part = kept(f"{name} {start}", lambda size=size, rng=rng: work(size, rng))  # type: ignore[misc]
+            if part is None:
+                return None
+            for key, value in part.items():
+                total[key] = total.get(key, 0) + value
+        return total
+
+    def some_kills(count: int, rng: random.Random) -> dict[str, int]:
+        with tempfile.TemporaryDirectory() as name:
+            return kills(Path(name) / "db", count, rng)
+
+    def some_writers() -> dict[str, int]:
+        with tempfile.TemporaryDirectory() as name:
+            return writers(Path(name) / "db")
+
+    rows: list[dict[str, Any]] = []
+    found = {
+        f"{kill_count} x kill -9 during import": in_blocks("kills", kill_count, 20, some_kills),
+        "8 writers at once": kept("writers", some_writers),
+        f"{disk_count} x full disk": in_blocks("disks", disk_count, 5, full_disk),
+    }
     for case, result in found.items():
         if result is None:
             continue

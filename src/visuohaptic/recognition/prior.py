@@ -49,8 +49,8 @@ class PriorSettings:
     shapes_checked: int = 12  #: the best by descriptor, that ICP is tried on
     views_checked: int = 2  #: of each of these
     unknown_prior: float = 0.1  #: probability that an object is not stored, before anything is seen
-    matches_exponent: float = 3.0  #: a
-    matches_neutral: float = 8.0  #: n_0
+    matches_exponent: float = 4.0  #: a
+    matches_neutral: float = 1.5  #: n_0; fewer than 6 matches are counted as none
     residual_exponent: float = 6.0  #: b
     residual_neutral_m: float = 0.002  #: r_0
     most_evidence: float = 14.0  #: of picture or shape alone, either way; logarithm of odds
@@ -364,7 +364,8 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
         With the objects of the examples.
     examples
         Looks that were not stored themselves, with unknown objects among them in about the share that is
-        expected later. Only the worth of evidence that occurs in them is changed.
+        expected later: it becomes the prior of unknown. Only the worth of evidence that occurs in them is
+        changed.
     """
     names = [*prior.entries, UNKNOWN]
     for one in examples:
@@ -380,7 +381,8 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     truth = [names.index(one.truth) for one in examples]
     with_image = any(np.isfinite(look.log_matches).any() for look in looks)
     with_shape = any(np.isfinite(look.log_residual).any() for look in looks)
-    old = prior.settings
+    strangers = sum(one.truth == UNKNOWN for one in examples)
+    old = replace(prior.settings, unknown_prior=(strangers + 1) / (len(examples) + 2))
     names_free = ["matches_exponent", "matches_neutral"] * with_image
     names_free += ["residual_exponent", "residual_neutral_m"] * with_shape
     if not names_free:
@@ -393,9 +395,9 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     def loss(logs: np.ndarray) -> float:
         now = settings(logs)
         shares = [_probabilities(look, now)[i] for look, i in zip(looks, truth, strict=True)]
-        # The most probable values, where each is expected within a factor of about two of where it starts:
+        # The most probable values, where each is expected within a factor of e of where it starts:
         # a few examples must not make evidence worth anything.
-        pull = float(np.sum((logs - start) ** 2)) / len(looks)
+        pull = 0.5 * float(np.sum((logs - start) ** 2)) / len(looks)
         return float(-np.mean(np.log(np.maximum(shares, 1e-9)))) + pull
 
     from scipy.optimize import minimize
