@@ -104,10 +104,10 @@ def reproduce(
     if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
         return Outcome(key, target, float(before.get("seconds", 0.0)), kept=True)
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
-    module = _module(key)
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), time.process_time()
     try:
+        module = _module(key)
         module.run(out)
     except VisuohapticError as error:
         return Outcome(key, target, time.perf_counter() - begin, problem=str(error))
