@@ -85,15 +85,15 @@ def run(out: Output) -> None:
     virtual, rng = VirtualSensor(), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
     columns: dict[str, list[Any]] = {
-        k: [] for k in ("object", "outcome", "force_N", "printed_force_N", "dynamic_N", "printed_dynamic_N", "deformability",
+        k: [] for k in ("object", "outcome", "largest_force_N", "force_N", "printed_force_N", "dynamic_N", "printed_dynamic_N", "deformability",
                         "deceleration_s", "drift", "fixed", "printed_fixed", "falls", "printed_falls")
     }  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
         for row in chosen:
-            outcome, tag = _explored(row, sensor, renderer, out.seed)
-            values = (row.name, outcome, _number(tag.static_friction_N), row.static_N, _number(tag.dynamic_friction_N),
+            outcome, tag, largest = _explored(row, sensor, renderer, out.seed)
+            values = (row.name, outcome, largest, _number(tag.static_friction_N), row.static_N, _number(tag.dynamic_friction_N),
                       row.dynamic_N, _number(tag.deformability), _number(tag.deceleration_s), _number(tag.drift),
                       bool(tag.fixed), row.fixed, bool(tag.falls), row.falls)  # fmt: skip
             for key, value in zip(columns, values, strict=True):
@@ -114,14 +114,17 @@ def run(out: Output) -> None:
         out.compare(f'flag "{name}" right', right, f"of {len(chosen)}")
 
 
-def _explored(row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int) -> tuple[str, HapticTag]:
+def _explored(
+    row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int
+) -> tuple[str, HapticTag, float]:
     world = PushWorld([row.obstacle], PlatformConfig(), seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=30.0, seed=seed)
     sensor.reset()
     settings = ExploreSettings(push_m_s=0.03, approach_m_s=0.03, back_off_m=0.01)
     scene = SceneTracker.of_sensor(sensor.setup, world.config.floor_below_m)
     found = explore_obstacle(world.base, source, sensor, settings, scene=scene)
-    return str(found.outcome), found.tag
+    largest = max((p.force_N for p in found.profiles if p.valid), default=math.nan)
+    return str(found.outcome), found.tag, float(largest)
 
 
 def _number(value: Estimate | None) -> float:
