@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -47,7 +48,14 @@ def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0
     axes.add_collection3d(Poly3DCollection(1e3 * corners, facecolors=rgba, edgecolors="none"))
 
 
-def frame_3d(axes: Any, low_m: np.ndarray, high_m: np.ndarray, *, elev: float = 14, azim: float = -60) -> None:
+def frame_3d(
+    axes: Any,
+    low_m: np.ndarray | Sequence[float],
+    high_m: np.ndarray | Sequence[float],
+    *,
+    elev: float = 14,
+    azim: float = -60,
+) -> None:
     """Limits in millimetres, equal axes, no frame."""
     low, high = 1e3 * np.asarray(low_m, dtype=float), 1e3 * np.asarray(high_m, dtype=float)
     for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):

@@ -26,7 +26,9 @@ def run(out: Output) -> None:
     """Fuse, detect, and compare the surface of the bottles with the truth."""
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.05)
     frames = rendered(scene, out.seed, 160 if out.quick else 320)
-    volume = TsdfVolume.around(LOW_M, HIGH_M, 2 * VOXEL_m if out.quick else VOXEL_m, color=False)
+    volume = TsdfVolume.around(
+        np.array(LOW_M), np.array(HIGH_M), 2 * VOXEL_m if out.quick else VOXEL_m, color=False
+    )
     for frame in frames:
         volume.integrate(frame)
     mesh = volume.mesh(2.0)
@@ -77,7 +79,9 @@ def run(out: Output) -> None:
 
 def _wall_points(solid: Any) -> tuple[np.ndarray, np.ndarray]:
     """Points on the outer wall, and which of them are transparent."""
-    theta, z = np.meshgrid(np.linspace(0, 2 * np.pi, 48, endpoint=False), np.linspace(0.02, solid.height_m - 0.004, 60))
+    theta, z = np.meshgrid(
+        np.linspace(0, 2 * np.pi, 48, endpoint=False), np.linspace(0.02, solid.height_m - 0.004, 60)
+    )
     radius = solid.radius_m(z) * 0.97
     x, y = solid.squash * radius * np.cos(theta), radius * np.sin(theta)
     c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)

@@ -28,7 +28,9 @@ def run(out: Output) -> None:
     figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))
     rows: dict[str, list[Any]] = {"kind": [], "method": [], "objects": [], "found": [], "false": [], "f1": []}
     for number, (kind, axis) in enumerate(zip(kinds, axes.ravel(), strict=True)):
-        scene = glass_scene(out.seed + 16 + number, kind=kind, arc_deg=105 if out.quick else 180, step_m=0.045)
+        scene = glass_scene(
+            out.seed + 16 + number, kind=kind, arc_deg=105 if out.quick else 180, step_m=0.045
+        )
         frames = rendered(scene, out.seed + 16 + number, 160 if out.quick else 320)
         for method in ("published", "consistency"):
             regions = detected(frames, method)
@@ -65,7 +67,9 @@ def _draw(axis: Any, frames: list[DepthFrame], scene: Any, regions: Any) -> None
     for solid in scene.glass:
         theta, z = np.meshgrid(np.linspace(0, 2 * np.pi, 24), np.linspace(0.01, solid.height_m, 24))
         radius = solid.radius_m(z)
-        ring = np.stack([solid.squash * radius * np.cos(theta), radius * np.sin(theta), z], axis=-1).reshape(-1, 3)
+        ring = np.stack([solid.squash * radius * np.cos(theta), radius * np.sin(theta), z], axis=-1).reshape(
+            -1, 3
+        )
         c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
         ring[:, :2] = ring[:, :2] @ np.array([[c, s], [-s, c]])
         axis.plot(*(1e3 * (ring + np.asarray(solid.foot_m))).T, ".", ms=0.8, color="#0072b2")

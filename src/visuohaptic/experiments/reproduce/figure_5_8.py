@@ -47,7 +47,9 @@ def run(out: Output) -> None:
         axes.semilogy(steps, 1e6 * planned.T, color=COLOURS["grey"], lw=0.5, alpha=0.5)
         axes.semilogy(steps, 1e6 * planned.mean(axis=0), color=COLOURS["blue"], lw=2.4, label="mean, planned")
         axes.semilogy(steps, 1e6 * random.mean(axis=0), color=COLOURS["orange"], lw=2.0, label="mean, random")
-        axes.set(xlabel="touches", ylabel="mean square error [mm$^2$]", xticks=steps[:: max(1, len(steps) // 10)])
+        axes.set(
+            xlabel="touches", ylabel="mean square error [mm$^2$]", xticks=steps[:: max(1, len(steps) // 10)]
+        )
         axes.legend()
 
     out.picture("error", draw_axes(1, 1, draw, size=(7.0, 4.6)))

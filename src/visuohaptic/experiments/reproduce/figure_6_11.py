@@ -57,7 +57,11 @@ def run(out: Output) -> None:
     good = np.isfinite(found)
     out.compare("places where the difference is positive", 100 * float((found[good] > 0).mean()), "%",
                 note='printed: "expected to be positive on most feature locations"')  # fmt: skip
-    out.compare("largest difference", float(np.nanmax(found)), note='printed of simulation: "much smaller" than measured')
+    out.compare(
+        "largest difference",
+        float(np.nanmax(found)),
+        note='printed of simulation: "much smaller" than measured',
+    )
 
 
 def _quadratic(deformation_m: np.ndarray, force_N: np.ndarray) -> float:

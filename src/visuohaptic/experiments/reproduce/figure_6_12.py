@@ -41,8 +41,8 @@ def run(out: Output) -> None:
         values = (case.name, case.force_N, case.good, score, 1e3 * float(plan.scores.deformation_m[vertex]),
                   1e3 * min(said.deformation_m, float(said.curve_m[-1])), score >= plan.task.least_score, said.holds,
                   said.reason)  # fmt: skip
-        for name, value in zip(rows, values, strict=True):
-            rows[name].append(value)
+        for column, value in zip(rows, values, strict=True):
+            rows[column].append(value)
         curves.append((case, said))
     out.table("grasps", rows)
 
@@ -50,7 +50,13 @@ def run(out: Output) -> None:
         for number, (case, said) in enumerate(curves):
             colour = COLOURS["green"] if case.good else "#c62828"
             style = ("-", "--", ":")[number % 3]
-            axes.plot(1e3 * said.curve_m, said.curve_N, style, color=colour, label=f"{case.name} ({case.force_N:g} N)")
+            axes.plot(
+                1e3 * said.curve_m,
+                said.curve_N,
+                style,
+                color=colour,
+                label=f"{case.name} ({case.force_N:g} N)",
+            )
             axes.plot(1e3 * min(said.deformation_m, float(said.curve_m[-1])),
                       np.interp(min(said.deformation_m, float(said.curve_m[-1])), said.curve_m, said.curve_N), "o",
                       color=colour)  # fmt: skip
@@ -59,7 +65,7 @@ def run(out: Output) -> None:
         axes.legend(fontsize=8)
 
     out.picture("grasps", draw_axes(1, 1, draw, size=(8.0, 4.8)))
-    for name, key in (("on the map", "map_holds"), ("by the nonlinear simulation", "simulated_holds")):
-        right = sum(a == b for a, b in zip(rows[key], rows["text_holds"], strict=True))
+    for name, flag in (("on the map", "map_holds"), ("by the nonlinear simulation", "simulated_holds")):
+        right = sum(a == b for a, b in zip(rows[flag], rows["text_holds"], strict=True))
         out.compare(f"grasps told right {name}", right, f"of {len(cases)}", dissertation=len(cases),
                     note="predictions of stable and unstable locations are confirmed")  # fmt: skip

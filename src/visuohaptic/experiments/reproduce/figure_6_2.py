@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ FORCE_N, HEIGHT = 3.0, 0.9
 def run(out: Output) -> None:
     """Pinch both, map one."""
     figure, axes = figure_3d(1, 3, size=(11.0, 4.4))
-    rows: dict[str, list[float | str]] = {"model": [], "deformation_mm": [], "stiffness_N_per_m": []}
+    rows: dict[str, list[Any]] = {"model": [], "deformation_mm": [], "stiffness_N_per_m": []}
     moved = {}
     for axis, name, letter in zip(axes[0, :2], ("cup", "cup-rim"), "ab", strict=True):
         thing = load_object(name, around=24 if out.quick else 40)

@@ -25,7 +25,9 @@ TASKS = {"cleaner": 20.0, "cup-rim": 20.0, "cup": 5.0}
 def run(out: Output) -> None:
     """Plan for the three objects."""
     plans = []
-    rows: dict[str, list[Any]] = {k: [] for k in ("object", "rank", "height_share", "angle_deg", "score", "deformation_mm")}
+    rows: dict[str, list[Any]] = {
+        k: [] for k in ("object", "rank", "height_share", "angle_deg", "score", "deformation_mm")
+    }
     for name, force in TASKS.items():
         thing = load_object(name, around=24 if out.quick else None)
         plan = plan_grasps(thing, GraspTask(force_N=force), count=5)
@@ -38,7 +40,10 @@ def run(out: Output) -> None:
                 rows[key].append(value)
     out.drawn("scores", lambda path: plot_plan(path, plans))
     out.table("grasps", rows)
-    for name, wanted, printed in (("cleaner", 0.85, "one near the lid, one on the side"), ("cup-rim", 0.9, "on top")):
+    for name, wanted, printed in (
+        ("cleaner", 0.85, "one near the lid, one on the side"),
+        ("cup-rim", 0.9, "on top"),
+    ):
         heights = [h for n, h in zip(rows["object"], rows["height_share"], strict=True) if n == name]
         out.compare(f"{name}: highest grasp, share of the height", max(heights, default=0.0),
                     note=f"printed: {printed}; above {wanted} is there")  # fmt: skip

@@ -24,15 +24,19 @@ def run(out: Output) -> None:
 
     names = NAMES[3:5] if out.quick else NAMES
     maps = {name: object_map(load_object(name, around=32 if out.quick else 48), band=False) for name in names}
-    values = np.concatenate([found.stiffness_N_per_m[np.isfinite(found.stiffness_N_per_m)] for found in maps.values()])
+    values = np.concatenate(
+        [found.stiffness_N_per_m[np.isfinite(found.stiffness_N_per_m)] for found in maps.values()]
+    )
     norm = LogNorm(*np.percentile(values, [2, 97]))
     figure, axes = figure_3d(1, len(names), size=(2.3 * len(names), 4.0))
     rows = []
     for axis, (name, found) in zip(axes[0], maps.items(), strict=True):
         points, stiffness = found.vertices_m, found.stiffness_N_per_m
         per_face = np.nanmean(np.where(np.isfinite(stiffness), stiffness, np.nan)[found.faces], axis=1)
-        colours = colormaps["turbo"](norm(np.nan_to_num(per_face, nan=norm.vmax)))
-        axis.add_collection3d(Poly3DCollection(1e3 * points[found.faces], facecolors=colours, edgecolors="none"))
+        colours = colormaps["turbo"](norm(np.nan_to_num(per_face, nan=float(values.max()))))
+        axis.add_collection3d(
+            Poly3DCollection(1e3 * points[found.faces], facecolors=colours, edgecolors="none")
+        )
         frame_3d(axis, points.min(axis=0), points.max(axis=0))
         axis.set_title(name, fontsize=10)
         share = points[:, 2] / points[:, 2].max()

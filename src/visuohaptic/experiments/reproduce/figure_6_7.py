@@ -31,7 +31,11 @@ def run(out: Output) -> None:
     ]  # fmt: skip
     out.table("features", dict(zip(("class", "height", "side", "mean", "deviation"), zip(*rows, strict=True),
                                    strict=True)))  # fmt: skip
-    asked = [(feature_name(int(f)), float(t)) for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0]
+    asked = [
+        (feature_name(int(f)), float(t)) for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0
+    ]
     out.table("nodes", {"feature": [name for name, _ in asked], "threshold": [t for _, t in asked]})
-    out.compare("cross-validated loss", 100 * tree.loss, "%", note="of similar subsets: 0.0 to 1.2 (Table 6.1)")
+    out.compare(
+        "cross-validated loss", 100 * tree.loss, "%", note="of similar subsets: 0.0 to 1.2 (Table 6.1)"
+    )
     out.compare("inner nodes", len(asked), note="the printed tree separates the cup by x+14 first")

@@ -104,10 +104,10 @@ def reproduce(
     if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
         return Outcome(key, target, float(before.get("seconds", 0.0)), kept=True)
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
-    module = _module(key)
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), time.process_time()
     try:
+        module = _module(key)
         module.run(out)
     except VisuohapticError as error:
         return Outcome(key, target, time.perf_counter() - begin, problem=str(error))
@@ -147,21 +147,25 @@ def read_result(folder: Path | str) -> dict[str, Any] | None:
 
 
 def write_index(folder: Path | str) -> Path:
-    """Write ``index.md``: all results in the folder, with pictures and numbers."""
+    """Write ``index.md``: all results in the folder, with pictures and numbers.
+
+    Beside it ``gallery.md`` is the same without pictures and links, for the documentation.
+    """
     folder = Path(folder)
-    lines = ["# The dissertation's figures and tables, made again", ""]
-    for key in EXPERIMENTS:
-        result = read_result(folder / key)
-        if result is not None:
-            lines += _section(key, result)
-    path = folder / "index.md"
-    write_text(path, "\n".join(lines))
+    for name, whole in (("gallery.md", False), ("index.md", True)):
+        lines = ["# The dissertation's figures and tables, made again", ""]
+        for key in EXPERIMENTS:
+            result = read_result(folder / key)
+            if result is not None:
+                lines += _section(key, result, whole)
+        path = folder / name
+        write_text(path, "\n".join(lines))
     return path
 
 
-def _section(key: str, result: dict[str, Any]) -> list[str]:
+def _section(key: str, result: dict[str, Any], whole: bool) -> list[str]:
     lines = [f"## {key.replace('-', ' ').capitalize()} · {result['title']}", ""]
-    for picture in result["pictures"]:
+    for picture in result["pictures"] if whole else ():
         lines += [f"![{result['title']}]({key}/{picture})", ""]
     lines += [result["caption"], ""]
     if result["comparisons"]:
@@ -170,8 +174,12 @@ def _section(key: str, result: dict[str, Any]) -> list[str]:
             printed = "" if one["dissertation"] is None else f"{one['dissertation']:.4g}"
             lines.append(f"| {one['name']} | {one['ours']:.4g} | {printed} | {one['unit']} | {one['note']} |")
         lines.append("")
-    data = ", ".join(f"[{name}]({key}/{name})" for name in result["tables"])
-    lines += [f"Data: {data}. Seed {result['seed']}, {result['seconds']:.0f} s.", ""]
+    made = f"Seed {result['seed']}, {result['seconds']:.0f} s"
+    if whole:
+        data = ", ".join(f"[{name}]({key}/{name})" for name in result["tables"])
+        lines += [f"Data: {data}. {made}.", ""]
+    else:
+        lines += [f"`visuohaptic reproduce {key}`, seed {result['seed']}.", ""]
     return lines
 
 

@@ -12,7 +12,9 @@ from .output import Output
 __all__ = ["CAPTION", "TITLE", "TREES", "run"]
 
 TITLE = "Decision trees trained with subsets of classes"
-CAPTION = "Cross-validated loss of nine trees beside the printed one (simulated features, as in the dissertation)."
+CAPTION = (
+    "Cross-validated loss of nine trees beside the printed one (simulated features, as in the dissertation)."
+)
 #: Number -> classes, scheme, printed loss [%], printed count of different features.
 TREES: dict[int, tuple[tuple[str, ...], str, float, int]] = {
     1: (("cup", "cup-rim"), "centre", 0.0, 1),
@@ -53,7 +55,14 @@ def run(out: Output) -> None:
         for shift, key, colour, label in ((-0.2, "loss_percent", "blue", "ours"),
                                           (0.2, "printed_percent", "grey", "dissertation")):  # fmt: skip
             bars = rows["sigma_percent"] if key == "loss_percent" else None
-            axes.bar([n + shift for n in rows["tree"]], rows[key], 0.38, color=COLOURS[colour], label=label, yerr=bars)
+            axes.bar(
+                [n + shift for n in rows["tree"]],
+                rows[key],
+                0.38,
+                color=COLOURS[colour],
+                label=label,
+                yerr=bars,
+            )
         axes.set(xlabel="tree", ylabel="loss [%]", xticks=rows["tree"])
         axes.legend()
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...recognition import calibrate, explore, fit_model, train_tree, walk
 from .. import virtual_containers as world
 from ..plots import draw_axes
-from ._features import FIVE, grouped, training_features
+from ._features import grouped, training_features
 from .output import Output
 from .table_6_1 import TREES
 
@@ -90,7 +90,7 @@ def _draw(axes: Any, names: tuple[str, ...], share: np.ndarray) -> None:
     axes.grid(visible=False)
     for (row, column), value in np.ndenumerate(share):
         printed = PRINTED[names[row]][column] if column < len(NUMBERS) else _N
-        ours = "–" if np.isnan(value) else f"{100 * value:.0f} %"
+        ours = "-" if np.isnan(value) else f"{100 * value:.0f} %"
         text = ours if np.isnan(printed) else f"{ours} ({100 * printed:.0f})"
         axes.text(column, row, text, ha="center", va="center", fontsize=8)
     axes.set_title("trials right; in brackets as printed")

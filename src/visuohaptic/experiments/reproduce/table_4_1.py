@@ -1,0 +1,151 @@
+"""Haptic tags of the objects of an office (Table 4.1)."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...objects import Estimate, HapticTag
+from ...sensing.foam import FoamSensor
+from ...sensing.scene import SceneTracker
+from ...simulation.obstacles import Obstacle, box, cylinder, door
+from ...simulation.platform import PlatformConfig
+from ...simulation.renderer import SceneRenderer
+from ...simulation.sensor_camera import SimulatedSensorCamera
+from ...simulation.world import PushWorld
+from ...tasks.explore import ExploreSettings, explore_obstacle
+from ..plots import COLOURS, draw_axes
+from ..virtual_sensor import VirtualSensor
+from .output import Output
+
+__all__ = ["CAPTION", "TITLE", "run"]
+
+TITLE = "Haptic tags of various objects"
+CAPTION = (
+    "Objects with the printed friction forces, pushed by the simulated platform: tag read from rendered frames beside the "
+    "printed value. The cushion is left out (the simulation has no soft obstacles); so is the deformability of the stool."
+)
+FRONT_m, GAP_m, GRAVITY = 0.19, 0.012, 9.81
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Row:
+    """One column of the printed table."""
+
+    name: str
+    obstacle: Obstacle
+    static_N: float
+    dynamic_N: float = math.nan
+    fixed: bool = False
+    falls: bool = False
+    known: bool = True  #: the printed force is friction on the floor, and can be set
+
+
+def _pushed(name: str, kind: str, size: tuple[float, float, float], static_N: float, dynamic_N: float,
+            friction: float, yaw_rad: float = 0.0, aside_m: float = 0.0) -> Row:  # fmt: skip
+    ratio = static_N / dynamic_N
+    rest: dict[str, Any] = {"mass_kg": dynamic_N / (friction * GRAVITY), "friction": friction, "static_ratio": ratio,
+                            "yaw_rad": yaw_rad}  # fmt: skip
+    ahead = FRONT_m + GAP_m + 0.5 * size[0] * abs(math.cos(yaw_rad)) + 0.5 * size[1] * abs(math.sin(yaw_rad))
+    if kind == "cylinder":
+        thing = cylinder(name, FRONT_m + GAP_m + 0.5 * size[0], aside_m, 0.5 * size[0], size[2], **rest)
+    else:
+        thing = box(name, ahead, aside_m, size, **rest)
+    return Row(name, thing, static_N, dynamic_N)
+
+
+def table_rows() -> tuple[Row, ...]:
+    """The objects, in the order of the table."""
+    tower = box("PC tower", FRONT_m + GAP_m + 0.225, 0.0, (0.45, 0.2, 0.45), mass_kg=25.0, friction=0.6)
+    wing = door(
+        "door", FRONT_m + GAP_m + 0.02, -0.5, yaw_rad=0.5 * math.pi, mass_kg=12.0, hinge_friction_Nm=1.3
+    )
+    cleaner = cylinder(
+        "cleaner", FRONT_m + GAP_m + 0.035, 0.0, 0.035, 0.3, mass_kg=0.5, friction=0.9, static_ratio=1.1
+    )
+    return (
+        Row("PC tower", tower, 15.3, fixed=True, known=False),
+        _pushed("stool", "box", (0.35, 0.2, 0.3), 8.1, 7.5, 0.35),
+        _pushed("paper bin", "cylinder", (0.25, 0.25, 0.3), 1.5, 1.4, 0.3, aside_m=0.01),
+        _pushed("paper bin + content", "cylinder", (0.25, 0.25, 0.3), 6.5, 6.1, 0.3, aside_m=0.01),
+        _pushed("table", "box", (0.3, 0.22, 0.3), 15.9, 15.9, 0.35),
+        Row("door", wing, 2.8, known=False),
+        _pushed("vase", "box", (0.1, 0.1, 0.12), 0.6, 0.6, 0.3, yaw_rad=0.6, aside_m=0.02),
+        _pushed("vase + water", "box", (0.1, 0.1, 0.12), 0.9, 0.9, 0.3, aside_m=0.01),
+        Row("cleaner", cleaner, 1.3, falls=True, known=False),
+    )
+
+
+def run(out: Output) -> None:
+    """Explore each object with one calibrated sensor."""
+    virtual, rng = VirtualSensor(), out.rng()
+    chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
+    columns: dict[str, list[Any]] = {
+        k: [] for k in ("object", "outcome", "largest_force_N", "force_N", "printed_force_N", "dynamic_N", "printed_dynamic_N", "deformability",
+                        "deceleration_s", "drift", "fixed", "printed_fixed", "falls", "printed_falls")
+    }  # fmt: skip
+    with tempfile.TemporaryDirectory() as folder:
+        sensor = virtual.build(folder, rng)
+        renderer = virtual.renderer()
+        for row in chosen:
+            outcome, tag, largest = _explored(row, sensor, renderer, out.seed)
+            values = (row.name, outcome, largest, _number(tag.static_friction_N), row.static_N, _number(tag.dynamic_friction_N),
+                      row.dynamic_N, _number(tag.deformability), _number(tag.deceleration_s), _number(tag.drift),
+                      bool(tag.fixed), row.fixed, bool(tag.falls), row.falls)  # fmt: skip
+            for key, value in zip(columns, values, strict=True):
+                columns[key].append(value)
+    out.table("tags", columns)
+    out.picture("forces", draw_axes(1, 1, lambda axes: _draw(axes, columns), size=(9.0, 4.2)))
+    known = np.array([row.known for row in chosen])
+    for name, ours, printed in (("static friction", "force_N", "printed_force_N"),
+                                ("dynamic friction", "dynamic_N", "printed_dynamic_N")):  # fmt: skip
+        a, b = np.array(columns[ours], dtype=float)[known], np.array(columns[printed], dtype=float)[known]
+        good = np.isfinite(a) & np.isfinite(b)
+        if good.any():
+            out.compare(f"{name}: largest error", 100 * float(np.abs(a[good] / b[good] - 1).max()), "%",
+                        note=f"{int(good.sum())} of {int(np.isfinite(b).sum())} objects with a value")  # fmt: skip
+            out.compare(f"{name}: median error", 100 * float(np.median(np.abs(a[good] / b[good] - 1))), "%")
+    for name, ours, printed in (("fixed", "fixed", "printed_fixed"), ("falls", "falls", "printed_falls")):
+        right = sum(a == b for a, b in zip(columns[ours], columns[printed], strict=True))
+        out.compare(f'flag "{name}" right', right, f"of {len(chosen)}")
+
+
+def _explored(
+    row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int
+) -> tuple[str, HapticTag, float]:
+    world = PushWorld([row.obstacle], PlatformConfig(), seed=seed)
+    source = SimulatedSensorCamera(world, renderer, duration_s=30.0, seed=seed)
+    sensor.reset()
+    settings = ExploreSettings(push_m_s=0.03, approach_m_s=0.03, back_off_m=0.01)
+    scene = SceneTracker.of_sensor(sensor.setup, world.config.floor_below_m)
+    found = explore_obstacle(world.base, source, sensor, settings, scene=scene)
+    largest = max((p.force_N for p in found.profiles if p.valid), default=math.nan)
+    return str(found.outcome), found.tag, float(largest)
+
+
+def _number(value: Estimate | None) -> float:
+    return float("nan") if value is None else float(value.value)
+
+
+def _draw(axes: Any, columns: dict[str, list[Any]]) -> None:
+    at = np.arange(len(columns["object"]))
+    for shift, key, colour, label in (
+        (-0.3, "force_N", "blue", "static, read"), (-0.1, "printed_force_N", "grey", "static, printed"),
+        (0.1, "dynamic_N", "green", "dynamic, read"), (0.3, "printed_dynamic_N", "sky", "dynamic, printed"),
+    ):  # fmt: skip
+        axes.bar(
+            at + shift,
+            np.nan_to_num(np.array(columns[key], dtype=float)),
+            0.19,
+            color=COLOURS[colour],
+            label=label,
+        )
+    names = [f"{name}\n{'fixed' if fixed else ''}{'falls' if falls else ''}"
+             for name, fixed, falls in zip(columns["object"], columns["fixed"], columns["falls"], strict=True)]  # fmt: skip
+    axes.set_xticks(at, names, fontsize=8, rotation=15)
+    axes.set(ylabel="force [N]")
+    axes.legend()

@@ -1,0 +1,137 @@
+"""Experiments of the dissertation: registry, results, resuming, and the quick ones among them."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.experiments import reproduce as experiments
+from visuohaptic.experiments.reproduce import EXPERIMENTS, Output, read_result, reproduce, write_index
+from visuohaptic.experiments.reproduce.runner import known_name
+
+#: What issue 8 asks for.
+WANTED = {
+    *(f"figure-3.{n}" for n in (2, 4, 7, 8, 10, 11, 12, 13)),
+    *(f"figure-4.{n}" for n in (1, 2, 3, 4, 6)),
+    *(f"figure-5.{n}" for n in (3, 4, 6, 7, 8)),
+    *(f"figure-6.{n}" for n in (2, 4, 5, 6, 7, 10, 11, 12)),
+    "table-3.1", "table-4.1", "table-6.1", "table-6.2",
+}  # fmt: skip
+
+
+def test_all_are_there_and_say_what_is_simulated() -> None:
+    assert set(EXPERIMENTS) == WANTED
+    for name in EXPERIMENTS.values():
+        module = importlib.import_module(f"{experiments.__name__}.{name}")
+        assert module.TITLE
+        assert callable(module.run)
+        assert len(module.CAPTION) > 30
+
+
+@pytest.mark.parametrize("spelling", ["3.2", "fig3.2", "figure-3.2", "Figure 3.2", "figure_3.2"])
+def test_names_are_understood(spelling: str) -> None:
+    assert known_name(spelling) == "figure-3.2"
+
+
+def test_a_name_that_is_both_means_the_figure() -> None:
+    assert known_name("4.1") == "figure-4.1"
+    assert known_name("table-4.1") == "table-4.1"
+
+
+def test_unknown_name_lists_the_known(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"is no experiment, expected all or one of figure-3\.2"):
+        reproduce("figure-1.1", tmp_path)
+
+
+def _numbers(folder: Path) -> dict[str, float]:
+    found = json.loads((folder / "result.json").read_text())
+    return {one["name"]: one["ours"] for one in found["comparisons"]}
+
+
+def test_navigation_graph_joins_all_rooms(tmp_path: Path) -> None:
+    outcome = reproduce("4.1", tmp_path, quick=True)
+    assert not outcome.problem
+    numbers = _numbers(outcome.folder)
+    assert numbers["connected parts"] == 1
+    assert numbers["reachable cells that belong to a region"] == 100
+    result = read_result(outcome.folder)
+    assert result is not None
+    assert result["versions"]["numpy"] == np.__version__
+    with (outcome.folder / "edges.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == numbers["edges"]
+    # No edge is nearer to a wall than the platform's radius.
+    assert min(float(row["clearance_m"]) for row in rows) >= 0.17
+
+
+def test_manipulation_nodes_join_what_obstacles_separate(tmp_path: Path) -> None:
+    numbers = _numbers(reproduce("4.2", tmp_path, quick=True).folder)
+    assert numbers["connected parts with obstacles"] == 3
+    assert numbers["connected parts with manipulation nodes"] == 1
+    assert numbers["objects that open a passage"] == 2
+
+
+def test_only_the_door_frame_has_two_occupied_parts(tmp_path: Path) -> None:
+    numbers = _numbers(reproduce("4.3", tmp_path, quick=True).folder)
+    assert numbers["candidates with two occupied parts"] == 1
+    assert numbers["occupied parts in the door frame"] == 2
+
+
+def test_office_is_faster_with_a_push(tmp_path: Path) -> None:
+    outcome = reproduce("4.6", tmp_path, quick=True)
+    numbers = _numbers(outcome.folder)
+    assert (
+        numbers["length of the path, with manipulation"]
+        < 0.35 * numbers["length of the path, navigation only"]
+    )
+    assert numbers["t_mani of the stool"] == pytest.approx(7.0, abs=0.1)  # 4 s and 0.15 m at 0.05 m/s
+    assert "figure-4.6/office.png" in write_index(tmp_path).read_text()
+
+
+def test_a_result_is_kept_until_something_changes(tmp_path: Path) -> None:
+    first = reproduce("4.1", tmp_path, quick=True)
+    assert not first.kept
+    assert reproduce("4.1", tmp_path, quick=True).kept
+    assert not reproduce("4.1", tmp_path, quick=True, seed=1).kept
+    (first.folder / "edges.csv").unlink()  # half a result is none
+    assert read_result(first.folder) is None
+    assert not reproduce("4.1", tmp_path, quick=True, seed=1).kept
+
+
+def test_a_failure_has_a_reason_and_no_result(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    module = importlib.import_module(f"{experiments.__name__}.figure_4_1")
+
+    def fail(out: Output) -> None:
+        raise InputError("figure", "found nothing, expected something")
+
+    monkeypatch.setattr(module, "run", fail)
+    outcome = reproduce("4.1", tmp_path)
+    assert "found nothing" in outcome.problem
+    assert read_result(outcome.folder) is None
+    monkeypatch.setattr(module, "run", lambda out: None)
+    assert reproduce("4.1", tmp_path).problem == "it wrote no data"
+
+
+def test_numbers_must_be_finite_and_columns_equal(tmp_path: Path) -> None:
+    out = Output(tmp_path)
+    with pytest.raises(InputError, match="expected a finite number"):
+        out.compare("x", float("nan"))
+    with pytest.raises(InputError, match="expected one length"):
+        out.table("t", {"a": [1], "b": [1, 2]})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(WANTED - {f"figure-4.{n}" for n in (1, 2, 3, 6)}))
+def test_quick_mode_runs(name: str, tmp_path: Path) -> None:
+    outcome = reproduce(name, tmp_path, quick=True)
+    assert not outcome.problem
+    result = read_result(outcome.folder)
+    assert result is not None
+    assert result["rows"] > 0
+    assert result["pictures"]
