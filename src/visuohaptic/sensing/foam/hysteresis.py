@@ -163,11 +163,13 @@ class HysteresisState:
         common = around(weight * change) / whole
         low, high = OWN_SIGMAS
         unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
-        gain = OWN_GAIN + (1.0 - OWN_GAIN) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
+        own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
+        # A point in doubt, at a kink, follows its own difference the more slowly: one outlier must not turn it.
+        slow = OWN_GAIN * np.sqrt(own) / np.maximum(sigma, 1e-12)
+        gain = slow + (1.0 - slow) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
         step = common + gain * (change - common)
         self.smooth = self.smooth + np.where(pressed, step, change)
         # Noise that is left: of the mean, and of the slow filter; a point in doubt is as calm as its neighbours.
-        own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
         left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
         play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
         ahead = self.smooth - self.followed
