@@ -113,8 +113,13 @@ class HysteresisState:
         strain_sigma: Float[np.ndarray, "K"],
         valid: Bool[np.ndarray, "K"],
         law: HysteresisLaw | None = None,
+        *,
+        noise_sigma: Float[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
         """Take one frame in; returns which points are unloading. Invalid points keep their memory.
+
+        ``noise_sigma`` is the part of ``strain_sigma`` that changes from frame to frame, default all of it: the
+        elements follow changes, and what is wrong by the same in every frame is none.
 
         The peak of a noisy signal creeps up by a few sigma while a contact rests;
         the margin below the peak is wider than that. For the same reason the
@@ -133,7 +138,7 @@ class HysteresisState:
         rising = valid & (strain > self.peak_strain)
         self.peak_strain[rising] = strain[rising]
         if law is not None:
-            self._move(strain, strain_sigma, valid, released, law)
+            self._move(strain, strain_sigma if noise_sigma is None else noise_sigma, valid, released, law)
         margin = np.maximum(RELATIVE_DROP * self.peak_strain, DROP_SIGMAS * np.sqrt(2.0) * strain_sigma)
         unloading: Bool[np.ndarray, "K"] = valid & ~released & (strain < self.peak_strain - margin)
         return unloading

@@ -151,9 +151,10 @@ def read_profile(
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
     unloading = np.zeros(points, dtype=bool)
     if memory is not None:
-        full, full_sigma = np.zeros(points), np.zeros(points)
+        full, full_sigma, noise = np.zeros(points), np.zeros(points), np.zeros(points)
         full[index], full_sigma[index] = strain, np.hypot(sigma, doubt) / material.width_m
-        unloading = memory.update(full, full_sigma, seen, material.hysteresis)
+        noise[index] = sigma / material.width_m
+        unloading = memory.update(full, full_sigma, seen, material.hysteresis, noise_sigma=noise)
         if material.hysteresis is not None and memory.xi is not None:
             up = material.stress(strain)
             missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
