@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks._fault_world import KINDS, Trial, make_trial
+from benchmarks._journal import Journal
 from visuohaptic.errors import CalibrationError, InputError
 from visuohaptic.sensing.foam import calibrate_foam, read_strain_stress
 from visuohaptic.simulation.press import calibration_press
@@ -27,6 +28,9 @@ __all__ = ["Outcome", "campaign", "run", "run_trial"]
 FIRST_SEED, FAULTS, CLEAN = 70000, 200, 20
 #: Error that a sensor may make beside its declared sigma [N].
 ALLOWED_N = 0.3
+
+#: What an outcome keeps of each frame, in a report.
+COLUMNS = ("valid", "reason", "error_N", "sigma_N", "truth_N", "fault")
 
 log = logging.getLogger(__name__)
 
@@ -92,20 +96,35 @@ def campaign(
     *,
     kinds: tuple[str, ...] | None = None,
     on_trial: Callable[[Outcome], None] | None = None,
+    report: Path | None = None,
 ) -> list[Outcome]:
-    """Outcomes of ``count`` trials with seeds from ``seed`` on; ``kinds=()`` for trials without a fault."""
+    """Outcomes of ``count`` trials with seeds from ``seed`` on; ``kinds=()`` for trials without a fault.
+
+    Trials that are in ``report`` already are not run again.
+    """
     outcomes = []
+    journal = Journal(report, {"campaign": "foam_faults", "kinds": None if kinds is None else list(kinds)})
     with tempfile.TemporaryDirectory() as name:
         folder = calibrated_folder(Path(name))
         for i in range(seed, seed + count):
+            trial = make_trial(i, kinds)
+            if str(i) in journal:
+                outcomes.append(Outcome(trial, **journal.rows[str(i)]))
+                continue
             try:
-                outcomes.append(run_trial(make_trial(i, kinds), folder))
+                outcomes.append(run_trial(trial, folder))
             except CalibrationError as error:  # refused aloud: no reading, none wrong
                 log.warning("seed %d: %s", i, error)
-                continue
+                outcomes.append(Outcome(trial))
+            journal.put(str(i), {name: _plain(getattr(outcomes[-1], name)) for name in COLUMNS})
             if on_trial is not None:
                 on_trial(outcomes[-1])
     return outcomes
+
+
+def _plain(values: list) -> list:
+    """Values as JSON knows them."""
+    return [value.item() if isinstance(value, np.generic) else value for value in values]
 
 
 def violations(outcomes: Iterable[Outcome], sigmas: float) -> int:
@@ -127,7 +146,7 @@ def by_kind(outcomes: Iterable[Outcome]) -> list[dict]:
                 "trials": len(mine),
                 "frames": len(inside),
                 "valid in fault": float(np.mean(inside)) if inside else float("nan"),
-                "worst excess [sigma]": max((float(o.excess.max()) for o in mine), default=0.0),
+                "worst excess [sigma]": max((float(o.excess.max(initial=0.0)) for o in mine), default=0.0),
                 "over 5": violations(mine, 5.0),
                 "over 4": violations(mine, 4.0),
                 "frames to recover": max(back, default=0),
@@ -186,17 +205,25 @@ def run() -> list[dict]:
 
 
 def main() -> None:
-    """Print each trial and the table by kind; arguments: count, first seed."""
-    import sys
+    """Print each trial and the table by kind."""
+    import argparse
 
-    count, seed = (int(a) for a in [*sys.argv[1:], "20", "0"][:2])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.foam_faults", description=__doc__)
+    parser.add_argument("count", nargs="?", type=int, default=20)
+    parser.add_argument("seed", nargs="?", type=int, default=0, help="the first one")
+    parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
+    args = parser.parse_args()
 
     def say(outcome: Outcome) -> None:
-        worst = float(outcome.excess.max())
+        worst = float(outcome.excess.max(initial=0.0))
         print(outcome.trial.seed, outcome.trial.kinds, f"worst {worst:.1f}", flush=True)
 
-    for line in by_kind(campaign(count, seed, on_trial=say)):
+    outcomes = campaign(args.count, args.seed, on_trial=say, report=args.report)
+    for line in by_kind(outcomes):
         print(line)
+    print(
+        f"{len(outcomes)} trials: beyond 5 sigma {violations(outcomes, 5.0)}, beyond 4 {violations(outcomes, 4.0)}"
+    )
 
 
 if __name__ == "__main__":

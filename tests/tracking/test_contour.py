@@ -303,3 +303,29 @@ def test_real_high_speed_pixels(data):
     declared = np.sqrt(np.mean(upper_sigma**2 + lower_sigma**2))
     assert left.std() < 0.02
     assert left.std() < 1.5 * declared
+
+
+@pytest.mark.parametrize(("second", "expected"), [(None, 30.0), (24, 18.0)])
+def test_a_point_that_the_chain_left_beside_a_kink_starts_at_the_one_edge(second, expected):
+    """Twelve pixels beside its edge a point moves onto it; of two edges in reach neither is chosen."""
+    from visuohaptic.tracking._refine_kernels import start_on_edge
+
+    image = np.full((80, 120), 170, np.uint8)
+    image[40:] = 90
+    if second is not None:
+        image[10 + second : 10 + second + 3] = 90
+    image = np.ascontiguousarray(image)
+    origin = np.column_stack([np.array([30.0, 50.0, 70.0]), np.full(3, 10.0)])
+    direction = np.tile([0.0, 1.0], (3, 1))
+    found, strength = np.array([10.0, 18.0, 36.0]), np.array([30.0, 0.0, 30.0])
+    start_on_edge(
+        image, origin, direction, found, strength, np.zeros(3), np.full(3, 60.0), -1, 30.0, 1.0, 20.0
+    )
+    assert found[1] == pytest.approx(expected, abs=1.0)
+    assert found[[0, 2]].tolist() == [10.0, 36.0]
+    # Beyond its neighbours there is nothing to find.
+    found[:] = (10.0, 12.0, 14.0)
+    start_on_edge(
+        image, origin, direction, found, strength, np.zeros(3), np.full(3, 60.0), -1, 30.0, 1.0, 20.0
+    )
+    assert found[1] == 12.0

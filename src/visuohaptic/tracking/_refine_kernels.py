@@ -40,6 +40,7 @@ from ._fit_kernels import (
     share,
     step_fit,
 )  # fmt: skip
+from ._kernels import edge_strength
 
 #: Edge pixels reach this many blurs from the edge; the plateaus begin there.
 NEAR = 3.0
@@ -53,6 +54,12 @@ MIN_BLUR, MAX_BLUR = 0.45, 6.0
 #: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
 #: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
 SETTLED, MORE_SWEEPS = 0.04, 6
+#: A kink misfits by up to this part of the contrast's square; what misfits twice as much is no edge. Far above
+#: what kinks do: the curvature must not come and go with the misfit that it makes itself.
+KINK = 0.08
+#: The chain has missed the edge where its strength is below this part of the usual one; it lies between the
+#: neighbours' positions, or this far beyond (px).
+WEAK, BEYOND_PX = 0.5, 2.0
 
 
 @njit(cache=True, fastmath=True, nogil=True)
@@ -84,6 +91,48 @@ def start_slopes(origin, direction, position, slope):
                         flattest = m
         m = 0.0 if count == 0 else (flattest if highest - lowest > 1.2 else total / count)
         slope[k] = min(max(m, -2.5), 2.5)
+
+
+@njit(cache=True, nogil=True)
+def start_on_edge(grey, origin, direction, found, strength, start, stop, polarity, cap, floor, reach_px):
+    """Move points that the smooth chain left beside the edge onto it; changes ``found``.
+
+    Beside a kink the chain cuts the corner: a point comes to lie on plain foam, up to a point spacing from
+    its edge, and a fit that begins there wanders. Such a point starts at the edge between its neighbours'
+    positions if there is exactly one within ``reach_px``; of two, neither is chosen.
+
+    Parameters
+    ----------
+    found, strength
+        (n) positions of the chain (px) and edge strength there.
+    cap, floor
+        Strength of a usual edge of this contour, and of noise.
+    """
+    n = origin.shape[0]
+    chain = found.copy()
+    for k in range(1, n - 1):
+        if strength[k] >= WEAK * cap:
+            continue
+        lo = min(chain[k - 1], chain[k], chain[k + 1]) - BEYOND_PX
+        hi = max(chain[k - 1], chain[k], chain[k + 1]) + BEYOND_PX
+        lo = math.floor(max(lo, chain[k] - reach_px, start[k]))
+        hi = math.ceil(min(hi, chain[k] + reach_px, stop[k]))
+        count = int(hi - lo) + 1
+        if count < 3:
+            continue
+        row = np.empty((1, count), np.float32)
+        first = np.array([lo])
+        edge_strength(grey, origin[k : k + 1], direction[k : k + 1], first, count, polarity, row)
+        top = np.argmax(row[0])
+        level = max(0.5 * row[0, top], 2.0 * floor)
+        # A maximum at the end is the flank of an edge that lies farther away.
+        if row[0, top] < max(WEAK * cap, 2.0 * floor) or top == 0 or top == count - 1:
+            continue
+        edges = 0
+        for j in range(count):
+            edges += row[0, j] >= level and (j == 0 or row[0, j - 1] < level)
+        if edges == 1:
+            found[k] = lo + top
 
 
 @njit(cache=True, nogil=True)
@@ -239,7 +288,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             poor = state[k, CHI2] / (6.0 * noise_var + 0.01 * height * height)
             use[k] = state[k, STATUS] == OK and height >= min_contrast and poor < 1.0
             seen = state[k, STATUS] == OK and height >= min_contrast
-            trust[k] = min(max(2.0 - 0.5 * poor, 0.0), 1.0) if seen else 0.0
+            misfit = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
+            trust[k] = min(max(2.0 - misfit / KINK, 0.0), 1.0) if seen else 0.0
             if use[k]:
                 b = state[k, BLUR]
                 value[k] = b + min(max(state[k, BLUR_STEP], -0.3 * b), 0.5 * b)
@@ -274,8 +324,6 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
         s = state[k]
         height = s[HIGH] - s[LOW]
         chi = s[CHI2] / noise_var
-        # Beside a kink the smooth chain cuts the corner: what fits as an edge may lie farther from it.
-        reach = max_move if chi > 0.75 * max_chi2 else 3.0 * max_move
         var = s[VAR] * noise_var
         noise[k] = math.sqrt(max(var, 0.0))
         if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
@@ -301,7 +349,7 @@ def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, ma
             code = 1
         elif polarity * height < 0.0:
             code = 4
-        elif abs(s[T] - found[k]) > reach * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
             code = 1
         elif s[T] < start[k] or s[T] > stop[k]:
             code = 3

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, UInt8
 from ..errors import InputError
 from . import _fit_kernels as columns
 from ._kernels import foam_edge, search
-from ._refine_kernels import judge, refine
+from ._refine_kernels import judge, refine, start_on_edge
 from .lines import ConstraintLines
 
 __all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason"]
@@ -248,6 +248,10 @@ class ContourTracker:
                 chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
                 chosen.weight_smooth / lines.spacing_px**2, turns,
             )  # fmt: skip
+        start_on_edge(
+            grey, lines.origin_px, lines.direction_px, found, strength, start, stop, chosen.polarity,
+            cap, 0.4 * noise, lines.spacing_px,
+        )  # fmt: skip
 
         state = np.zeros((len(lines), columns.STATES))
         state[:, columns.T] = found

@@ -276,3 +276,27 @@ def test_a_held_contact_does_not_creep_down_its_branch(reference_law):
     missing, _ = law.reduction(stress, memory.xi)
     # 4.5 standard deviations of what the filter leaves: a few points in 900 frames, by a few per mille.
     assert missing.mean() < 2e-4 * stress[0]
+
+
+def test_a_kink_does_not_creep_after_its_contact_has_gone_deeper(reference_law):
+    """A point in great doubt that scatters little goes its own way at once, and stays there."""
+    law = calibrated(RAMP, slip(RAMP, reference_law.stress)).hysteresis
+    points, kink = 60, 30
+    noise, doubt = np.full(points, 2.5e-4), np.full(points, 2.5e-4)
+    noise[kink], doubt[kink] = 1.5e-3, 3e-2
+    stress = np.full(points, float(reference_law.stress(np.array(0.18))))
+
+    def lost(noise_sigma) -> float:
+        memory, rng = HysteresisState.at_rest(points), np.random.default_rng(4)
+        for now in np.concatenate([np.linspace(0, 0.3, 7), np.full(60, 0.3)]):
+            strain = np.full(points, now)
+            strain[kink] *= 0.6  # neighbours go deeper
+            scattered = strain + noise * rng.standard_normal(points)
+            memory.update(scattered, doubt, np.ones(points, dtype=bool), law, noise_sigma=noise_sigma)
+        return float(law.reduction(stress, memory.xi)[0][kink])
+
+    # The last step is followed with its noise, and comes back by that: two standard deviations are allowed.
+    back = np.maximum(1.0 - 2.0 * noise[kink] / law.yield_strain, -1.0)
+    allowed = float(law.reduction(stress, np.tile(back, (points, 1)))[0][kink])
+    # Held by its doubt it followed its neighbours too far, and crept back.
+    assert lost(noise) < allowed < lost(None)

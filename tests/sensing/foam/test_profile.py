@@ -268,3 +268,34 @@ def test_bad_arguments(material, change, message):
     }
     with pytest.raises(InputError, match=message):
         read_profile(**{**arguments, **change})
+
+
+@pytest.mark.parametrize("points", [1, 2])
+def test_a_shallow_dent_narrower_than_foam_can_make_is_no_contact(material, points):
+    """Texture or dirt 7 sigma deep on a point or two; foam beside a body falls off over several."""
+    delta = np.zeros(K)
+    delta[40 : 40 + points] = 7e-5
+    found = read_profile(S, delta, SIGMA, SEEN, material)
+    assert not found.contacts
+    assert found.force_N == 0.0
+    assert not found.pressure_Pa.any()
+    assert found.valid
+    fall = 7e-5 * np.exp(-np.abs(S - S[40]) / 0.005)
+    assert len(read_profile(S, fall, SIGMA, SEEN, material).contacts) == 1
+    assert len(read_profile(S, 10 * delta, SIGMA, SEEN, material).contacts) == 1  # too deep to be ignored
+
+
+def test_points_that_come_and_go_are_declared(material):
+    """A tail in doubt is cut where it meets twice its doubt; noise moves that place from frame to frame."""
+    rng, noise = np.random.default_rng(8), 4e-6
+    truth = 1.2e-3 * np.exp(-np.abs(S - 0.1265) / 0.006)
+    doubt = np.full(K, 1.2e-5)
+    readings = [
+        read_profile(
+            S, truth + noise * rng.standard_normal(K), np.full(K, noise), SEEN, material, doubt_m=doubt
+        )
+        for _ in range(400)
+    ]
+    force, declared = zip(*((r.force_N, r.budget.image_N) for r in readings), strict=True)
+    # 400 readings know the spread to 3.5 %.
+    assert 0.85 < np.sqrt(np.mean(np.square(declared))) / np.std(force) < 1.2

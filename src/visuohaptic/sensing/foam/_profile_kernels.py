@@ -3,6 +3,8 @@
 # mypy: disable-error-code="no-untyped-def"
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -20,12 +22,57 @@ TOUCH = 0.5
 
 #: A region ends one point beyond the last one that is deflected by more than this.
 EDGE_SIGMAS = 2.0
+#: So many points inside and outside of an end may become the end by noise.
+INSIDE, OUTSIDE = 6, 3
 
 
 @njit(cache=True)
 def _total(sigma, doubt, zero_sigma, i):
     """Standard deviation of one deflection, noise and systematic."""
     return np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+
+
+@njit(cache=True)
+def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, limit):
+    """Variance of a force by points at one end of its region that come and go with the noise [N^2].
+
+    The region ends one point beyond the outermost one above its threshold. With the chance of each
+    point to be above it, from the outermost candidate inwards, mean and variance of what is left out.
+
+    Parameters
+    ----------
+    end, side, limit
+        Last point of the region, +1 or -1 outwards, the region's other end.
+    """
+    outermost = end
+    for _ in range(OUTSIDE):
+        if 0 <= outermost + side < len(s) and delta[outermost + side] > 0.0:
+            outermost += side
+    left_out = 0.0
+    open_still = 1.0
+    mean = 0.0
+    square = 0.0
+    j = outermost
+    for _ in range(INSIDE + OUTSIDE + 1):
+        threshold = EDGE_SIGMAS * _total(sigma, doubt, 0.0, j)
+        above = 0.5 * math.erfc((threshold - delta[j]) / (math.sqrt(2.0) * max(sigma[j], 1e-12)))
+        chance = open_still * above
+        mean += chance * left_out
+        square += chance * left_out * left_out
+        open_still -= chance
+        if j == limit or open_still < 1e-6:
+            break
+        # Once the end is farther in, the point beyond this one is left out.
+        beyond = j + side
+        if 0 <= beyond < len(s):
+            spread = 0.5 * abs(s[min(beyond + 1, len(s) - 1)] - s[max(beyond - 1, 0)])
+            left_out += height * spread * factor[beyond] * stress[beyond]
+        j -= side
+    total = 1.0 - open_still
+    if total <= 0.0:
+        return 0.0
+    mean /= total
+    return max(square / total - mean * mean, 0.0)
 
 
 @njit(cache=True)
@@ -246,7 +293,8 @@ def integrate_regions(
                 mode,
                 force,
             )
-        image = 0.0
+        image = _end_variance(s, delta, sigma, doubt, stress, factor, height, first, -1, last)
+        image += _end_variance(s, delta, sigma, doubt, stress, factor, height, last, 1, first)
         systematic = 0.0
         zero = 0.0
         for j in range(first, last + 1):

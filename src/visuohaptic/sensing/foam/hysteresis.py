@@ -113,8 +113,13 @@ class HysteresisState:
         strain_sigma: Float[np.ndarray, "K"],
         valid: Bool[np.ndarray, "K"],
         law: HysteresisLaw | None = None,
+        *,
+        noise_sigma: Float[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
         """Take one frame in; returns which points are unloading. Invalid points keep their memory.
+
+        ``noise_sigma`` is the part of ``strain_sigma`` that changes from frame to frame, default all of it: the
+        elements follow changes, and what is wrong by the same in every frame is none.
 
         The peak of a noisy signal creeps up by a few sigma while a contact rests;
         the margin below the peak is wider than that. For the same reason the
@@ -133,7 +138,7 @@ class HysteresisState:
         rising = valid & (strain > self.peak_strain)
         self.peak_strain[rising] = strain[rising]
         if law is not None:
-            self._move(strain, strain_sigma, valid, released, law)
+            self._move(strain, strain_sigma if noise_sigma is None else noise_sigma, valid, released, law)
         margin = np.maximum(RELATIVE_DROP * self.peak_strain, DROP_SIGMAS * np.sqrt(2.0) * strain_sigma)
         unloading: Bool[np.ndarray, "K"] = valid & ~released & (strain < self.peak_strain - margin)
         return unloading
@@ -163,11 +168,13 @@ class HysteresisState:
         common = around(weight * change) / whole
         low, high = OWN_SIGMAS
         unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
-        gain = OWN_GAIN + (1.0 - OWN_GAIN) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
+        own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
+        # A point in doubt, at a kink, follows its own difference the more slowly: one outlier must not turn it.
+        slow = OWN_GAIN * np.sqrt(own) / np.maximum(sigma, 1e-12)
+        gain = slow + (1.0 - slow) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
         step = common + gain * (change - common)
         self.smooth = self.smooth + np.where(pressed, step, change)
         # Noise that is left: of the mean, and of the slow filter; a point in doubt is as calm as its neighbours.
-        own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
         left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
         play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
         ahead = self.smooth - self.followed
