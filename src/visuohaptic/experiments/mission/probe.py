@@ -170,7 +170,9 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     assert known.probe_compliance_m_per_N is not None
     region = found.regions[0]
     surface = near_axis(found.surface, region.centroid_m[:2], REACH_M)
-    completion = Completion(surface, HoleRegion.of_points(region.hull_m, region.score))
+    completion = Completion(
+        surface, HoleRegion.of_points(region.hull_m, region.score), pose_visual_haptic=PLACE.inverse()
+    )
     before_m = completion.expected_error_m()
     rng = mission.rng(23)
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
