@@ -39,6 +39,7 @@ CAMPAIGNS = (
     "foam_faults",
     "foam_tags",
     "grasp",
+    "mission",
     "nav_push",
     "nav_scenes",
     "objects_db",

@@ -112,12 +112,9 @@ def run_mission(
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
     told = tuple(one for one in CHAPTERS if one.name in names)
     wanted = {need for one in told for need in one.needs} - set(names)
-    given: list[Chapter] = []
     # What is needed by what is given comes first.
-    for one in CHAPTERS:
-        if one.name in wanted or any(one.name in CHAPTERS_NEED.get(name, ()) for name in wanted):
-            if one.name not in names:
-                given.append(one)
+    wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
+    given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
     mission = Mission(
         seed, Path(folder), say, page, fault, obstacles=1 if part == "foam" or quick else 3, quick=quick
     )

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ..report import Report
 from .story import ChapterResult, Outcome, Story
 
@@ -37,10 +39,10 @@ def write_story(story: Story, path: Path | str) -> Path:
                 [{"what": m.what, "ours": _shown(m.ours), "truth": _shown(m.truth)} for m in one.measures]
             )
         for picture in one.pictures:
-            if hasattr(picture.content, "savefig"):
-                report.figure(picture.content, picture.caption)
-            else:
+            if isinstance(picture.content, np.ndarray):
                 report.image(picture.content, picture.caption)
+            else:
+                report.figure(picture.content, picture.caption)
     return report.write(path)
 
 
