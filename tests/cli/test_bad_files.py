@@ -10,7 +10,6 @@ import pytest
 
 from visuohaptic.camera import Camera
 from visuohaptic.cli.main import VERBS, main
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
 from visuohaptic.recording import OccupancyMap
 from visuohaptic.sensing.beam import Beam, save_beam
 
@@ -18,7 +17,6 @@ from visuohaptic.sensing.beam import Beam, save_beam
 COMMANDS = (
     "demo --map BAD.yaml",
     "sense foam --config BAD.yaml --source movie.mp4",
-    "sense foam --config foam/sensor.yaml --source BAD.mp4 --zero",
     "sense scene --config BAD.yaml --source movie.mp4",
     "sense beam --config BAD.yaml --poses poses.csv",
     "track --templates BAD --source photos --camera camera.yaml",
@@ -30,7 +28,6 @@ COMMANDS = (
     "calibrate beam BAD.csv --beam beam.yaml",
     "calibrate beam loads.csv --beam BAD.yaml",
     "calibrate camera BAD.mp4 --squares 9x6 --square-mm 25 --out c.yaml",
-    "calibrate stripe BAD.png --config foam/sensor.yaml --out stripe.npz",
     "calibrate stripe photos/0.png --config BAD.yaml --out stripe.npz",
     "map inspect BAD.yaml",
     "map build BAD.mcap --out m.yaml",
@@ -97,11 +94,10 @@ def desk(tmp_path, monkeypatch):
     cells[[0, -1]] = cells[:, [0, -1]] = 100
     OccupancyMap(cells, 0.05).save(tmp_path / "map.yaml")
     Camera.simple(64, 48, 60.0).save(tmp_path / "camera.yaml")
-    for name in ("photos", "templates", "foam"):
+    for name in ("photos", "templates"):
         (tmp_path / name).mkdir()
     cv2.imwrite("photos/0.png", np.full((48, 64), 90, np.uint8))
     (tmp_path / "templates" / "tags.yaml").write_text("tags: {tool: {id: 9, size_m: 0.04}}\n")
-    VirtualSensor().rig.write(tmp_path / "foam")
     save_beam(tmp_path / "beam.yaml", Beam())
     (tmp_path / "objects.yaml").write_text("objects: []\n")
     (tmp_path / "robot.yaml").write_text(
@@ -131,3 +127,11 @@ def test_one_line_and_code_2(desk, capsys, command, kind):
     assert captured.err.count("\n") == 1, captured.err
     assert name in captured.err, "which file?"
     assert {path for path in desk.rglob("*") if path.is_file()} <= before, "nothing half-made is left"
+
+
+@pytest.mark.parametrize(
+    "command", ["demo --seed -1", "stiffness cup --around 0", "stiffness cup --around 24.5"]
+)
+def test_numbers_out_of_range_are_one_line_too(desk, capsys, command):
+    assert main(command.split()) == 2
+    assert capsys.readouterr().err.count("\n") == 1
