@@ -119,7 +119,7 @@ def test_one_line_and_code_2(desk, capsys, command, kind):
     if name == "BAD_FILE" and kind in {"missing", "folder"}:
         pytest.skip("becomes a database")
     _spoil(desk / name, kind)
-    before = {path for path in desk.rglob("*")}
+    before = set(desk.rglob("*"))
     code = main(words)
     captured = capsys.readouterr()
     assert code == 2, captured.err
