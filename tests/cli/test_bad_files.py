@@ -130,7 +130,13 @@ def test_one_line_and_code_2(desk, capsys, command, kind):
 
 
 @pytest.mark.parametrize(
-    "command", ["demo --seed -1", "stiffness cup --around 0", "stiffness cup --around 24.5"]
+    "command",
+    [
+        "demo --seed -1",
+        "stiffness cup --around 0",
+        "stiffness cup --around 24.5",
+        "objects add a --seen nan 0 0",
+    ],
 )
 def test_numbers_out_of_range_are_one_line_too(desk, capsys, command):
     assert main(command.split()) == 2
