@@ -7,6 +7,7 @@ import importlib.util
 import json
 import sys
 import types
+from pathlib import Path
 
 import pytest
 from numba.core.event import install_recorder
@@ -51,3 +52,11 @@ def test_a_fault_inside_a_warm_up_is_not_skipped(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(warmup, "WARMUPS", ("broken_warmup:warmup",))
     assert command.main(["warmup"]) == 1
     assert "no_such_library" in capsys.readouterr().err
+
+
+def test_every_package_with_kernels_has_a_warm_up():
+    """Grasping, recognition and tasks have no kernels of their own: they call those of the packages below."""
+    root = Path(warmup.__file__).parents[1]
+    with_kernels = {path.parent for path in root.rglob("*.py") if "@numba.njit" in path.read_text()}
+    warmed = {root.parent / Path(*entry.partition(":")[0].split(".")[:-1]) for entry in warmup.WARMUPS}
+    assert with_kernels <= warmed

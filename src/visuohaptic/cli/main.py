@@ -206,6 +206,8 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         args = parser.parse_args(rest, namespace=Arguments())
     except SystemExit as stop:  # argparse has printed the help
         return int(stop.code or 0)
+    if getattr(args, "seed", None) is not None and args.seed < 0:
+        raise UsageError(f"{verb}: --seed: found {args.seed}, expected 0 or more")
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console

@@ -52,6 +52,8 @@ def run(args: Any) -> dict[str, Any]:
     state = dict(_state(text) for text in args.state)
     seen = None
     if args.seen is not None:
+        if not all(abs(value) < float("inf") for value in args.seen):
+            raise InputError("--seen", f"found {args.seen}, expected three finite numbers [m]")
         seen = Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
     given = {"name": args.name, "visual_class": args.visual_class, "licence": args.licence, "state": state}
     obj = VisuoHapticObject(

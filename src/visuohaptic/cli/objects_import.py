@@ -26,8 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Import; the mapping is what ``--json`` prints."""
+    from itertools import chain, islice
+
     from ..objects.exchange import import_objects
 
+    objects = chain.from_iterable(import_objects(folder) for folder in args.folder)
+    first = list(islice(objects, 1))  # a wrong folder must not leave a new, empty database
     with opened(args, create=True) as database:
-        count = database.add_many(obj for folder in args.folder for obj in import_objects(folder))
+        count = database.add_many(chain(first, objects))
     return {"database": args.db, "imported": count}

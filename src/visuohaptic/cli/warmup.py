@@ -22,6 +22,7 @@ example: visuohaptic warmup
 
 #: "module:function" of each package that has kernels; the function compiles all of them.
 WARMUPS = (
+    "visuohaptic.objects._warmup:warmup",
     "visuohaptic.tracking._warmup:warmup",
     "visuohaptic.sensing._warmup:warmup",
     "visuohaptic.sensing.foam._warmup:warmup",

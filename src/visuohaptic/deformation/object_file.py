@@ -68,7 +68,7 @@ def load_object(
             unit=unit,
             up=up,
             open_top=open_top,
-            around=around or 96,
+            around=96 if around is None else around,
         )
     elif kind in {".yaml", ".yml", ""}:
         if unit is not None or up != "z":
@@ -88,7 +88,7 @@ def load_object(
         if wall_spread is not None:
             changes["wall_spread"] = (wall_spread, wall_spread)
         container = container.model_copy(update=changes)
-        found = mesh_container(container, around=around or 64)
+        found = mesh_container(container, around=64 if around is None else around)
     else:
         known = ", ".join((".yaml", *FORMATS))
         raise InputError(

@@ -1,0 +1,633 @@
+"""Every example that ``--help`` shows is run as it stands, and a number of its result is checked.
+
+A verb has a story: what lies in the folder before (made by our own simulation and verbs, from seeds),
+and what the result must say. The words are taken from the help, never repeated here; only ``--json``
+is added. A new verb without a story fails ``test_every_verb_has_a_story``.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+import json
+import shlex
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from visuohaptic.camera import Camera
+from visuohaptic.cli import main as command
+from visuohaptic.cli.main import VERBS, verb_parser
+
+pytest.importorskip("av")
+pytest.importorskip("mcap_ros2")
+
+Check = Callable[[Path, list[Any]], None]
+
+
+@dataclass(frozen=True)
+class Story:
+    """What one verb's examples need and promise."""
+
+    check: Check
+    prepare: Callable[[Path, World], None] = lambda folder, world: None
+    room: str = ""  #: folder that is shared with other verbs; by default the verb has its own
+    needs: tuple[str, ...] = ()  #: verbs whose examples come first
+    around: Callable[[], Any] = contextlib.nullcontext  #: what stands in for a person or a server
+
+
+class World:
+    """Folders in which examples were run, each once in a session."""
+
+    def __init__(self, base: Path) -> None:
+        self.base = base
+        self.done: dict[str, list[Any]] = {}
+
+    def folder(self, verb: str) -> Path:
+        folder = self.base / (STORIES[verb].room or verb).replace(" ", "_")
+        folder.mkdir(exist_ok=True)
+        return folder
+
+    def run(self, verb: str) -> tuple[Path, list[Any]]:
+        """Run a verb's examples, after those that they need; their results as JSON."""
+        story, folder = STORIES[verb], self.folder(verb)
+        if verb not in self.done:
+            for need in story.needs:
+                self.run(need)
+            story.prepare(folder, self)
+            with contextlib.chdir(folder), story.around():
+                self.done[verb] = [_call(words) for words in examples(verb)]
+        return folder, self.done[verb]
+
+    def copy(self, verb: str, folder: Path) -> None:
+        """Lay what another verb's examples wrote into a folder."""
+        shutil.copytree(self.run(verb)[0], folder, dirs_exist_ok=True)
+
+
+def _call(words: list[str]) -> Any:
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = command.main([*words, "--json"])
+    assert code == 0, f"{shlex.join(words)}: code {code}: {err.getvalue()}"
+    return json.loads(out.getvalue())
+
+
+def help_text(verb: str) -> str:
+    import importlib
+
+    return verb_parser(verb, importlib.import_module(VERBS[verb][0])).format_help()
+
+
+def examples(verb: str) -> list[list[str]]:
+    """Words of each ``visuohaptic ...`` line of the help, from the word "example" on."""
+    found = []
+    after = False
+    for line in help_text(verb).splitlines()[1:]:
+        text = line.strip()
+        for start in ("examples", "example:", "Example:", "example"):
+            if text.startswith(start) and (not found or not after):
+                after, text = True, text.removeprefix(start).strip()
+        if after and text.startswith("visuohaptic "):
+            found.append(shlex.split(text)[1:])
+        elif after and found:
+            break
+    return found
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("VISUOHAPTIC_OBJECTS", raising=False)
+        yield World(tmp_path_factory.mktemp("examples"))
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+# What lies in the folders ------------------------------------------------------------------------------
+
+
+def _flatten(name: str) -> Callable[[Path, World], None]:
+    """The example's ``try`` folder, as the folder where one stands."""
+
+    def prepare(folder: Path, world: World) -> None:
+        shutil.copytree(world.run(name)[0] / "try", folder, dirs_exist_ok=True)
+
+    return prepare
+
+
+def _scene(folder: Path, world: World) -> None:
+    """A drive of 6 cm towards a box, told by 30 frames a second, and its wheels."""
+    from tests.sensing import scenes
+
+    from visuohaptic.experiments.example import write_video
+    from visuohaptic.files import save_yaml
+
+    scenes.RIG.camera.save(folder / "camera.yaml")
+    pose = scenes.RIG.pose_camera_foam
+    described = {
+        "translation_m": [float(v) for v in pose.translation_m],
+        "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
+    }
+    save_yaml(
+        folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "pose_camera_foam": described}
+    )
+    render, rng = scenes.renderer(scenes.RIG), np.random.default_rng(0)
+    images = []
+    for i in range(16):
+        box = scenes.box(0.30 - 0.004 * i, 0.0, grey=180.0)
+        images.append(render.render(scenes.scene(i / 30, scenes.planar(0.004 * i, 0, 0), [box]), rng=rng))
+    write_video(folder / "drive.mp4", images)
+    shutil.copy(folder / "drive.mp4", folder / "push.mp4")
+    with (folder / "wheels.csv").open("w", newline="") as stream:
+        csv.writer(stream).writerows(
+            [["t_s", "speed_m_s", "turn_rate_rad_s"], *([i / 10, 0.12, 0.0] for i in range(7))]
+        )
+
+
+def _tags(folder: Path, world: World) -> None:
+    _flatten("example beam")(folder, world)
+    shutil.move(folder / "push.mp4", folder / "run.mp4")
+
+
+def _cover(folder: Path, world: World) -> None:
+    from PIL import Image
+
+    image = cv2.GaussianBlur(np.random.default_rng(0).uniform(0, 255, (200, 300)), (0, 0), 2)
+    image = cv2.normalize(image, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    Image.fromarray(image).save(folder / "cover.png", dpi=(100, 100))
+
+
+def _press(folder: Path, world: World) -> None:
+    """A press log, and contours under a 4 cm plate at three depths."""
+    from visuohaptic.simulation.press import PressShape, calibration_press, press
+    from visuohaptic.simulation.strip import StripGeometry
+    from visuohaptic.simulation.strip_law import write_calibration_csv
+
+    write_calibration_csv(folder / "press.csv", calibration_press(geometry=StripGeometry(spacing_m=0.002)))
+    geometry = StripGeometry()
+    with (folder / "plate.csv").open("w", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(["depth_m", "force_N", "s_m", "delta_m"])
+        for sample in press(PressShape.PLATE_4CM, [0.003, 0.005, 0.007], geometry=geometry):
+            delta_m = geometry.width_m - (sample.strip.front_m[:, 0] - sample.scene.back_m[:, 0])
+            for s_m, delta in zip(sample.strip.front_m[:, 1], delta_m, strict=True):
+                table.writerow([sample.depth_m, sample.force_N, s_m, delta])
+
+
+def _loads(folder: Path, world: World) -> None:
+    """Readings that are 3 % too high on every axis."""
+    from visuohaptic.sensing.beam import Beam, save_beam
+
+    save_beam(folder / "beam.yaml", Beam())
+    axes = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
+    loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * share for share in (-1, -0.5, 0, 0.5, 1)])
+    read = loads * 1.03 + np.random.default_rng(2).normal(0, 1e-4, loads.shape)
+    header = ",".join([*axes, *(f"read_{name}" for name in axes)])
+    np.savetxt(folder / "loads.csv", np.hstack([loads, read]), "%.9g", ",", header=header, comments="")
+
+
+def _photos(folder: Path, world: World) -> None:
+    from tests.camera.test_calibration import poses, render
+
+    from visuohaptic.camera.calibration import Board
+
+    (folder / "photos").mkdir()
+    for i, pose in enumerate(poses(12, seed=3)):
+        cv2.imwrite(str(folder / "photos" / f"{i:02d}.png"), render(Board(9, 6, 0.025, 0.018), pose))
+
+
+def _gripper(folder: Path, world: World) -> None:
+    from visuohaptic.experiments.virtual_gripper import GripperSensor
+
+    rig = GripperSensor()
+    rig.build(folder, np.random.default_rng(1), zero_frames=4)
+    cv2.imwrite(str(folder / "rest.png"), rig.gripper(rng=np.random.default_rng(2)).frame().image)
+
+
+def _office(folder: Path, world: World) -> None:
+    """The dissertation's figure 4.6, rebuilt: rooms, a stool, a table, a tower and bins."""
+    from tests.navigation.plan_scenes import office
+
+    problem = office()
+    problem.map.save(folder / "office.yaml")
+    problem.map.save(folder / "map.yaml")
+    listed = []
+    for item in problem.objects:
+        names = ("static_friction_N", "dynamic_friction_N", "drift", "fixed", "explored")
+        values = {name: getattr(item.tag, name) for name in names}
+        tag = {name: getattr(value, "value", value) for name, value in values.items()}
+        listed.append({"id": item.id, "footprint_m": item.footprint_m.tolist(), "haptic_tag": tag})
+    (folder / "objects.yaml").write_text(yaml.safe_dump({"objects": listed}))
+    robot = {"radius_m": 0.17, "v_max_m_s": 0.3, "v_min_m_s": 0.05, "v_push_m_s": 0.05}
+    robot |= {"push_force_max_N": 20.0, "setup_time_s": 4.0}
+    (folder / "robot.yaml").write_text(yaml.safe_dump(robot))
+
+
+def _scans(folder: Path, world: World) -> None:
+    """A laser in a room of 6 m by 4 m, 5 cm further with every scan."""
+    from tests.recording.test_laser_scans import odometry_message, room_scan, scan_message
+
+    from visuohaptic.recording import MeasurementWriter
+
+    with MeasurementWriter(folder / "run.mcap") as writer:
+        for i in range(12):
+            scan, odometry = (
+                scan_message(room_scan(0.1 * i, 0.05 * i)),
+                odometry_message(0.1 * i, 0.05 * i, 0.0),
+            )
+            writer.write("/scan", "sensor_msgs/msg/LaserScan", 0.1 * i, scan)
+            writer.write("/odom", "nav_msgs/msg/Odometry", 0.1 * i, odometry)
+
+
+def _glass(folder: Path, world: World) -> None:
+    from visuohaptic.simulation.depth_camera import DepthCamera
+    from visuohaptic.simulation.glass_scene import glass_scene
+
+    scene = glass_scene(2, kind="labelled", arc_deg=360, step_m=0.12)
+    scene.save(folder / "scan", DepthCamera.kinect(160), np.random.default_rng(2))
+
+
+def _robot_arm(folder: Path, world: World) -> None:
+    """Five depth pictures of a wall 0.5 m away, in the layout of a published data set."""
+    source = folder / "d435i_robot_arm"
+    (source / "depth").mkdir(parents=True)
+    camera = {
+        "width": 64,
+        "height": 48,
+        "fx": 60.0,
+        "fy": 60.0,
+        "cx": 31.5,
+        "cy": 23.5,
+        "depth_unit_m": 0.001,
+    }
+    (source / "camera.json").write_text(json.dumps(camera))
+    poses = []
+    for number in range(1, 6):
+        cv2.imwrite(str(source / "depth" / f"{number}.png"), np.full((48, 64), 500, np.uint16))
+        pose = np.eye(4)
+        pose[0, 3] = 0.01 * number
+        poses.append(" ".join([str(number), *(f"{v:g}" for v in pose.ravel())]))
+    (source / "base_T_cam.txt").write_text("\n".join(poses) + "\n")
+
+
+def _holed(folder: Path, world: World) -> None:
+    """A bottle of which the belly is not seen."""
+    from tests.reconstruction.test_completion import bellied, scene
+
+    visible, region, _ = scene(bellied())
+    visible.save(folder / "surface.ply")
+    cluster = {"hull": region.hull_m.tolist(), "centroid": [0, 0, 0.1], "size": [0.1] * 3, "score": 0.9}
+    (folder / "regions.json").write_text(json.dumps({"clusters": [cluster]}))
+
+
+def _more_objects(folder: Path, world: World) -> None:
+    """Three cups with features; cup-1 is between the others, nearer to cup-2."""
+    from visuohaptic.objects import FeatureVector, VisuoHapticObject
+    from visuohaptic.objects.database import open_database
+
+    with open_database(folder / "objects.db") as database:
+        for name, value in (("cup-1", 1.0), ("cup-2", 1.2), ("cup-3", 0.0)):
+            features = {"stiffness": FeatureVector(np.full(4, value))}
+            database.add(VisuoHapticObject(name, features=features))
+
+
+def _classes(folder: Path, world: World) -> None:
+    plan = {"seed": 1, "around": 32, "states": [{"closed": False}]}
+    plan["classes"] = [{"class": "bottle", "variants": 2}, {"class": "cup", "variants": 1}]
+    (folder / "classes.yaml").write_text(yaml.safe_dump(plan))
+
+
+def _build(folder: Path, world: World) -> None:
+    """Six classes as ``objects build`` lists them, but drawn: each has a stiffness of its own at the top."""
+    rng = np.random.default_rng(0)
+    (folder / "objects").mkdir()
+    listed = []
+    for k, name in enumerate(("bottle", "cup", "elliptic", "isana", "cien", "cleaner")):
+        for i in range(6):
+            line = np.exp(np.interp(np.linspace(0, 1, 16), [0, 0.5, 1], [9, 7, 4 + k]) + rng.normal(0, 0.05))
+            grid = np.repeat(line[:, None], 4, axis=1)
+            points = np.zeros((16, 4, 3))
+            points[:, 0, 0] = points[:, 2, 1] = 0.03
+            points[:, 1, 0] = points[:, 3, 1] = -0.03
+            file = f"{name}-{i:05d}.npz"
+            features = np.stack([grid, grid, 0 * grid], axis=-1)[None]
+            np.savez(
+                folder / "objects" / file,
+                states=np.zeros((1, 2)),
+                features=features,
+                feature_points_m=points,
+            )
+            listed.append({"file": file, "class": name})
+    (folder / "objects" / "manifest.json").write_text(json.dumps({"objects": listed}))
+
+
+def _curves(folder: Path, world: World) -> None:
+    """What a finger feels on one of the bottles, at all heights."""
+    with np.load(folder / "objects" / "isana-00000.npz") as data:
+        stiffness = data["features"][0, :, :, 0]
+    with (folder / "curves.csv").open("w") as stream:
+        stream.write("height,side,force_N,deformation_m,width_m\n")
+        for height in range(1, 17):
+            for column, side in enumerate(("x+", "x-", "y+", "y-")):
+                for depth_m in np.arange(1, 19) / 6000:
+                    force_N = stiffness[height - 1, column] * depth_m
+                    stream.write(f"{height},{side},{force_N},{depth_m},0.06\n")
+
+
+def _recording(folder: Path, world: World) -> None:
+    shutil.copy(world.run("sense foam")[0] / "run.mcap", folder)
+
+
+def _to_view(folder: Path, world: World) -> None:
+    _office(folder, world)
+    _, (plan,) = world.run("plan")
+    (folder / "plan.json").write_text(json.dumps(plan))
+    shutil.copy(world.run("complete")[0] / "completed.ply", folder)
+
+
+@contextlib.contextmanager
+def _ctrl_c() -> Iterator[None]:
+    """A person who looks, and ends it at once."""
+
+    def sleep(seconds: float) -> None:
+        raise KeyboardInterrupt
+
+    with mock.patch("visuohaptic.cli.view.time", SimpleNamespace(sleep=sleep, monotonic=time.monotonic)):
+        yield
+
+
+@contextlib.contextmanager
+def _server() -> Iterator[None]:
+    """The shared database of the example's address is a folder: no server runs here."""
+    from visuohaptic.objects import database
+
+    real = database.open_database
+
+    def stand_in(where: Any, **more: Any) -> Any:
+        return real("shared.db" if str(where).startswith("postgresql:") else where, **more)
+
+    with mock.patch("visuohaptic.objects.database.open_database", stand_in):
+        yield
+
+
+@contextlib.contextmanager
+def _few_libraries() -> Iterator[None]:
+    """Three processes instead of thirty: tests/cli/test_doctor.py compares the whole table."""
+    from visuohaptic.cli import doctor
+
+    with mock.patch.object(doctor, "CORE", doctor.CORE[:2]), mock.patch.object(doctor, "OPTIONAL", ()):
+        yield
+
+
+# What the results must say -----------------------------------------------------------------------------
+
+
+def _sense_foam(folder: Path, results: list[Any]) -> None:
+    truth = max(float(row["force_N"]) for row in rows(folder / "truth.csv"))
+    read = max(float(row["force_N"]) for row in rows(folder / "run.csv") if row["valid"] in {"1", "true"})
+    assert read == pytest.approx(truth, rel=0.03)  # the sensor's figure is 2.5 % of a force
+
+
+def _sense_scene(folder: Path, results: list[Any]) -> None:
+    for result in results:
+        assert result["frames"] == 16
+        assert result["pose"]["x_m"] == pytest.approx(0.06, abs=0.002)  # of a compressed video
+
+
+def _sense_beam(folder: Path, results: list[Any]) -> None:
+    truth = [float(row["fy_N"]) for row in rows(folder / "truth.csv")]
+    read = [float(row["fy_N"]) for row in rows(folder / "run.csv")]
+    assert len(read) == len(truth)
+    assert np.nanmax(np.abs(np.subtract(read, truth))) < 0.1 * np.max(np.abs(truth))
+
+
+def _example_files(axis: str) -> Check:
+    def check(folder: Path, results: list[Any]) -> None:
+        names = {path.name for path in (folder / "try").iterdir()}
+        assert {"rest.mp4", "push.mp4", "sensor.yaml", "run.csv", "run.mcap", "zero.yaml"} <= names
+        truth = [float(row[axis]) for row in rows(folder / "try" / "truth.csv")]
+        read = [float(row[axis]) for row in rows(folder / "try" / "run.csv")]
+        assert np.nanmax(read) == pytest.approx(max(truth), rel=0.03)
+
+    return check
+
+
+def _template_check(folder: Path, results: list[Any]) -> None:
+    assert len(results) == 2
+    assert (folder / "sheet.pdf").stat().st_size > 1000
+
+
+def _calibrate_foam(folder: Path, results: list[Any]) -> None:
+    card = yaml.safe_load((folder / "foam.yaml").read_text())
+    assert card["width_m"] == 0.02
+    assert (folder / "foam.png").stat().st_size > 5000
+
+
+def _calibrate_camera(folder: Path, results: list[Any]) -> None:
+    found = Camera.load(folder / "camera.yaml").matrix
+    assert found[[0, 1], [0, 1]] == pytest.approx([610.0, 606.0], rel=0.01)
+
+
+def _map_graph(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    graph = json.loads((folder / "office_graph" / "graph.geojson").read_text())
+    points = [one for one in graph["features"] if one["geometry"]["type"] == "Point"]
+    assert found["nodes"] == len(points) > 3
+
+
+def _map_build(folder: Path, results: list[Any]) -> None:
+    from visuohaptic.recording import OccupancyMap
+
+    grid = OccupancyMap.load(folder / "map.yaml")
+    walls = grid.world_from_cell(np.argwhere(grid.occupied))
+    np.testing.assert_allclose([walls.min(axis=0), walls.max(axis=0)], [[-3, -2], [3, 2]], atol=0.06)
+
+
+def _plan(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    assert found["reachable"]
+    assert found["cost_s"] == pytest.approx(sum(task["cost_s"] for task in found["tasks"]), abs=1e-3)
+
+
+def _stiffness(folder: Path, results: list[Any]) -> None:
+    with np.load(folder / "map.npz") as data:
+        stiffness = data["stiffness_N_per_m"]
+    free = stiffness[np.isfinite(stiffness)]
+    assert 10 < np.median(free) < 1e5  # a finger dents a PET bottle by millimetres
+
+
+def _grasp(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    assert found["grasps"][0]["first_m"][2] > 0.09  # at the stiff rim
+    assert found["grasps"][0]["score"] >= found["grasps"][-1]["score"]
+
+
+def _reconstruct(folder: Path, results: list[Any]) -> None:
+    told = json.loads((folder / "model" / "regions.json").read_text())["clusters"]
+    assert len(told) >= 1
+    assert (folder / "model" / "surface.ply").stat().st_size > 10_000
+
+
+def _complete(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    target = np.asarray(found["next"]["target_m"])
+    assert 0.05 < target[2] < 0.15  # in the hole, on the wall
+    assert 0.01 < np.hypot(*target[:2]) < 0.08
+
+
+def _objects_add(folder: Path, results: list[Any]) -> None:
+    assert results[0]["material"]["wall_thickness_m"]["value"] == pytest.approx(0.8e-3)
+
+
+def _classify_train(folder: Path, results: list[Any]) -> None:
+    assert results[0]["classes"] == ["bottle", "cup", "elliptic"]
+    assert "elliptic" in results[1]["classes"]
+
+
+def _classify_run(folder: Path, results: list[Any]) -> None:
+    (found,) = results
+    assert sum(found["probabilities"].values()) == pytest.approx(1)
+    assert found["answer"] == "elliptic"  # the group that isana is in
+
+
+def _said(**expected: Any) -> Check:
+    """The first result has these values."""
+
+    def check(folder: Path, results: list[Any]) -> None:
+        assert {name: results[0][name] for name in expected} == expected
+
+    return check
+
+
+def _demo(folder: Path, results: list[Any]) -> None:
+    for result in results:
+        assert len(result["objects"]) == 3
+        assert (folder / result["report"]).stat().st_size > 100_000
+
+
+STORIES: dict[str, Story] = {
+    "sense foam": Story(_sense_foam, _flatten("example foam")),
+    "sense scene": Story(_sense_scene, _scene),
+    "track": Story(lambda f, r: _all_seen(r), _tags),
+    "template check": Story(_template_check, _cover),
+    "template sheet": Story(lambda f, r: _pdf(f / "tags.pdf")),
+    "sense beam": Story(_sense_beam, _flatten("example beam")),
+    "calibrate foam": Story(_calibrate_foam, _press),
+    "calibrate beam": Story(_said(rows=30), _loads),
+    "calibrate camera": Story(_calibrate_camera, _photos),
+    "calibrate stripe": Story(lambda f, r: _stripe(r), _gripper),
+    "example foam": Story(_example_files("force_N")),
+    "example beam": Story(_example_files("fy_N")),
+    "map inspect": Story(lambda f, r: _office_size(r), _office),
+    "map build": Story(_map_build, _scans),
+    "map graph": Story(_map_graph, _office),
+    "plan": Story(_plan, _office),
+    "stiffness": Story(_stiffness),
+    "grasp": Story(_grasp),
+    "reconstruct": Story(_reconstruct, _glass),
+    "complete": Story(_complete, _holed),
+    "objects add": Story(_objects_add, room="kitchen"),
+    "objects show": Story(_said(id="cup-1"), room="kitchen", needs=("objects add",)),
+    "objects list": Story(lambda f, r: _first(r, "objects"), room="kitchen", needs=("objects add",)),
+    "objects search": Story(lambda f, r: _first(r, "found"), _more_objects, "search"),
+    "objects export": Story(_said(exported=1), room="kitchen", needs=("objects add",)),
+    "objects import": Story(_said(imported=1), room="kitchen", needs=("objects export",)),
+    "objects sync": Story(_said(sent=1), room="kitchen", needs=("objects import",), around=_server),
+    "objects build": Story(lambda f, r: _built(f), _classes),
+    "reproduce": Story(lambda f, r: _reproduced(f)),
+    "classify train": Story(_classify_train, _build, "classify"),
+    "classify plan": Story(lambda f, r: _planned(r), room="classify", needs=("classify train",)),
+    "classify run": Story(_classify_run, _curves, "classify", ("classify train",)),
+    "recording info": Story(lambda f, r: _recorded(r), _recording),
+    "recording import": Story(_said(frames=5), _robot_arm),
+    "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
+    "warmup": Story(lambda f, r: _warm(r)),
+    "doctor": Story(lambda f, r: _healthy(r), around=_few_libraries),
+}
+
+#: Verbs whose examples are run elsewhere, and where.
+ELSEWHERE = {"demo": "make demo; each of its runs takes longer than all examples here together may"}
+
+
+def _all_seen(results: list[Any]) -> None:
+    assert set(results[0]["seen"].values()) == {results[0]["frames"]}
+
+
+def _pdf(path: Path) -> None:
+    assert path.read_bytes().startswith(b"%PDF")
+
+
+def _stripe(results: list[Any]) -> None:
+    assert results[0]["mean_probability_on_stripe"] > 0.9
+
+
+def _office_size(results: list[Any]) -> None:
+    assert results[0]["components"] >= 1
+    assert results[0]["share_unknown"] == 0
+    assert min(results[0]["size_m"]) > 2
+
+
+def _first(results: list[Any], name: str) -> None:
+    assert results[0][name][0]["id"] == "cup-1"
+
+
+def _built(folder: Path) -> None:
+    listed = json.loads((folder / "objects" / "manifest.json").read_text())["objects"]
+    assert sorted(one["class"] for one in listed) == ["bottle", "bottle", "cup"]
+
+
+def _reproduced(folder: Path) -> None:
+    (found,) = (folder / "results" / "dissertation").glob("*/result.json")
+    assert json.loads(found.read_text())
+
+
+def _planned(results: list[Any]) -> None:
+    assert results[0]["nodes"]
+
+
+def _recorded(results: list[Any]) -> None:
+    assert results[0]["topics"]
+
+
+def _viewed(results: list[Any]) -> None:
+    assert len(results[0]["views"]) == 3  # the plan is drawn on the map
+
+
+def _warm(results: list[Any]) -> None:
+    assert len(results[0]["seconds"]) == len(__import__("visuohaptic.cli.warmup", fromlist=["W"]).WARMUPS)
+
+
+def _healthy(results: list[Any]) -> None:
+    assert results[0]["libraries"]["numpy"]["version"] == np.__version__
+
+
+def test_every_verb_has_a_story() -> None:
+    assert set(STORIES) | set(ELSEWHERE) == set(VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_shows_an_example(verb: str) -> None:
+    shown = examples(verb)
+    assert shown
+    assert all(" ".join(words).startswith(("example", verb, "calibrate", "sense")) for words in shown)
+
+
+@pytest.mark.parametrize("verb", STORIES)
+def test_the_examples_run_and_their_numbers_hold(world: World, verb: str) -> None:
+    folder, results = world.run(verb)
+    assert len(results) == len(examples(verb))
+    STORIES[verb].check(folder, results)
