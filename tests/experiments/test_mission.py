@@ -93,7 +93,8 @@ def test_the_bottle_is_recognised_and_lifted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("fault", [FaultKind.SLIP, FaultKind.OBJECT_FALLS])
 def test_what_slips_or_falls_is_not_lifted(tmp_path: Path, fault: FaultKind) -> None:
-    story = run_mission(tmp_path, part="bottle", seed=3, fault=fault)
+    # Seed 1 draws a full bottle: a tenth of the friction does not carry it, as it does an empty one.
+    story = run_mission(tmp_path, part="bottle", seed=1, fault=fault)
     assert not story.wrong_claims
     if fault is FaultKind.SLIP:
         assert story.chapters[1].outcome is Outcome.FAILED

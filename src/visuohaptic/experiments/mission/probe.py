@@ -32,7 +32,7 @@ LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
 #: The stop rule of the completion [m], and how many lines are probed at most.
 BOUND_M, TOUCHES = 0.0015, 10
 #: Above this expected error the outline is not used.
-DOUBT_M = 0.005
+DOUBT_M = 0.010
 #: Slices of the completed outline [m], and how far from the axis it is looked for.
 SLICE_M, REACH_M = 0.008, 0.065
 
