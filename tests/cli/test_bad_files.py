@@ -52,6 +52,8 @@ COMMANDS = (
     "objects sync shared --db BAD_FILE",
     "objects search --like a --db BAD",
     "objects build BAD.yaml --out built",
+    "objects recognise --prior BAD.npz --cloud seen.ply",
+    "ros bridge BAD.yaml",
     "classify train --objects BAD --out tree.json",
     "classify train --objects BAD.npz --out tree.json",
     "classify plan BAD.json",

@@ -560,7 +560,11 @@ STORIES: dict[str, Story] = {
 }
 
 #: Verbs whose examples are run elsewhere, and where.
-ELSEWHERE = {"demo": "make demo; each of its runs takes longer than all examples here together may"}
+ELSEWHERE = {
+    "demo": "make demo; each of its runs takes longer than all examples here together may",
+    "ros bridge": "tests/ros, with frames and listeners at the other end of a session",
+    "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
+}
 
 
 def _all_seen(results: list[Any]) -> None:

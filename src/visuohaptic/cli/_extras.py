@@ -72,6 +72,8 @@ OPTIONAL = (
     Library("distributed", "distributed", "cluster", "builds over several machines"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
     Library("zenoh", "eclipse-zenoh", "ros", "live ROS 2", "zenoh.KeyExpr('0/chatter')"),
+    Library("pyrealsense2", "pyrealsense2", "realsense", "live RealSense depth cameras"),
+    Library("pyorbbecsdk", "pyorbbecsdk2", "orbbec", "live Orbbec depth cameras"),
     Library("collada", "pycollada", "geometry", "COLLADA meshes"),
 )
 

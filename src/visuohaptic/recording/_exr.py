@@ -118,6 +118,8 @@ def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "r
     places = struct.unpack_from(f"<{blocks}Q", data, header.end)
     result = np.full((header.height, header.width), np.nan, dtype=np.float32)
     for place in places:
+        if place > len(data):
+            raise InputError(where, f"has a block at byte {place}, expected one within its {len(data)} bytes")
         row, size = struct.unpack_from("<iI", data, place)
         row -= header.top
         rows = min(rows_per_block, header.height - row)

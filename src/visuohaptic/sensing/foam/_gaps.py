@@ -16,7 +16,7 @@ _FREE_END_M = 5e-4
 
 #: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
 #: part of the difference between these.
-_DOUBTFUL_POINTS = 3
+_DOUBTFUL_POINTS = 4
 _DOUBTFUL_MARGIN = 0.15
 
 #: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
