@@ -37,8 +37,8 @@ h1 { font-size: 2rem; line-height: 1.2; margin: 0 0 .3rem; letter-spacing: -.01e
 h2 { font-size: 1.3rem; margin: 3rem 0 .8rem; padding-top: 1.2rem; border-top: 1px solid var(--line); }
 p { max-width: 44rem; margin: .6rem 0; }
 .about { color: var(--soft); font-size: .9rem; }
-nav { margin: 1.2rem 0 0; font-size: .92rem; }
-nav a { color: var(--mark); text-decoration: none; margin-right: 1.1rem; white-space: nowrap; }
+nav { margin: 1.2rem 0 0; font-size: .92rem; display: flex; flex-wrap: wrap; gap: .2rem 1.1rem; }
+nav a { color: var(--mark); text-decoration: none; white-space: nowrap; }
 nav a:hover { text-decoration: underline; }
 figure { margin: 1.2rem 0; padding: .9rem; background: var(--card); border: 1px solid var(--line);
   border-radius: 10px; }
