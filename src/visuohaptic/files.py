@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     Model = TypeVar("Model", bound=BaseModel)
 
-__all__ = ["atomic_path", "load_yaml", "load_yaml_model", "save_yaml", "write_text"]
+__all__ = ["atomic_path", "load_yaml", "load_yaml_model", "read_text", "save_yaml", "write_text"]
 
 #: YAML files larger than this are refused before they are parsed (bytes).
 MAX_YAML_BYTES = 16 * 1024 * 1024
@@ -69,6 +69,26 @@ def write_text(target: Path | str, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
+def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> str:
+    """Text of a UTF-8 file whose size was looked at first; a byte order mark is taken off.
+
+    Raises
+    ------
+    InputError
+        As ``error``: the file is missing, larger than ``max_bytes`` or not UTF-8.
+    """
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if size > max_bytes:
+            raise error(path, f"has {size} bytes, expected at most {max_bytes}")
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as problem:
+        raise error(path, f"cannot be read ({problem.strerror})") from problem
+    except UnicodeDecodeError as problem:
+        raise error(path, f"is not UTF-8 text (byte {problem.start})") from problem
+
+
 def load_yaml(path: Path | str) -> Any:
     """Read a YAML file safely.
 
@@ -80,15 +100,7 @@ def load_yaml(path: Path | str) -> Any:
     import yaml
 
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > MAX_YAML_BYTES:
-            raise InputError(path, f"has {size} bytes, expected at most {MAX_YAML_BYTES}")
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"is not UTF-8 text (byte {error.start})") from error
+    text = read_text(path, MAX_YAML_BYTES)
 
     class Loader(yaml.SafeLoader):
         """Safe, and no more entries by merged mappings than a file could hold."""

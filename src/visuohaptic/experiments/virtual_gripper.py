@@ -10,20 +10,13 @@ from typing import Any
 import numpy as np
 
 from ..camera import PlaneView
-from ..sensing.foam import (
-    FingerSensor,
-    FoamSensorConfig,
-    calibrate_foam,
-    read_strain_stress,
-    train_stripe,
-)
+from ..sensing.foam import FingerSensor, FoamSensorConfig, train_stripe
 from ..simulation._finger_tag import FingerTag
 from ..simulation.effects import CameraEffects
 from ..simulation.gripper import GRIPPER_RIG, ROD, RUBBER_FOAM, STRIPE_M, VirtualGripper, gripper_look
-from ..simulation.press import calibration_press
 from ..simulation.rig import SensorRig
 from ..simulation.strip import StripGeometry, StripLaw
-from ..simulation.strip_law import write_calibration_csv
+from .virtual_sensor import calibrate_by_press
 
 __all__ = ["GripperSensor"]
 
@@ -67,20 +60,8 @@ class GripperSensor:
         """
         folder = Path(folder)
         say = on_step or (lambda text: None)
-        say("pressing the foam for its strain-stress curve")
         rod = self.geometry
-        rows = calibration_press(
-            geometry=StripGeometry(rod.length_m, rod.width_m, rod.height_m, spacing_m=0.002),
-            law=self.law,
-            reference_sigma_N=self.press_sigma_N,
-            rng=rng,
-        )
-        write_calibration_csv(folder / "strain_stress.csv", rows)
-        say("calibrating")
-        calibration = calibrate_foam(
-            read_strain_stress(folder / "strain_stress.csv"), width_m=rod.width_m, height_m=rod.height_m
-        )
-        calibration.material.save(folder / "foam.yaml")
+        calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng, say)
         pose = self.tag.pose_foam_tag
         sections: dict[str, Any] = {
             "tracking": {"base_is": "brighter", "foam_is": "darker"},

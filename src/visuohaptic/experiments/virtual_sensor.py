@@ -20,7 +20,7 @@ from ..simulation.scene import FoamScene
 from ..simulation.strip import SOFT_FOAM, StripGeometry, StripLaw
 from ..simulation.strip_law import write_calibration_csv
 
-__all__ = ["VirtualSensor", "rest_scene"]
+__all__ = ["VirtualSensor", "calibrate_by_press", "rest_scene"]
 
 #: Imperfections of the camera in demos and benchmarks: a usual webcam in indoor light.
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
@@ -31,6 +31,32 @@ def rest_scene(geometry: StripGeometry, t_s: float = 0.0) -> FoamScene:
     s = geometry.positions_m()
     back = geometry.back_m(s)
     return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
+
+
+def calibrate_by_press(
+    folder: Path,
+    geometry: StripGeometry,
+    law: StripLaw,
+    press_sigma_N: float,
+    rng: np.random.Generator,
+    say: Callable[[str], None],
+) -> None:
+    """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would."""
+    say("pressing the foam for its strain-stress curve")
+    rows = calibration_press(
+        geometry=StripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
+        law=law,
+        reference_sigma_N=press_sigma_N,
+        rng=rng,
+    )
+    write_calibration_csv(folder / "strain_stress.csv", rows)
+    say("calibrating")
+    calibration = calibrate_foam(
+        read_strain_stress(folder / "strain_stress.csv"),
+        width_m=geometry.width_m,
+        height_m=geometry.height_m,
+    )
+    calibration.material.save(folder / "foam.yaml")
 
 
 @dataclass
@@ -68,23 +94,7 @@ class VirtualSensor:
         """
         folder = Path(folder)
         say = on_step or (lambda text: None)
-        say("pressing the foam for its strain-stress curve")
-        rows = calibration_press(
-            geometry=StripGeometry(
-                self.geometry.length_m, self.geometry.width_m, self.geometry.height_m, spacing_m=0.002
-            ),
-            law=self.law,
-            reference_sigma_N=self.press_sigma_N,
-            rng=rng,
-        )
-        write_calibration_csv(folder / "strain_stress.csv", rows)
-        say("calibrating")
-        calibration = calibrate_foam(
-            read_strain_stress(folder / "strain_stress.csv"),
-            width_m=self.geometry.width_m,
-            height_m=self.geometry.height_m,
-        )
-        calibration.material.save(folder / "foam.yaml")
+        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng, say)
         bent = np.isfinite(self.geometry.radius_m)
         path = self.rig.write(
             folder,

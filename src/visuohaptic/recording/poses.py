@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ..camera import Pose
 from ..errors import InputError
+from ..files import read_text
 
 __all__ = ["StampedPose", "interpolate_pose", "read_poses", "write_poses"]
 
@@ -57,13 +58,9 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
             head = stream.read(8)
         if head == b"\x89MCAP0\r\n":
             return _from_mcap(path, topic)
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise InputError(path, f"is larger than {_MAX_FILE_BYTES} bytes")
-        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, f"is no text (byte {error.start}), expected poses") from error
+    text = read_text(path, _MAX_FILE_BYTES)
     found = list(_from_rows(path, _rows(path, text)))
     if not found:
         raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")

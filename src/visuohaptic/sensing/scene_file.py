@@ -10,34 +10,29 @@ from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from ..camera import Camera, Pose
 from ..errors import InputError
 from ..files import load_yaml_model
 from ..robots import BaseState
 from .ego_motion import EgoMotionSettings
-from .foam.config import FoamSensorConfig, FoamSetup, PoseSection
+from .fields import PoseSection, Positive, Section
+from .foam.config import FoamSensorConfig, FoamSetup
 from .obstacle_mask import MixtureSettings
 from .scene import SceneSettings, SceneTracker
 
 __all__ = ["Odometry", "SceneConfig", "SceneSetup", "read_odometry"]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class StripSection(_Section):
+class StripSection(Section):
     """The foam as it hides the floor."""
 
     length_m: Positive = 0.25
     front_m: Positive = 0.02  #: x of its front edge in frame F
 
 
-class SceneConfig(_Section):
+class SceneConfig(Section):
     """Fields of ``scene.yaml``; file names are relative to its folder.
 
     Either ``sensor`` names the foam sensor's file: then its force is read, too, and the object that it

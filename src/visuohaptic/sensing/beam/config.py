@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
-from ...camera import Pose
 from ...errors import InputError
 from ...files import load_yaml_model, save_yaml
+from ..fields import PoseSection, Positive, Section
 from .correction import Correction
 from .mechanics import Beam
 from .sensor import BeamSetup
@@ -19,48 +19,36 @@ from .zero import BeamDriftSettings
 
 __all__ = ["BeamSensorConfig", "load_beam", "save_beam"]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
-Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Row6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
 Matrix6 = Annotated[list[Row6], Field(min_length=6, max_length=6)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class _CorrectionSection(_Section):
+class _CorrectionSection(Section):
     matrix: Matrix6
     row_covariance: Annotated[list[Matrix6], Field(min_length=6, max_length=6)]
 
 
-class _BeamFile(_Section):
+class _BeamFile(Section):
     """Fields of :class:`Beam`; those left out keep their defaults."""
 
     kind: Literal["beam_material"] = "beam_material"
-    beam: dict[str, FiniteFloat] = {}
+    beam: dict[str, FiniteFloat] = Field(default_factory=dict)
     calibration: _CorrectionSection | None = None
 
 
-class _PoseSection(_Section):
-    translation_m: Vector3
-    quaternion_xyzw: Vector4
-
-
-class _TemplateSection(_Section):
+class _TemplateSection(Section):
     name: str
     xi: Annotated[float, Field(ge=0.05, le=1)]
 
 
-class _DriftSection(_Section):
+class _DriftSection(Section):
     time_constant_s: Positive = 30.0
     rest_s: Positive = 1.0
     rest: Positive = 0.005
     limit: Positive = 0.02
 
 
-class BeamSensorConfig(_Section):
+class BeamSensorConfig(Section):
     """Fields of ``sensor.yaml``; file names are relative to its folder."""
 
     kind: Literal["beam"]
@@ -69,9 +57,7 @@ class BeamSensorConfig(_Section):
     templates_folder: str | None = None  #: images of the templates, for the same
     reference: str = "reference"  #: name of the template on the base
     templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]
-    pose_reference_sensor: (
-        _PoseSection  #: maps frame S (origin in the clamp, X along the rod) to the reference
-    )
+    pose_reference_sensor: PoseSection  #: maps frame S (origin in the clamp, X along the rod) to it
     view: Literal["moving", "steady"] = "moving"
     model: Literal["auto", "linear", "exact"] = "auto"
     zero: str = "zero.yaml"
@@ -95,9 +81,7 @@ class BeamSensorConfig(_Section):
         if len(set(names)) != len(names):
             raise InputError(path, f"found a name twice in {', '.join(names)}", field="templates")
         try:
-            pose = Pose.from_quaternion(
-                config.pose_reference_sensor.quaternion_xyzw, config.pose_reference_sensor.translation_m
-            )
+            pose = config.pose_reference_sensor.pose()
             return BeamSetup(
                 {template.name: template.xi for template in config.templates},
                 pose,

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 
 from ...camera import Pose
 from ...errors import CalibrationError, InputError
+from ...files import read_text
 from ...objects import Reason
 from .observation import TemplatePose
 
@@ -192,14 +193,7 @@ def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
 
 def _table(path: Path | str, error: type[InputError]) -> tuple[list[str], list[tuple[int, list[str]]]]:
     path = Path(path)
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise error(path, f"is larger than {MAX_BYTES} bytes")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as problem:
-        raise error(path, f"cannot be read ({problem.strerror})") from problem
-    except UnicodeDecodeError as problem:
-        raise error(path, f"is not UTF-8 text (byte {problem.start})") from problem
+    text = read_text(path, MAX_BYTES, error=error)
     reader = csv.reader(text.splitlines())
     try:
         lines = [(reader.line_num, cells) for cells in reader if any(cell.strip() for cell in cells)]

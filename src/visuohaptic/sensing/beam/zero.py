@@ -9,11 +9,12 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from ...camera import Pose
 from ...errors import CalibrationError, InputError
 from ...files import load_yaml_model, save_yaml
+from ..fields import PoseSection, Section
 from .observation import RelativePoses, rotation_vectors
 
 __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
@@ -28,15 +29,11 @@ FINE_SCATTER = np.array([2e-5, 2e-5, 2e-5, 5e-4, 5e-4, 5e-4])
 Numbers6 = Annotated[list[FiniteFloat], Field(min_length=6, max_length=6)]
 
 
-class _ZeroTemplate(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _ZeroTemplate(PoseSection):
     name: str
-    translation_m: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
-    quaternion_xyzw: Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 
 
-class _ZeroFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _ZeroFile(Section):
     t_s: FiniteFloat
     frames: Annotated[int, Field(ge=1)]
     templates: Annotated[list[_ZeroTemplate], Field(min_length=1, max_length=32)]

@@ -6,37 +6,21 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from ...camera import Camera, Pose
 from ...errors import InputError
 from ...files import load_yaml_model
+from ..fields import PoseSection, Positive, Section, Vector3
 from .geometry import StripGeometry
 from .material import FoamMaterial
 
 __all__ = ["FoamSensorConfig", "FoamSetup"]
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
-Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Point2 = Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class PoseSection(_Section):
-    """A rigid motion: translation [m] and quaternion in ROS order."""
-
-    translation_m: Vector3
-    quaternion_xyzw: Vector4
-
-    def pose(self) -> Pose:
-        return Pose.from_quaternion(self.quaternion_xyzw, self.translation_m)
-
-
-class StripSection(_Section):
+class StripSection(Section):
     """Shape of the back contour: straight, bent around a radius, or through points."""
 
     length_m: Positive | None = None
@@ -61,7 +45,7 @@ class StripSection(_Section):
         return StripGeometry.straight(self.length_m, width_m, self.spacing_m)
 
 
-class TrackingSection(_Section):
+class TrackingSection(Section):
     """How the contours look and how far they are searched."""
 
     foam_is: Literal["brighter", "darker", "either"] = "either"  #: than what is in front of it
@@ -70,17 +54,19 @@ class TrackingSection(_Section):
     bump_px: Positive = 3.0  #: a reference contour that moved further makes frames invalid
 
 
-class StripeSection(_Section):
+class StripeSection(Section):
     """A colour stripe along the front edge, on top of the foam."""
 
     model: str  #: NPZ written by ``StripeModel.save``
     width_m: Positive  #: width of the stripe; the tracked edge lies this far behind the front
 
 
-class FingerSection(_Section):
+class FingerSection(Section):
     """The sensor rides on a gripper's finger."""
 
-    axis_foam: Vector3 = [1.0, 0.0, 0.0]  #: direction in which the finger closes, frame F
+    axis_foam: Vector3 = Field(
+        default_factory=lambda: [1.0, 0.0, 0.0]
+    )  #: direction in which the finger closes, frame F
     tag_id: Annotated[int, Field(ge=0)] = 0  #: AprilTag 36h11 on the finger
     tag_size_m: Positive = 0.02  #: side of its black square
     #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is looked for.
@@ -95,7 +81,7 @@ class FingerSection(_Section):
         return self
 
 
-class FoamSensorConfig(_Section):
+class FoamSensorConfig(Section):
     """Fields of ``sensor.yaml``; file names are relative to its folder."""
 
     kind: Literal["foam"] = "foam"

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ...errors import CalibrationError
+from ...files import read_text
 
 __all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
 
@@ -155,15 +156,7 @@ def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
 
 def _rows(path: Path | str) -> tuple[list[tuple[int, dict[str, str]]], list[str]]:
     path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise CalibrationError(path, f"has {size} bytes, expected at most {MAX_BYTES}")
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise CalibrationError(path, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise CalibrationError(path, f"is not UTF-8 text (byte {error.start})") from error
+    text = read_text(path, MAX_BYTES, error=CalibrationError)
     lines = _lines(path, text)
     first = next(lines, None)
     if first is None:

@@ -8,10 +8,11 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from ...errors import CalibrationError, InputError
 from ...files import load_yaml_model, save_yaml
+from ..fields import Section
 
 __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch"]
 
@@ -26,8 +27,7 @@ _OPTIONAL = ("front_ratio", "contrast")
 Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
 
 
-class _ZeroFile(BaseModel):
-    model_config = ConfigDict(extra="forbid")
+class _ZeroFile(Section):
     t_s: FiniteFloat
     frames: Annotated[int, Field(ge=1)]
     gain: Annotated[float, Field(gt=0, allow_inf_nan=False)]
