@@ -110,7 +110,20 @@ def test_a_push_ends_at_a_wall_at_another_object_and_where_the_robot_does_not_fi
 
     def steps(others=none, starts=start, clearance=clear, limit=40):
         return free_push_steps(
-            occupied, clearance, samples, outline, others, starts, others, 6.0, 10.0, 1.0, 0.0, RADIUS, limit
+            occupied,
+            clearance,
+            samples,
+            none,
+            outline,
+            others,
+            starts,
+            others,
+            6.0,
+            10.0,
+            1.0,
+            0.0,
+            RADIUS,
+            limit,
         )
 
     assert steps() == 18  # from 11.4 to the wall at 30
@@ -133,7 +146,9 @@ def test_an_object_that_leans_on_a_wall_slides_along_it():
         [np.linspace(a, b, 9) for a, b in zip(outline, np.roll(outline, -1, 0), strict=True)]
     )
     assert (
-        free_push_steps(occupied, clear, samples, outline, none, start, none, 6.0, 10.0, 1.0, 0.0, RADIUS, 10)
+        free_push_steps(
+            occupied, clear, samples, none, outline, none, start, none, 6.0, 10.0, 1.0, 0.0, RADIUS, 10
+        )
         == 10
     )
 

@@ -284,6 +284,7 @@ def free_push_steps(
     occupied: np.ndarray,
     clearance: np.ndarray,
     outline: np.ndarray,
+    around: np.ndarray,
     polygon: np.ndarray,
     others: np.ndarray,
     other_start: np.ndarray,
@@ -300,7 +301,9 @@ def free_push_steps(
     ``outline`` holds points along the object's edge, a little inside; ``others`` the
     polygons of the other objects one after the other, ``other_points`` such points of theirs. One that lies in an
     occupied cell at the start (the object leans on a wall) is not looked at, so
-    that the object may slide along the wall. ``clearance`` is that without the object.
+    that the object may slide along the wall. ``around`` holds points outside the
+    edge that are not looked at either where they begin in something: room that
+    is not there need not be kept. ``clearance`` is that without the object.
     """
     rows, columns = occupied.shape
     k = len(outline)
@@ -311,6 +314,17 @@ def free_push_steps(
             leans[i] = True
     moved = polygon.copy()
     count = len(other_start) - 1
+    kept = np.empty((len(around), 2))
+    roomy = 0
+    for i in range(len(around)):
+        px, py = around[i, 0], around[i, 1]
+        r, c = int(math.floor(py)), int(math.floor(px))
+        begins = r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]
+        for o in range(count):
+            begins = begins or inside_polygon(px, py, others[other_start[o] : other_start[o + 1]])
+        if not begins:
+            kept[roomy, 0], kept[roomy, 1] = px, py
+            roomy += 1
     boxes = np.empty((count, 4))
     for o in range(count):
         part = others[other_start[o] : other_start[o + 1]]
@@ -342,6 +356,14 @@ def free_push_steps(
                 return (step - 1) // 2
             for o in range(count):
                 if near[o] and inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
+                    return (step - 1) // 2
+        for i in range(roomy):
+            px, py = kept[i, 0] + t * dir_x, kept[i, 1] + t * dir_y
+            r, c = int(math.floor(py)), int(math.floor(px))
+            if r < 0 or c < 0 or r >= rows or c >= columns or occupied[r, c]:
+                return (step - 1) // 2
+            for o in range(count):
+                if inside_polygon(px, py, others[other_start[o] : other_start[o + 1]]):
                     return (step - 1) // 2
         if not close:
             continue

@@ -16,7 +16,15 @@ from .problem import MovableObject, RobotModel
 
 __all__ = ["load_objects", "load_robot", "objects_from_data", "robot_from_data"]
 
-_ROBOT_FIELDS = ("radius_m", "v_max_m_s", "v_min_m_s", "v_push_m_s", "push_force_max_N", "setup_time_s")
+_ROBOT_FIELDS = (
+    "radius_m",
+    "v_max_m_s",
+    "v_min_m_s",
+    "v_push_m_s",
+    "push_force_max_N",
+    "setup_time_s",
+    "push_margin_m",
+)
 _ESTIMATES = (
     "static_friction_N",
     "dynamic_friction_N",

@@ -27,18 +27,17 @@ class RobotModel:
     v_push_m_s: float = 0.05  #: while pushing what is easily pushed
     push_force_max_N: float = 20.0  #: the platform's capability
     setup_time_s: float = 4.0  #: to come into position, once per push
+    push_margin_m: float = 0.0  #: room that what is pushed keeps from what does not move with it
 
     def __post_init__(self) -> None:
         for name in ("radius_m", "v_max_m_s", "v_min_m_s", "v_push_m_s", "push_force_max_N"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InputError("RobotModel", f"found {value}, expected a finite number > 0", field=name)
-        if not (np.isfinite(self.setup_time_s) and self.setup_time_s >= 0):
-            raise InputError(
-                "RobotModel",
-                f"found {self.setup_time_s}, expected a finite number >= 0",
-                field="setup_time_s",
-            )
+        for name in ("setup_time_s", "push_margin_m"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError("RobotModel", f"found {value}, expected a finite number >= 0", field=name)
         if self.v_min_m_s > self.v_max_m_s:
             raise InputError(
                 "RobotModel",

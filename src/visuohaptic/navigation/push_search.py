@@ -34,7 +34,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
 from .node_costs import PushCosts, push_cost
-from .push_states import PushStep, SearchLimits, SearchResult, SearchState, SeenFields, anchors, steps_of
+from .push_states import (
+    Child,
+    PushStep,
+    SearchLimits,
+    SearchResult,
+    SearchState,
+    SeenFields,
+    anchors,
+    steps_of,
+)
 from .push_world import Body, PushWorld
 
 __all__ = ["PushStep", "SearchLimits", "SearchResult", "anchors", "search_pushes"]
@@ -171,12 +180,13 @@ class _Search:
                 False, exhausted=True, reason="walls separate start and goal, whatever is pushed"
             )
         seen = SeenFields(self.limits.memory_cells)
-        queue: list[tuple[float, int, SearchState, bool]] = [(0.0, 0, first, False)]
+        queue: list[tuple[float, int, SearchState | Child, bool]] = [(0.0, 0, first, False)]
         ticket = expanded = 0
         best = self.known
         cut = False
         while queue:
-            bound, _, state, arrived = heapq.heappop(queue)
+            bound, _, taken, arrived = heapq.heappop(queue)
+            state = self._born(taken) if isinstance(taken, Child) else taken
             if arrived:
                 return SearchResult(True, steps_of(state), bound / self.units, expanded, exhausted=not cut)
             if not state.refined and self.hasty:
@@ -249,7 +259,7 @@ class _Search:
 
     def _expand(
         self, state: SearchState, best: float, seen: SeenFields
-    ) -> tuple[float | None, list[tuple[float, SearchState]]]:
+    ) -> tuple[float | None, list[tuple[float, Child]]]:
         """Cost of driving to the goal now [units], and the states after one push."""
         from ._push_search_kernels import flood, travel_field
 
@@ -280,7 +290,7 @@ class _Search:
             beyond = (clearance.ravel() >= world.radius) & (cost >= self.far)
         elif finished is None:
             beyond = flood(clearance, world.radius, goal_cells)
-        children: list[tuple[float, SearchState]] = []
+        children: list[tuple[float, Child]] = []
         limit = min(best, finished if finished is not None else np.inf)
         for index in range(len(world.bodies)):
             children += self._pushes(state, index, clearance, cost, beyond, limit)
@@ -294,7 +304,7 @@ class _Search:
         cost: Int32[np.ndarray, "n"],
         beyond: Bool[np.ndarray, "n"] | None,
         limit: float,
-    ) -> list[tuple[float, SearchState]]:
+    ) -> list[tuple[float, Child]]:
         from ._push_search_kernels import clearance_at, free_push_steps, opening_steps, reach_cost
 
         world, body = self.world, self.world.bodies[index]
@@ -302,7 +312,7 @@ class _Search:
             return []
         shift = state.shifts[index]
         without: Float32[np.ndarray, "rows columns"] | None = None
-        found: list[tuple[float, SearchState]] = []
+        found: list[tuple[float, Child]] = []
         others: tuple[np.ndarray, ...] | None = None
         # The field of the new set of pushed bodies is computed for those children only that are taken.
         rest = self.rest(state.pushed)
@@ -333,7 +343,7 @@ class _Search:
             if clearance_at(without, stand[0], stand[1]) < world.radius - STAND_SLACK:
                 continue
             steps = free_push_steps(
-                world.occupied, without, body.samples + shift, body.outline + shift, *others,
+                world.occupied, without, body.samples + shift, body.around + shift, body.outline + shift, *others,
                 touch[0], touch[1], contact.direction[0], contact.direction[1], world.radius, len(table) - 1,
             )  # fmt: skip
             if not steps:
@@ -364,16 +374,26 @@ class _Search:
             elif not self.fine:
                 wanted &= opens[1:] | (lengths <= 6) | (lengths % 4 == 0)
             for i in np.flatnonzero(wanted):
-                after = state.shifts.copy()
-                after[index] = shift + lengths[i] * contact.direction
-                step = PushStep(index, number, int(lengths[i]), state.shifts, after, stand, touch, ends[i])
-                child = SearchState(
-                    float(spent[i]), ends[i], after, state.pushed | 1 << index, state, step,
-                    state.depth + 1, bool(opens[i + 1]), self.hasty and not opens[i + 1], float(left[i]),
-                    beyond if self.hasty else None,
+                child = Child(
+                    state, index, number, int(lengths[i]), stand, touch, float(spent[i]), bool(opens[i + 1]),
+                    self.hasty and not opens[i + 1], float(left[i]), beyond if self.hasty else None,
                 )  # fmt: skip
                 found.append((float(estimate[i]), child))
         return found
+
+    def _born(self, child: Child) -> SearchState:
+        """The state of a push that was taken from the queue."""
+        parent, direction = child.parent, self.world.bodies[child.body].contacts[child.contact].direction
+        after = parent.shifts.copy()
+        after[child.body] = parent.shifts[child.body] + child.steps * direction
+        robot = child.stand + child.steps * direction
+        step = PushStep(
+            child.body, child.contact, child.steps, parent.shifts, after, child.stand, child.touch, robot
+        )
+        return SearchState(
+            child.spent, robot, after, parent.pushed | 1 << child.body, parent, step,
+            parent.depth + 1, child.opens, child.refined, child.left, child.beyond,
+        )  # fmt: skip
 
     def _others(
         self, state: SearchState, index: int

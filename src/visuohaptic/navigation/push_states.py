@@ -7,7 +7,16 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32
 
-__all__ = ["PushStep", "SearchLimits", "SearchResult", "SearchState", "SeenFields", "anchors", "steps_of"]
+__all__ = [
+    "Child",
+    "PushStep",
+    "SearchLimits",
+    "SearchResult",
+    "SearchState",
+    "SeenFields",
+    "anchors",
+    "steps_of",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +72,23 @@ class SearchState:
     refined: bool = True  #: whether its estimate is the best that we have
     left: float = 0.0  #: estimate of what is left [units]
     beyond: Bool[np.ndarray, "n"] | None = None  #: of the hasty pass: what the robot could not reach before
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Child:
+    """A push that waits in the queue: most are never taken, so that their states are not made before."""
+
+    parent: SearchState
+    body: int
+    contact: int
+    steps: int
+    stand: Float[np.ndarray, "2"]
+    touch: Float[np.ndarray, "2"]
+    spent: float
+    opens: bool
+    refined: bool
+    left: float
+    beyond: Bool[np.ndarray, "n"] | None
 
 
 @dataclass(slots=True, eq=False)

@@ -42,7 +42,8 @@ class Body:
 
     item: MovableObject
     outline: Float[np.ndarray, "p 2"]
-    samples: Float[np.ndarray, "k 2"]  #: points along the outline
+    samples: Float[np.ndarray, "k 2"]  #: points along the outline, a little inside
+    around: Float[np.ndarray, "m 2"]  #: points the robot's ``push_margin_m`` outside; none without a margin
     centre: Float[np.ndarray, "2"]
     contacts: tuple[PushContact, ...]
     allowed: Manipulability
@@ -153,6 +154,7 @@ def push_world(
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
     radius = robot.radius_m / grid.resolution_m
+    margin = robot.push_margin_m / grid.resolution_m
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
     movable: list[Body] = []
@@ -172,7 +174,8 @@ def push_world(
             Body(
                 item,
                 outline,
-                _samples(outline),
+                _samples(outline, -OUTLINE_INSET),
+                _samples(outline, margin) if margin > 0 else np.zeros((0, 2)),
                 centre,
                 _contacts(item, grid, outline, centre, radius, oblique),
                 allowed,
@@ -222,12 +225,12 @@ def _distance(
     return layers.distance_m / np.float32(problem.map.resolution_m)
 
 
-def _samples(outline: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "k 2"]:
-    """Points along the outline, a little inside."""
+def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
+    """Points along the outline, a little outside (inside where negative) [cells]."""
     import shapely
 
     body = shapely.Polygon(outline)
-    inner = body.buffer(-OUTLINE_INSET, join_style="mitre")
+    inner = body.buffer(outside, join_style="mitre")
     rings = [part.exterior for part in getattr(inner, "geoms", [inner]) if not part.is_empty] or [
         body.exterior
     ]

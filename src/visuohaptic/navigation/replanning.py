@@ -19,7 +19,12 @@ __all__ = ["after_exploration", "after_failure", "after_push"]
 
 
 def after_push(
-    problem: PlanningProblem, id: str, displacement_m: Float[np.ndarray, "2"], robot_m: Float[np.ndarray, "2"]
+    problem: PlanningProblem,
+    id: str,
+    displacement_m: Float[np.ndarray, "2"],
+    robot_m: Float[np.ndarray, "2"],
+    *,
+    turn_rad: float = 0.0,
 ) -> PlanningProblem:
     """After a success: footprint and map cells have moved, the counter of explorations has grown.
 
@@ -33,12 +38,18 @@ def after_push(
         Way of the object as it was measured, not as it was planned.
     robot_m
         Where the robot is now.
+    turn_rad
+        By which the object has turned, about its centroid.
     """
     item = _object(problem, id)
     tag = item.tag or HapticTag()
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    turned = np.array([[c, s], [-s, c]])
+    aside_m = np.array(item.friction_offset_m) @ turned
     moved = replace(
         item,
-        footprint_m=item.footprint_m + np.asarray(displacement_m),
+        footprint_m=(item.footprint_m - item.centre_m) @ turned + item.centre_m + np.asarray(displacement_m),
+        friction_offset_m=(float(aside_m[0]), float(aside_m[1])),
         tag=tag.updated(explored=tag.explored + 1, fixed=False),
     )
     grid = problem.map

@@ -2,14 +2,15 @@
 
 The machine has few states::
 
-    PLAN -> DRIVE -> PUSH or EXPLORE -> BACK_OFF -> PLAN ... -> ARRIVED or FAILED
+    PLAN -> DRIVE -> PUSH, EXPLORE or TURN -> BACK_OFF -> PLAN ... -> ARRIVED or FAILED
 
 It knows the robot as a :class:`~visuohaptic.robots.MobileBase` and what it
 perceives as :class:`TravelSenses`; whether these are real it never asks.
 After every push it looks where the object is, takes down how the push went
 (counters of the tag, centre of friction), and plans again: a manipulation
 node whose object was moved away is a navigation node then, and one that
-failed is avoided (Sec. 4.2.1).
+failed is avoided (Sec. 4.2.1). Where no straight push helps, it turns an
+object by a push beside its centre.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from ..navigation.grid import SpeedLimits, grid_layers
 from ..navigation.plan import Plan, Task
 from ..navigation.problem import PlanningProblem
 from ..navigation.strategies import make_plan
+from ..navigation.turning_push import TurningPush, plan_turning_pushes
 from ..objects import Estimate, HapticTag
 from ..robots import BaseState, MobileBase
 from .steered_push import PushEnd, PushSettings, SteeredPush
@@ -64,6 +66,7 @@ class TravelState(StrEnum):
     DRIVE = "drive"
     PUSH = "push"
     EXPLORE = "explore"
+    TURN = "turn"
     BACK_OFF = "back off"
     ARRIVED = "arrived"
     FAILED = "failed"
@@ -82,14 +85,25 @@ class TravelOutcome(StrEnum):
 class TravelSettings:
     """What the text leaves open."""
 
-    #: Room beside the robot that plans keep, tried in order [m]; cells and tracking take some of it
-    margins_m: tuple[float, ...] = (0.045, 0.025, 0.01)
+    #: Room that plans keep beside the robot and beside what it pushes, tried in order [m]: cells, tracking
+    #: and drift take some of it
+    margins_m: tuple[tuple[float, float], ...] = (
+        (0.045, 0.03),
+        (0.045, 0.0),
+        (0.025, 0.0),
+        (0.01, 0.0),
+        (0.0, 0.0),
+    )
+    bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
     timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
     plans: int = 30  #: at most
     drive_stall_s: float = 5.0  #: without getting on
     bump_N: float = 3.0  #: force that ends a drive, when it lasts
     bump_s: float = 0.4
     back_off_m: float = 0.10
+    leave_m: float = 0.03  #: away from a wall that was touched
+    turns: int = 6  #: pushes beside the centre of an object, where no straight one helps
+    turn_margins_m: tuple[float, ...] = (0.025, 0.0)  #: room that they keep, tried in order [m]
     explore_m: float = 0.06  #: length of the push that explores
     moved_m: float = 0.015  #: an object that went less has not moved
     failures: int = 4  #: pushes of one object that may fail before it counts as fixed
@@ -162,10 +176,13 @@ class _Machine:
     clearance: Callable[[Float[np.ndarray, "2"]], float] = field(default=lambda _: math.inf)
     pushes: int = 0
     plans: int = 0
-    forgiven: int = 0
+    bumps: dict[float, int] = field(default_factory=dict)  #: into known walls, by margin
+    turning: TurningPush | None = None  #: what follows the tasks
+    turns: int = 0
     length_m: float = 0.0
     as_planned: bool = False  #: the last push did what the plan said
     deadline_s: float = math.inf
+    at_wall: bool = False  #: whether the last push ended at a wall
     behind_m: float = 0.0  #: so far straight behind the robot is known to be free
 
     def __post_init__(self) -> None:
@@ -180,6 +197,7 @@ class _Machine:
             TravelState.DRIVE: self._drive,
             TravelState.PUSH: self._push,
             TravelState.EXPLORE: self._explore,
+            TravelState.TURN: self._turn,
             TravelState.BACK_OFF: self._back_off,
         }
         try:
@@ -213,28 +231,61 @@ class _Machine:
             return self._end(TravelOutcome.GAVE_UP, f"after {self.plans} plans")
         self._look_around()
         best = None
-        for margin_m in self.settings.margins_m:
-            problem = self.memory.problem(self._pose(), margin_m)
+        found = None
+        for margin_m, push_margin_m in self.settings.margins_m:
+            if found is not None and not self._trusted(margin_m):
+                break
+            problem = self.memory.problem(self._pose(), margin_m, push_margin_m=push_margin_m)
             found = self.planner(problem)
             self.plans += 1
             self._note(
-                "planned", margin_m=margin_m, reachable=found.reachable, cost_s=_finite(found.cost_s),
+                "planned", margin_m=margin_m, push_margin_m=push_margin_m, reachable=found.reachable, cost_s=_finite(found.cost_s),
                 tasks=[f"{task.kind} {task.object}".strip() for task in found.tasks], reason=found.reason,
             )  # fmt: skip
             if found.reachable:
                 best = found
                 break
         if best is None:
-            if self.memory.forgive():
+            if self._plan_turn():
+                return self._next()
+            if self.memory.forgive() or self.bumps:
                 self._note("forgiven")
+                self.bumps.clear()
                 return TravelState.PLAN
+            assert found is not None
             return self._end(TravelOutcome.NO_PLAN, found.reason)
-        self.margin_m, self.tasks = margin_m, list(best.tasks)
+        self.margin_m, self.tasks, self.turning = margin_m, list(best.tasks), None
         self.clearance = _clearance(problem)
         return self._next()
 
+    def _trusted(self, margin_m: float) -> bool:
+        """Whether plans with a margin have not led into walls too often."""
+        return all(margin_m > m or count < self.settings.bumps for m, count in self.bumps.items())
+
+    def _plan_turn(self) -> bool:
+        """A push that turns an object, where there is no plan of straight ones; whether there is one."""
+        if self.turns >= self.settings.turns:
+            return False
+        for margin_m in self.settings.turn_margins_m:
+            if not self._trusted(margin_m):
+                continue
+            problem = self.memory.problem(self._pose(), margin_m)
+            found = plan_turning_pushes(problem, self.planner, margin_m=margin_m)
+            self._note("planned turns", margin_m=margin_m, found=len(found))
+            if found:
+                push = self.turning = found[0]
+                self.margin_m, self.turns = margin_m, self.turns + 1
+                self.clearance = _clearance(problem)
+                length_m = float(np.hypot(*np.diff(push.approach_m, axis=0).T).sum())
+                way = tuple((float(x), float(y)) for x, y in push.approach_m)
+                self.tasks = [Task("navigate", push.cost_s, length_m, way)] if len(way) > 1 else []
+                return True
+        return False
+
     def _next(self) -> TravelState:
         """State of the next task."""
+        if not self.tasks and self.turning is not None:
+            return TravelState.TURN
         if not self.tasks:
             return self._end(TravelOutcome.ARRIVED, "")
         return {
@@ -288,8 +339,27 @@ class _Machine:
         self._look_around()
         new = point is not None and self.memory.touched(np.array(point))
         self._note(event, force_N=force_N, point_m=list(point) if point else [], new=new)
+        if not new:
+            self.bumps[self.margin_m] = self.bumps.get(self.margin_m, 0) + 1
         self.behind_m, self.as_planned = self.settings.back_off_m, False
+        if point is not None and not self.memory.near(np.array(point)):
+            self._leave(np.array(point))
+            return TravelState.PLAN
         return TravelState.BACK_OFF
+
+    def _leave(self, point: Float[np.ndarray, "2"]) -> None:
+        """Away from a wall that is touched: a disc turns on the spot, and what it leaves does not hold it."""
+        away = self._pose()[:2] - point
+        ahead = math.atan2(away[1], away[0])
+        behind = abs(_wrap(ahead - float(self._pose()[2]))) > 0.5 * math.pi
+        self._turn_to(_wrap(ahead + math.pi) if behind else ahead)
+        begin, begin_s = self._pose(), self._now()
+        while self._now() - begin_s < 3.0:
+            if np.hypot(*(self._pose()[:2] - begin[:2])) > self.settings.leave_m:
+                break
+            self.base.drive(-0.05 if behind else 0.05, 0.0)
+            self.wait(PERIOD_S)
+        self._halt()
 
     def _back_off(self) -> TravelState:
         """Straight back, over floor that it has just driven on."""
@@ -317,6 +387,8 @@ class _Machine:
         self.pushes += 1
         item = self.memory.item(task.object)
         seen = self._look(task.object)
+        if seen is not None and self.memory.seen(task.object, seen):
+            self._note("looked", task.object, place_m=[float(value) for value in seen])
         self.as_planned = (
             push.end is PushEnd.DONE
             and seen is not None
@@ -329,9 +401,9 @@ class _Machine:
         if good or moved > self.settings.moved_m:
             self.memory.pushed(task.object, failed=not good)
         else:
-            fixed = (
-                push.end is PushEnd.STALLED or self.memory.failures(task.object) + 1 >= self.settings.failures
-            )
+            fixed = (push.end is PushEnd.STALLED and not self.at_wall) or self.memory.failures(
+                task.object
+            ) + 1 >= self.settings.failures
             self.memory.refused(task.object, fixed=fixed)
         if (beside := push.centre_beside_m()) is not None:
             self.memory.learn_centre(task.object, _direction(task), beside)
@@ -365,14 +437,49 @@ class _Machine:
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
         return TravelState.BACK_OFF
 
+    def _turn(self) -> TravelState:
+        """Drive straight against an object beside its centre."""
+        wanted, self.turning = self.turning, None
+        assert wanted is not None
+        before = self._look(wanted.object)
+        way_m = max(wanted.length_m - wanted.free_m, 0.01)
+        push = self._touch(wanted.object, wanted.stand_m, wanted.direction_rad, way_m, None)
+        self.pushes += 1
+        after = self._look(wanted.object)
+        off = np.zeros(3) if before is None or after is None else after - before
+        off[2] = _wrap(off[2])
+        moved = bool(np.hypot(off[0], off[1]) > self.settings.moved_m or abs(off[2]) > self.settings.near_rad)
+        if moved or before is None or after is None:
+            self.memory.pushed(wanted.object, failed=False)
+        else:
+            fixed = self.memory.failures(wanted.object) + 1 >= self.settings.failures
+            self.memory.refused(wanted.object, fixed=fixed)
+        self.as_planned = False
+        self._note(
+            "turned", wanted.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
+            turned_rad=float(off[2]), foreseen_m=[float(v) for v in wanted.displacement_m],
+            foreseen_rad=wanted.turn_rad, opens=wanted.opens, force_N=_finite(push.force_N[1]),
+        )  # fmt: skip
+        return TravelState.BACK_OFF
+
     def _pushed(self, task: Task, length_m: float) -> SteeredPush:
-        """Turn to the object, push it, stop."""
-        direction = _direction(task)
-        stand = np.array(task.path_m[0])
+        """Push an object through its centre, steering by where it is seen."""
+        return self._touch(
+            task.object, np.array(task.path_m[0]), _direction(task), length_m, self._look(task.object)
+        )
+
+    def _touch(
+        self,
+        id: str,
+        stand: Float[np.ndarray, "2"],
+        direction: float,
+        length_m: float,
+        place: Float[np.ndarray, "3"] | None,
+    ) -> SteeredPush:
+        """Turn to the object, push it, stop; straight where its place is not given."""
         self._turn_to(direction)
         robot = self.problem.robot
-        place = self._look(task.object)
-        offset, lever = self.memory.friction(task.object)
+        offset, lever = self.memory.friction(id)
         speed = min(robot.v_push_m_s, robot.v_max_m_s)
         push = SteeredPush(
             stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever,
@@ -387,17 +494,23 @@ class _Machine:
         while True:
             t_s = self._now()
             if t_s - looked_s >= self.settings.look_s:
-                seen, looked_s = self._look(task.object), t_s
+                seen, looked_s = self._look(id) if place is not None else None, t_s
             force, point = self.senses.touch()
             speed_m_s, turn = push.command(t_s, self._pose(), force, point, seen)
             if push.end is not None:
                 break
             self.base.drive(speed_m_s, turn)
             self.wait(PERIOD_S)
+        point = self.senses.touch()[1]
         self._halt()
         gone = float(np.hypot(*(self._pose()[:2] - begin[:2])))
         self.length_m += gone
-        self.behind_m = min(self.settings.back_off_m, gone + 0.02)
+        self.at_wall = (
+            push.end is PushEnd.STALLED and point is not None and not self.memory.near(np.array(point))
+        )
+        if self.at_wall and point is not None:
+            self._leave(np.array(point))
+        self.behind_m = 0.0 if self.at_wall else min(self.settings.back_off_m, gone + 0.02)
         return push
 
     def _turn_to(self, heading_rad: float) -> None:

@@ -21,6 +21,8 @@ __all__ = ["TravelMemory"]
 CENTRE_SIGMA_M, PUSH_SIGMA_M = 0.03, 0.015
 #: An object has moved when it is seen so far from where it was (m, rad): less is the noise of looking.
 MOVED_M, MOVED_RAD = 0.02, 0.05
+#: What is touched so near to an object's outline is that object (m).
+NEAR_M = 0.06
 
 
 @dataclass(slots=True, eq=False)
@@ -61,8 +63,10 @@ class TravelMemory:
         self._cells[blocked & ~walls] = FREE
         self._forgiven = 0
 
-    def problem(self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0) -> PlanningProblem:
-        """The problem from here on, for a robot that keeps a margin."""
+    def problem(
+        self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0, *, push_margin_m: float = 0.0
+    ) -> PlanningProblem:
+        """The problem from here on, for a robot that keeps a margin, and one for what it pushes."""
         cells = self._cells.copy()
         filled: Bool[np.ndarray, "rows columns"] = np.zeros(cells.shape, dtype=bool)
         objects = tuple(known.now() for known in self._known.values())
@@ -73,7 +77,7 @@ class TravelMemory:
         return replace(
             self._problem,
             map=OccupancyMap(cells, self._problem.map.resolution_m, self._problem.map.origin),
-            robot=replace(robot, radius_m=robot.radius_m + margin_m),
+            robot=replace(robot, radius_m=robot.radius_m + margin_m, push_margin_m=push_margin_m),
             start_m=np.asarray(pose_m)[:2],
             objects=objects,
         )
@@ -101,15 +105,20 @@ class TravelMemory:
         known.place_m = np.asarray(place_m, dtype=np.float64)
         return True
 
-    def touched(self, point_m: Float[np.ndarray, "2"]) -> bool:
-        """Something was touched; returns whether the map has nothing near and it was entered as a wall."""
+    def near(self, point_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether a point that was touched belongs to an object rather than to a wall."""
         import shapely
 
-        grid = self._problem.map
         point = shapely.Point(*point_m)
-        for known in self._known.values():
-            if shapely.Polygon(known.outline_m()).distance(point) < 0.06:
-                return False
+        return any(
+            shapely.Polygon(known.outline_m()).distance(point) < NEAR_M for known in self._known.values()
+        )
+
+    def touched(self, point_m: Float[np.ndarray, "2"]) -> bool:
+        """Something was touched; returns whether the map has nothing near and it was entered as a wall."""
+        if self.near(point_m):
+            return False
+        grid = self._problem.map
         cell = grid.cell_from_world(point_m)
         row, column = int(cell[0]), int(cell[1])
         reach = max(1, round(0.08 / grid.resolution_m))
