@@ -80,7 +80,9 @@ class ShellObject:
         return ShellModel(self.mesh, self.material, self.fixed, springs=self.springs)
 
 
-def mesh_container(container: ContainerDescription, *, around: int = 64, even: bool = False) -> ShellObject:
+def mesh_container(
+    container: ContainerDescription, *, around: int = 64, even: bool = False, levels: int = 0
+) -> ShellObject:
     """Shell of a container without ranges.
 
     Parameters
@@ -92,13 +94,16 @@ def mesh_container(container: ContainerDescription, *, around: int = 64, even: b
         at reinforcement rings; towards a free rim they are closer and have two to four times as many.
     even
         The same number of vertices in all rings.
+    levels
+        A ring in the middle of each of so many equal parts of the height: vertices where features are.
     """
     if around % 4 or not 8 <= around <= 2048:
         raise InputError(
             "mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around"
         )
     profile = Profile.of(container)
-    z, counts = _ring_heights(profile, around, free=container.top.kind == "open")
+    marks = (np.arange(levels) + 0.5) * profile.height_m / max(levels, 1)
+    z, counts = _ring_heights(profile, around, marks, free=container.top.kind == "open")
     if even:
         counts[:] = around
     if counts.sum() > 400_000:
@@ -274,7 +279,7 @@ def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"
 
 
 def _ring_heights(
-    profile: Profile, around: int, *, free: bool
+    profile: Profile, around: int, levels_m: Float[np.ndarray, "l"], *, free: bool
 ) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
     """Heights of the rings, and their numbers of vertices."""
     z = profile.z_m
@@ -297,7 +302,10 @@ def _ring_heights(
 
     share = zones(at)[0] if free else np.ones(len(fine))
     density = np.concatenate([[0.0], np.cumsum(np.diff(at) * 0.5 * (1 / share[1:] + 1 / share[:-1]))]) / cell
-    marks = np.interp(profile.breaks_m, fine, density)
+    # A level close to a break is left to it: no slivers.
+    apart = np.abs(levels_m[:, None] - profile.breaks_m).min(axis=1) > 0.25 * cell
+    heights = np.sort(np.concatenate([profile.breaks_m, levels_m[apart]]))
+    marks = np.interp(heights, fine, density)
     out = [np.zeros(1)]
     for low, high in itertools.pairwise(marks):
         count = max(1, int(np.ceil(high - low - 0.3)))
