@@ -1,13 +1,15 @@
 """Builds that are killed, and files that are malformed: nothing lost, one clear line, bounded memory.
 
-    python -m benchmarks.build_faults --kills 200 --workers 20 --files 300
+    python -m benchmarks.build_faults --kills 200 --workers 20 --files 300 --report faults.jsonl
 
-A short slice runs with the other benchmarks' names: ``python -m benchmarks build_faults``.
+goes on where it was stopped; every row comes from the report. ``python -m benchmarks build_faults`` does the
+same with the report that ``BUILD_FAULTS_JOURNAL`` names.
 """
 
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import os
 import signal
 import socket
@@ -16,6 +18,8 @@ import sys
 import tempfile
 import threading
 import time
+import zipfile
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -23,8 +27,10 @@ from typing import Any
 import numpy as np
 
 from visuohaptic.deformation import load_plan, plan_jobs
-from visuohaptic.deformation.build import build
+from visuohaptic.deformation.build import BuildJob, build
 from visuohaptic.errors import VisuohapticError
+
+from ._journal import Journal
 
 SEED = 20261121
 PLAN = """\
@@ -36,6 +42,8 @@ classes:
   - {class: elliptic, variants: 40}
 """
 _BUILD = "import sys; from visuohaptic.deformation import *; build(plan_jobs(*load_plan(sys.argv[1])), sys.argv[2])"
+#: Damaged files that one line of the report is about.
+FILES_A_LINE = 50
 #: Address space of the reading process [bytes].
 ROOM_BYTES = 4 << 30
 _READ = """\
@@ -56,52 +64,127 @@ for line in sys.stdin:
 """
 
 
-def run(kills: int = 3, files: int = 60, workers: int = 2) -> list[dict[str, Any]]:
-    """Rows of the table."""
-    return [_kills(kills), _worker_kills(workers), _files(files)]
+def run(
+    kills: int = 200, workers: int = 20, files: int = 300, report: Path | None = None
+) -> list[dict[str, Any]]:
+    """Rows of the table; ``report`` keeps what is done, a stopped campaign goes on there."""
+    named = os.environ.get("BUILD_FAULTS_JOURNAL")
+    done = Journal(
+        report or (Path(named) if named else None),
+        {"campaign": "build_faults", "kills": kills, "workers": workers, "files": files},
+    )
+    return [_kills(kills, done), _worker_kills(workers, done), _files(files, done)]
 
 
-def _kills(count: int) -> dict[str, Any]:
-    rng = np.random.default_rng(SEED)
+def _rounds(name: str, count: int, done: Journal, work: Callable[[int, int], dict[str, Any]]) -> list[Any]:
+    """Builds that are killed at most so often, until there are enough kills; each is a line of the report."""
+    found: list[Any] = []
+    while (left := count - sum(row["kills"] for row in found)) > 0:
+        key = f"{name} {len(found)}"
+        if key not in done:
+            done.put(key, work(len(found), left))
+        found.append(done.rows[key])
+    return found
+
+
+def _kills(count: int, done: Journal) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as scratch:
-        plan, killed = Path(scratch) / "classes.yaml", Path(scratch) / "killed"
+        plan = Path(scratch) / "classes.yaml"
         plan.write_text(PLAN)
         jobs = plan_jobs(*load_plan(plan))
-        whole = build(jobs, Path(scratch) / "whole")
-        lost, done, rounds = 0, 0, 0
-        while done < count:
-            process = subprocess.Popen([sys.executable, "-c", _BUILD, str(plan), str(killed)], env=os.environ)
-            before = len(list(killed.glob("*/*.npz")))
-            while len(list(killed.glob("*/*.npz"))) <= before and process.poll() is None:
-                time.sleep(0.002)
-            time.sleep(float(rng.uniform(0, 0.05)))
-            if process.poll() is None:
-                process.send_signal(signal.SIGKILL)
-                done += 1
-            process.wait()
-            if len(list(killed.glob("*/*.npz"))) >= len(jobs):
-                lost += build(jobs, killed).content_sha256 != whole.content_sha256
-                rounds += 1
-                for path in killed.glob("*/*.npz"):
-                    path.unlink()
-        lost += build(jobs, killed).content_sha256 != whole.content_sha256
+        whole: list[str] = []
+
+        def one(number: int, left: int) -> dict[str, Any]:
+            if not whole:
+                whole.append(build(jobs, Path(scratch) / "whole").content_sha256)
+            return _killed_build(plan, jobs, Path(scratch) / f"killed{number}", number, left, whole[0])
+
+        found = _rounds("kill", count, done, one)
     return {
-        "name": f"builds with another hash after {done} kills",
-        "ours": float(lost),
-        "unit": f"of {rounds + 1}",
+        "name": f"builds with another hash after {sum(row['kills'] for row in found)} kills",
+        "ours": float(sum(row["lost"] for row in found)),
+        "unit": f"of {len(found)}",
         "floor": 0.0,
         "higher_is_better": False,
+        "note": f"{len(jobs)} objects a build, {sum(row['left_over'] for row in found)} half-written files "
+        "under a result's name",
     }
 
 
-def _worker_kills(count: int) -> dict[str, Any]:
-    """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
-    rng = np.random.default_rng(SEED)
-    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
-        plan, killed = Path(scratch) / "classes.yaml", Path(scratch) / "killed"
+def _killed_build(
+    plan: Path, jobs: Sequence[BuildJob], folder: Path, number: int, most: int, whole: str
+) -> dict[str, Any]:
+    """One build, killed after every object or two until it is complete or was killed often enough."""
+    rng = np.random.default_rng([SEED, number])
+    kills, left_over = 0, 0
+    while kills < most:
+        before = _written(folder)
+        # Forks save the start of an interpreter; every tenth is one of its own.
+        fresh = kills % 10 == 9
+        process: Any
+        if fresh:
+            process = subprocess.Popen([sys.executable, "-c", _BUILD, str(plan), str(folder)], env=os.environ)
+        else:
+            process = multiprocessing.get_context("fork").Process(target=build, args=(jobs, folder))
+            process.start()
+        while len(_written(folder)) <= len(before) and _alive(process):
+            time.sleep(0.001)
+        time.sleep(float(rng.uniform(0, 0.05)))
+        ended = not _alive(process)
+        process.kill()
+        process.wait() if fresh else process.join()
+        for path in _written(folder) - before:
+            try:
+                with np.load(path, allow_pickle=False) as data:
+                    left_over += any(data[name] is None for name in data.files)
+            except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+                left_over += 1
+        if ended:
+            break
+        kills += 1
+    report = build(jobs, folder)
+    return {"kills": kills, "lost": int(report.content_sha256 != whole), "left_over": left_over}
+
+
+def _written(folder: Path) -> set[Path]:
+    return {path for path in folder.glob("*/*.npz") if not path.name.startswith(".")}
+
+
+def _alive(process: Any) -> bool:
+    return bool(process.poll() is None if hasattr(process, "poll") else process.is_alive())
+
+
+def _worker_kills(count: int, done: Journal) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as scratch:
+        plan = Path(scratch) / "classes.yaml"
         plan.write_text(PLAN)
         jobs = plan_jobs(*load_plan(plan))
-        whole = build(jobs, Path(scratch) / "whole")
+        whole: list[str] = []
+
+        def one(number: int, left: int) -> dict[str, Any]:
+            if not whole:
+                whole.append(build(jobs, Path(scratch) / "whole").content_sha256)
+            return _cluster_build(jobs, Path(scratch) / f"cluster{number}", number, min(left, 5), whole[0])
+
+        found = _rounds("worker", count, done, one)
+    reason = next((row["reason"] for row in found if row["reason"]), "")
+    return {
+        "name": f"builds on a cluster with another hash after {sum(row['kills'] for row in found)} workers "
+        "were killed -9",
+        "ours": float(sum(row["lost"] for row in found)),
+        "unit": f"of {len(found)}",
+        "floor": 0.0,
+        "higher_is_better": False,
+        "note": f"two dask workers, {len(jobs)} objects a build" + (f"; {reason}" if reason else ""),
+    }
+
+
+def _cluster_build(
+    jobs: Sequence[BuildJob], folder: Path, number: int, most: int, whole: str
+) -> dict[str, Any]:
+    """A scheduler and two workers as processes of their own; a worker is killed -9 and another comes."""
+    rng = np.random.default_rng([SEED, number])
+    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
         port, begin = str(_free_port()), [sys.executable, "-m"]
         address = f"tcp://127.0.0.1:{port}"
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": scratch}
@@ -137,41 +220,28 @@ def _worker_kills(count: int) -> dict[str, Any]:
             return process
 
         running = [worker(), worker()]
-        done, rounds, lost = 0, 0, 0
-        reason = ""
-        while done < count:
-            for path in killed.glob("*/*.npz"):
-                path.unlink()
-            found: list[Any] = []
-            builder = threading.Thread(target=_collect, args=(jobs, killed, address, found))
-            builder.start()
-            while builder.is_alive() and done < count:
-                before = len(list(killed.glob("*/*.npz")))
-                deadline = time.monotonic() + 60
-                while len(list(killed.glob("*/*.npz"))) <= before and time.monotonic() < deadline:
-                    if not builder.is_alive():
-                        break
-                    time.sleep(0.005)
-                time.sleep(float(rng.uniform(0, 0.05)))
-                if builder.is_alive():
-                    which = int(rng.integers(len(running)))
-                    running[which].send_signal(signal.SIGKILL)
-                    running[which].wait()
-                    running[which] = worker()
-                    done += 1
-            builder.join(600)
-            rounds += 1
-            report = found[0] if found else None
-            if isinstance(report, Exception):
-                reason = str(report)
-            lost += getattr(report, "content_sha256", "") != whole.content_sha256
+        kills = 0
+        found: list[Any] = []
+        builder = threading.Thread(target=_collect, args=(jobs, folder, address, found))
+        builder.start()
+        while builder.is_alive() and kills < most:
+            before = len(_written(folder))
+            deadline = time.monotonic() + 120
+            while len(_written(folder)) <= before and time.monotonic() < deadline and builder.is_alive():
+                time.sleep(0.005)
+            time.sleep(float(rng.uniform(0, 0.05)))
+            if builder.is_alive():
+                which = int(rng.integers(len(running)))
+                running[which].send_signal(signal.SIGKILL)
+                running[which].wait()
+                running[which] = worker()
+                kills += 1
+        builder.join(900)
+    report = found[0] if found else None
     return {
-        "name": f"builds on a cluster with another hash after {done} workers were killed -9",
-        "ours": float(lost),
-        "unit": f"of {rounds}",
-        "floor": 0.0,
-        "higher_is_better": False,
-        "note": f"two dask workers, {len(jobs)} objects a build" + (f"; {reason}" if reason else ""),
+        "kills": kills,
+        "lost": int(getattr(report, "content_sha256", "") != whole),
+        "reason": str(report) if isinstance(report, Exception) else "",
     }
 
 
@@ -193,34 +263,18 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     process.wait()
 
 
-def _files(count: int) -> dict[str, Any]:
-    rng = np.random.default_rng(SEED)
-    with tempfile.TemporaryDirectory() as scratch:
-        reader = subprocess.Popen(
-            [sys.executable, "-c", _READ.format(room=ROOM_BYTES)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        assert reader.stdin is not None
-        assert reader.stdout is not None
-        answers: dict[str, int] = {}
-        bad = []
-        for number, (suffix, data) in enumerate(malformed(rng, count)):
-            path = Path(scratch) / f"file{number}{suffix}"
-            path.write_bytes(data)
-            reader.stdin.write(f"{path}\n")
-            reader.stdin.flush()
-            answer = reader.stdout.readline().strip() or "died"
-            kind = answer.split()[0]
-            answers[kind] = answers.get(kind, 0) + 1
-            if kind not in {"refused", "accepted"}:
-                bad.append(f"{path.name}: {answer}")
-            path.unlink()
-            if answer == "died":
-                break
-        reader.stdin.close()
-        reader.wait()
+def _files(count: int, done: Journal) -> dict[str, Any]:
+    answers: dict[str, int] = {}
+    bad: list[str] = []
+    whole: list[Any] = []
+    for begin in range(0, count, FILES_A_LINE):
+        key = f"files {begin}"
+        if key not in done:
+            whole = whole or malformed(np.random.default_rng(SEED), count)
+            done.put(key, _read_files(whole[begin : begin + FILES_A_LINE], begin))
+        for kind, number in done.rows[key]["answers"].items():
+            answers[kind] = answers.get(kind, 0) + number
+        bad += done.rows[key]["bad"]
     return {
         "name": "damaged meshes and descriptions that end in anything but a map or one line",
         "ours": float(len(bad)),
@@ -230,6 +284,37 @@ def _files(count: int) -> dict[str, Any]:
         "note": f"{answers}, address space of {ROOM_BYTES >> 30} GiB"
         + ("; " + "; ".join(bad[:3]) if bad else ""),
     }
+
+
+def _read_files(some: Sequence[tuple[str, bytes]], begin: int) -> dict[str, Any]:
+    answers: dict[str, int] = {}
+    bad = []
+    reader: Any = None
+    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
+        for number, (suffix, data) in enumerate(some, begin):
+            if reader is None or reader.poll() is not None:
+                reader = subprocess.Popen(
+                    [sys.executable, "-c", _READ.format(room=ROOM_BYTES)],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    text=True,
+                )
+                stack.callback(_end, reader)
+            path = Path(scratch) / f"file{number}{suffix}"
+            path.write_bytes(data)
+            reader.stdin.write(f"{path}\n")
+            reader.stdin.flush()
+            answer = reader.stdout.readline().strip() or "died"
+            kind = answer.split()[0]
+            answers[kind] = answers.get(kind, 0) + 1
+            if kind not in {"refused", "accepted"}:
+                bad.append(f"{path.name}: {answer}")
+                if kind == "died":
+                    reader.wait()
+            path.unlink()
+        reader.stdin.close()
+        reader.wait()
+    return {"answers": answers, "bad": bad}
 
 
 def malformed(rng: np.random.Generator, count: int) -> list[tuple[str, bytes]]:
@@ -283,6 +368,12 @@ if __name__ == "__main__":
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--workers", type=int, default=20)
     parser.add_argument("--files", type=int, default=300)
+    parser.add_argument(
+        "--report",
+        type=Path,
+        default=Path("results/build_faults.jsonl"),
+        help="JSON lines; a stopped campaign goes on where it was (%(default)s)",
+    )
     options = parser.parse_args()
-    for row in run(options.kills, options.files, options.workers):
+    for row in run(options.kills, options.workers, options.files, options.report):
         print(row)

@@ -47,6 +47,8 @@ def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["show", "a"], "is not a database"),
         (["add", "a", "--estimate", "material.wall=1"], "expected PLACE=VALUE"),
         (["add", "a", "--estimate", "material.wall=1+-1"], "no such property|not a measured"),
+        (["add", "a", "--estimate", "material.wall_thickness_m=1+-0.1"], "expected less than 0.05 m"),
+        (["add", "a", "--estimate", "material.youngs_modulus_Pa=0+-1"], "expected more than 0"),
         (["add", "../a"], "found the id"),
         (["add", "a", "--state", "open"], "expected NAME=VALUE"),
         (["import", "nowhere"], "no card.yaml"),

@@ -45,6 +45,18 @@ def test_a_description_becomes_a_map(tube: Path, tmp_path: Path, capsys: pytest.
     assert found["vertices"] == count
 
 
+def test_what_was_not_asked_for_is_not_reported(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stiffness", str(tube), "--around", "16", "--no-sigma"]) == 0
+    said = capsys.readouterr().out
+    assert "out:" not in said
+    assert "plot:" not in said
+
+
+def test_a_wall_of_a_metre_is_refused(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stiffness", str(tube), "--thickness", "1"]) == 2
+    assert "the wall would cut itself" in capsys.readouterr().err
+
+
 def test_a_mesh_gives_nearly_the_same(tube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trimesh = pytest.importorskip("trimesh")
     from visuohaptic.deformation import tube_mesh

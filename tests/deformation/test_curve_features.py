@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
 from visuohaptic.deformation import (
     Contents,
+    GraspCurve,
     PinchPlane,
     ShellObject,
     curve_coefficients,
@@ -16,6 +19,8 @@ from visuohaptic.deformation import (
     nonlinear_features,
 )
 from visuohaptic.deformation.container import ContainerDescription
+from visuohaptic.deformation.curve_features import _between, _judged
+from visuohaptic.deformation.features import feature_locations
 from visuohaptic.errors import InputError
 
 
@@ -35,6 +40,10 @@ def test_small_deformations_give_the_linear_features() -> None:
             assert np.isnan(found.values[5]).all()
             assert found.reached is not None
             np.testing.assert_allclose(found.reached[[4, 11]], 1.0)
+            assert found.valid[[4, 11]].all()
+            assert (found.reason[[4, 11]] == "").all()
+            assert not found.valid[5].any()
+            assert (found.reason[5] == "no curve was computed here").all()
 
 
 def test_a_coefficient_is_the_linear_one_times_what_the_curve_says() -> None:
@@ -71,6 +80,65 @@ def test_between_heights_and_on_a_coarser_mesh() -> None:
     np.testing.assert_allclose(between[[5, 9, 11]], whole[[0, 2, 3]], rtol=0.05)
     np.testing.assert_allclose(between[7, :, :2], whole[1, :, :2], rtol=0.05)
     np.testing.assert_allclose(other[..., :2], whole[..., :2], rtol=0.1)
+
+
+def curve(force: list[float], *, stable: bool = True, reason: str = "") -> GraspCurve:
+    d, f = np.array(WANTED_m[: len(force)]), np.array(force)
+    none = np.zeros(3)
+    return GraspCurve(
+        f, d, d, d, np.zeros(len(f)), np.full(len(f), stable), none, none, len(f) == 6, reason, 1, 1, 1
+    )
+
+
+WANTED_m = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008)
+
+
+@pytest.mark.parametrize(
+    ("found", "valid", "said"),
+    [
+        (curve([1, 2, 4, 6, 10, 16]), [True, True, True], "^$"),
+        (
+            curve([1, 2, 4, 6], reason="the walls touch"),
+            [True, False, False],
+            "ends at 38 %: the walls touch",
+        ),
+        (curve([1, 2], reason="the walls touch"), [False, False, False], "ends at 12 %"),
+        (curve([1, 2, 4, 3, 5, 9]), [True, True, False], "snaps through"),
+        (curve([1, 2, 4, 6, 10, 16], stable=False), [True, True, False], "snaps through"),
+        (curve([5, 9, 9.1, 9.2, 9.3, 9.4]), [True, True, False], "from a parabola"),
+    ],
+)
+def test_what_a_curve_does_not_say_is_marked(found: GraspCurve, valid: list[bool], said: str) -> None:
+    got = float(found.deformation_m[-1] / WANTED_m[-1])
+    marked, reason = _judged(found, np.array(WANTED_m), got)
+    assert marked.tolist() == valid
+    assert re.search(said, reason)
+
+
+def test_between_two_curves_is_valid_what_is_valid_in_both() -> None:
+    departure = np.full((16, 4, 3), np.nan)
+    at_m, level_m = np.full((16, 4), np.nan), np.repeat(np.arange(16.0)[:, None], 4, axis=1)
+    valid, reason = np.zeros((16, 4, 3), dtype=bool), np.full((16, 4), "none", dtype=object)
+    for row, good in ((2, True), (6, True), (10, False)):
+        departure[row], at_m[row], reason[row] = 1.0, row, "" if good else "snaps"
+        valid[row] = [True, True, good]
+    out, sure, why = _between(departure, at_m, level_m, valid, reason)
+    assert np.isfinite(out).all()
+    assert sure[:7].all()
+    assert (why[:7] == "").all()
+    assert not sure[7:, :, 2].any()
+    assert sure[7:, :, :2].all()
+    assert why[8, 0] == "between two curves, of which: snaps"
+
+
+def test_rings_where_the_features_are() -> None:
+    thing = mesh_container(load_container("cien").middle(), around=24, levels=16)
+    points, corners, weights = feature_locations(thing)
+    nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
+    away = np.abs(thing.mesh.vertices_m[nearest, 2] - points[..., 2])
+    # Some give way to a break of the profile close by, none is farther off than a quarter of a cell.
+    assert (away < 1e-9).mean() > 0.7
+    assert away.max() < 0.25 * 2 * np.pi * 0.04 / 24
 
 
 def test_wrong_heights_are_refused() -> None:

@@ -178,3 +178,13 @@ def test_all_real_meshes_give_a_map_or_a_reason(data: Path) -> None:
             refused[path.name] = str(error)
     assert len(refused) <= 1, refused
     assert all(" m" in reason for reason in refused.values())
+
+
+@pytest.mark.parametrize("remesh", ["auto", "always"])
+def test_a_wall_thicker_than_the_container_is_refused(tmp_path: Path, remesh: str) -> None:
+    path = write(tube(), tmp_path / "t.stl")
+    for thickness in (1.0, 0.036):
+        with pytest.raises(InputError, match=r"the wall is 0\.035 m from the axis .* expected more than"):
+            import_object(path, thickness_m=thickness, remesh=remesh)  # type: ignore[arg-type]
+    thing = import_object(path, thickness_m=0.005, remesh=remesh)  # type: ignore[arg-type]
+    assert any("14 % of the radius" in note for note in thing.notes)

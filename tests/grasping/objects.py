@@ -31,7 +31,7 @@ def box_map(half_m: float, height_m: float, stiffness: float, cells: int = 40) -
     return StiffnessMap(points, faces, np.full(count, stiffness), np.full(count, np.nan))
 
 
-def container(around: int = 32, **changes: object) -> ShellObject:
+def container(around: int = 32, even: bool = False, **changes: object) -> ShellObject:
     """A tube of 35 mm radius and 200 mm height, open above."""
     document: dict[str, object] = {
         "base": {"radius": "35 mm"},
@@ -40,4 +40,4 @@ def container(around: int = 32, **changes: object) -> ShellObject:
         "material": "PET",
         **changes,
     }
-    return mesh_container(ContainerDescription.model_validate(document), around=around)
+    return mesh_container(ContainerDescription.model_validate(document), around=around, even=even)

@@ -57,7 +57,7 @@ def test_what_is_applied_stays_inside_the_friction_cone(mu, slant, mass):
 
 def test_mass_and_centre_of_a_tube_with_water():
     """Against the formulas of a cylinder; 32 sides enclose sin(x)/x of the circle's area, x = 2 pi / 32."""
-    thing = container(around=32)
+    thing = container(around=32, even=True)
     polygon = np.sin(2 * np.pi / 32) / (2 * np.pi / 32)
     circle = np.pi * 0.035**2 * polygon
     wall = 1380 * 2 * 32 * 0.035 * np.sin(np.pi / 32) * 0.2 * 0.0005

@@ -20,6 +20,10 @@ example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thic
 """
 
 
+#: A wall is thinner than this, whatever the object [m].
+THICKEST_m = 0.05
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("id", help="of the object, new or known")
@@ -60,7 +64,36 @@ def run(args: Any) -> dict[str, Any]:
         args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
     )
     with opened(args, create=True) as database:
+        known = database.get(args.id) if args.id in database else obj
+        for item in evidence:
+            _plausible(item, known)
         return described(database.add(add_evidence(obj, *evidence)))
+
+
+def _plausible(item: Any, known: Any) -> None:
+    """Refuse what no thing has: a material constant of zero, a wall thicker than the object's radius."""
+    name, value = item.property.rpartition(".")[2], item.estimate.value
+    if name not in {"wall_thickness_m", "youngs_modulus_Pa", "density_kg_per_m3"}:
+        return
+    if value <= 0:
+        raise InputError("--estimate", f"found {value:g}, expected more than 0", field=item.property)
+    if name != "wall_thickness_m":
+        return
+    import numpy as np
+
+    limit, of = THICKEST_m, "more than any thing has that a hand holds"
+    if known.geometry is not None and known.geometry.vertices_m is not None:
+        limit, of = (
+            float(np.ptp(known.geometry.vertices_m, axis=0).min()) / 2,
+            f"half of {known.id}'s smallest extent",
+        )
+    if value >= limit:
+        raise InputError(
+            "--estimate",
+            f"found a wall of {value:g} m, expected less than {limit:.3g} m, {of}",
+            field=item.property,
+            remedy="give it in metres",
+        )
 
 
 def _evidence(text: str, origin: Any) -> Any:

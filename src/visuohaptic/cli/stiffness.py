@@ -95,8 +95,8 @@ def run(args: Any) -> dict[str, Any]:
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
         "notes": list(thing.notes),
         "seconds": seconds,
-        "out": str(args.out) if args.out else None,
     }
+    result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
     if args.at:
         result["at"] = []
         for point in args.at:

@@ -10,7 +10,6 @@ from .contents import (
     damped_iteration,
     hydrostatic_load,
     liquid_level_m,
-    wall_gap_m,
 )
 from .corotational import CorotationalShell, PressureLaw, ShellState
 from .curve_features import nonlinear_features
@@ -44,6 +43,7 @@ from .solids import quadratic_compliance, solid_stiffness
 from .stiffness_map import DualTips, dual_tip_compliance, dual_tip_map, opposing_points, tip_loads
 from .symmetric_part import SymmetricPart, Symmetry, detect_symmetry, symmetric_part
 from .tetrahedra import SolidMesh, linear_tetrahedra, wall_tetrahedra
+from .touching import TouchGuard, wall_gap_m
 
 __all__ = [
     "MATERIALS",
@@ -70,6 +70,7 @@ __all__ = [
     "StiffnessFeatures",
     "SymmetricPart",
     "Symmetry",
+    "TouchGuard",
     "build",
     "class_names",
     "closed_compliance",

@@ -37,7 +37,7 @@ __all__ = ["BuildJob", "BuildPlan", "BuildReport", "build", "load_plan", "plan_j
 _log = logging.getLogger(__name__)
 
 #: Changes with the meaning of what is written: older results are computed again.
-FORMAT = 1
+FORMAT = 2
 #: Workers may die so often in a row without any result.
 MOST_DEATHS = 5
 
@@ -173,7 +173,9 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
     try:
         thing = mesh_container(_description(job), around=job.around)
         found = object_map(thing, band=job.band)
-        coarse = mesh_container(_description(job), around=job.curve_around) if job.curve_around else None
+        coarse = None
+        if job.curve_around:
+            coarse = mesh_container(_description(job), around=job.curve_around, levels=HEIGHTS)
         grids = [
             _features(job, thing, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
         ]
@@ -190,6 +192,8 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
         stiffness_N_per_m=found.stiffness_N_per_m,
         stiffness_sigma_N_per_m=found.stiffness_sigma_N_per_m,
         features=np.stack([grid.values for grid in grids]),
+        features_valid=np.stack([grid.valid for grid in grids]),
+        features_reason=np.stack([grid.reason.astype(np.str_) for grid in grids]),
         feature_points_m=grids[0].points_m,
         **reached,
         states=np.array(job.states, dtype=float),

@@ -20,6 +20,7 @@ from .mesher import ShellObject
 from .nonlinear import EquilibriumPath, pinch_curve
 from .shell import ShellModel, enclosed_volume, volume_gradient
 from .stiffness_map import DualTips, tip_loads
+from .touching import TouchGuard
 
 __all__ = [
     "AMBIENT_PRESSURE_Pa",
@@ -31,7 +32,6 @@ __all__ = [
     "enclosed_gradient",
     "hydrostatic_load",
     "liquid_level_m",
-    "wall_gap_m",
 ]
 
 #: P_0 of the dissertation.
@@ -140,26 +140,17 @@ def contained_curve(
     law = None if contents is None else contents.law(thing.volume_m3)
     shell = CorotationalShell(model, pressure=law, lid=thing.lid)
     path = pinch_curve(shell, tips, which, deformation_m)
-    wall = float(np.max(np.asarray(thing.mesh.thickness_m)))
-    all_pairs = DualTips(*(getattr(tips, name)[tips.valid] for name in DualTips.__slots__))
-    free = [
-        float(wall_gap_m(point.state.points_m, all_pairs).min()) > min(wall, 1e-3) for point in path.points
-    ]
-    if all(free):
-        return path
-    count = free.index(False)
-    return EquilibriumPath(
-        path.points[:count],
-        False,
-        f"the walls touch before a deformation of {path.points[count].control_m:.4g} m",
-    )
-
-
-def wall_gap_m(points_m: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.ndarray, "m"]:
-    """Distance of the walls at each pair along the pinch; negative when they have passed each other [m]."""
-    second = np.einsum("mk,mki->mi", tips.weights, points_m[tips.second])
-    out: np.ndarray = np.einsum("mi,mi->m", tips.direction, second - points_m[tips.first])
-    return out
+    guard = TouchGuard(thing)
+    for count, point in enumerate(path.points):
+        met = guard.vertex(point.state.points_m)
+        if met is not None:
+            place = ", ".join(f"{value:.4g}" for value in thing.mesh.vertices_m[met])
+            return EquilibriumPath(
+                path.points[:count],
+                False,
+                f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m",
+            )
+    return path
 
 
 def liquid_level_m(thing: ShellObject, fill: float) -> float:

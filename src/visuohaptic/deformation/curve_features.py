@@ -5,6 +5,9 @@ mesh, or at a few heights. What they say is how a coefficient departs from the l
 the same point and mesh; this departure is put between the heights and on the finer mesh, where the
 linear stiffness itself is exact at each place. On smooth walls the departure varies slowly along the
 height; where grooves snap through it does not.
+
+What the mesh decides is not silently given: where a curve ends early, or the wall snaps through, or a
+parabola is no picture of the curve, coefficients are marked as not valid, with the reason.
 """
 
 from __future__ import annotations
@@ -12,13 +15,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from ..errors import InputError
 from .contents import Contents
 from .features import (
     HEIGHTS,
+    HELD,
     NOMINAL_N,
+    NOTHING_OPPOSITE,
     SIDES,
     LOW_m,
     StiffnessFeatures,
@@ -26,7 +31,7 @@ from .features import (
     feature_locations,
     linear_features,
 )
-from .grasp_curve import DEFORMATIONS_m, PinchPlane
+from .grasp_curve import DEFORMATIONS_m, GraspCurve, PinchPlane
 from .mesher import ShellObject
 from .symmetric_part import detect_symmetry
 
@@ -35,6 +40,10 @@ __all__ = ["nonlinear_features"]
 #: Of Newton's method for one curve: three times what most need. A wall that snaps through again and
 #: again gets the coefficients of what was reached.
 MOST_ITERATIONS = 100
+#: Root mean square distance of a curve from its parabola, by that of its forces, above which II says little.
+MOST_RESIDUAL = 0.2
+#: Why nothing is known where no curve was asked for.
+NO_CURVE = "no curve was computed here"
 
 
 def nonlinear_features(
@@ -62,7 +71,8 @@ def nonlinear_features(
     fill_in
         Put the departure from the linear stiffness between these heights; NaN there otherwise.
     coarse
-        The same object with a coarser mesh, for the curves.
+        The same object with a coarser mesh, for the curves. Its vertices are pinched: let it have some
+        where the features are, as with ``mesh_container(..., levels=16)``.
     """
     chosen = list(range(1, HEIGHTS + 1)) if heights is None else sorted(set(heights))
     if not chosen or not 1 <= chosen[0] <= chosen[-1] <= HEIGHTS:
@@ -73,65 +83,98 @@ def nonlinear_features(
     nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
     departure = np.full((HEIGHTS, len(SIDES), 3), np.nan)
     at_m, reached = np.full((2, HEIGHTS, len(SIDES)), np.nan)
+    valid = np.zeros(departure.shape, dtype=bool)
+    reason = np.full((HEIGHTS, len(SIDES)), NO_CURVE, dtype=object)
     round_ = detect_symmetry(body).round
     for axis in range(1 if round_ else 2):
         plane = PinchPlane(body, axis * np.pi / 2, one_way=True)
         for height in chosen:
             row, column = height - 1, 2 * axis
+            both = slice(column, column + 2)
             vertex = int(nearest[row, column])
             if not plane.can_pinch(vertex):
+                reason[row, both] = HELD if body.fixed[vertex] else NOTHING_OPPOSITE
                 continue
-            found, share = _departure(plane, vertex, deformation_m, contents)
-            departure[row, column : column + 2] = found
-            reached[row, column : column + 2] = share
-            at_m[row, column : column + 2] = body.mesh.vertices_m[vertex, 2]
+            departure[row, both], reached[row, both], valid[row, both], reason[row, both] = _departure(
+                plane, vertex, deformation_m, contents
+            )
+            at_m[row, both] = body.mesh.vertices_m[vertex, 2]
     if round_:
-        for grid in (departure, at_m, reached):
+        for grid in (departure, at_m, reached, valid, reason):
             grid[:, 2:] = grid[:, :2]
     if fill_in:
-        departure = _between(departure, at_m, points[..., 2])
+        departure, valid, reason = _between(departure, at_m, points[..., 2], valid, reason)
     # II has the unit of stiffness by deformation: it goes with the linear stiffness as well.
-    return StiffnessFeatures(linear.values[..., :1] * departure, linear.points_m, reached)
+    values = linear.values[..., :1] * departure
+    return StiffnessFeatures(
+        values, linear.points_m, valid & np.isfinite(values), reason.astype(np.str_), reached
+    )
 
 
 def _departure(
     plane: PinchPlane, vertex: int, deformation_m: Sequence[float], contents: Contents | None
-) -> tuple[Float[np.ndarray, "2 3"], float]:
-    """i, I, II of both tips by the linear stiffness of the same mesh, and how far the curve got."""
+) -> tuple[Float[np.ndarray, "2 3"], float, Bool[np.ndarray, "3"], str]:
+    """i, I, II of both tips by the linear stiffness of the same mesh; how far the curve got; what is valid."""
     out = np.full((2, 3), np.nan)
     compliance = plane.linear(vertex, contents)
     share = min(1.0, NOMINAL_N * float(compliance.mean()) / LOW_m)
-    curve = plane.curve(
-        vertex,
-        deformation_m=[share * value for value in deformation_m],
-        contents=contents,
-        most_iterations=MOST_ITERATIONS,
-    )
+    wanted = [share * value for value in deformation_m]
+    curve = plane.curve(vertex, deformation_m=wanted, contents=contents, most_iterations=MOST_ITERATIONS)
     if not len(curve.force_N):
-        return out, 0.0
+        return out, 0.0, np.zeros(3, dtype=bool), curve.reason
     for row, own, linear in zip(out, (curve.first_m, curve.second_m), compliance, strict=True):
         row[:] = np.array(curve_coefficients(own, curve.force_N)) * linear
-    return out, float(curve.deformation_m[-1] / (share * deformation_m[-1]))
+    got = float(curve.deformation_m[-1] / wanted[-1])
+    return out, got, *_judged(curve, np.array(wanted), got)
+
+
+def _judged(
+    curve: GraspCurve, wanted_m: Float[np.ndarray, "k"], got: float
+) -> tuple[Bool[np.ndarray, "3"], str]:
+    """Which of i, I, II say what they should, and why not the others."""
+    if len(curve.force_N) < len(wanted_m):
+        # i is of the deformations up to 3 mm, I and II of all.
+        low = wanted_m[wanted_m <= LOW_m * (1 + 1e-9)]
+        enough = bool(len(low)) and len(curve.force_N) >= len(low)
+        return np.array([enough, False, False]), f"the curve ends at {100 * got:.0f} %: {curve.reason}"
+    force = np.r_[0.0, curve.force_N]
+    if not curve.stable.all() or (np.diff(force) <= 0).any():
+        return np.array([True, True, False]), "the wall snaps through: II depends on the mesh"
+    d = np.r_[0.0, curve.deformation_m]
+    terms = np.stack([d, d * d], axis=1)
+    rest = force - terms @ np.linalg.lstsq(terms, force, rcond=None)[0]
+    residual = float(np.linalg.norm(rest) / np.linalg.norm(force))
+    if residual > MOST_RESIDUAL:
+        return np.array([True, True, False]), f"the curve is {100 * residual:.0f} % from a parabola"
+    return np.ones(3, dtype=bool), ""
 
 
 def _between(
     departure: Float[np.ndarray, "16 4 3"],
     at_m: Float[np.ndarray, "16 4"],
     level_m: Float[np.ndarray, "16 4"],
-) -> Float[np.ndarray, "16 4 3"]:
+    valid: Bool[np.ndarray, "16 4 3"],
+    reason: Shaped[np.ndarray, "16 4"],
+) -> tuple[Float[np.ndarray, "16 4 3"], Bool[np.ndarray, "16 4 3"], Shaped[np.ndarray, "16 4"]]:
+    """Curves' departures at all levels; between two curves what is valid for both is valid."""
     from scipy.interpolate import PchipInterpolator
 
-    out = departure.copy()
+    out, sure, why = departure.copy(), valid.copy(), reason.copy()
     for side in range(departure.shape[1]):
         for k in range(departure.shape[2]):
             known: Int[np.ndarray, "_"] = np.flatnonzero(np.isfinite(departure[:, side, k]))
             if not len(known):
                 continue
             places, first = np.unique(at_m[known, side], return_index=True)
-            values = departure[known[first], side, k]
-            if len(places) == 1:
-                out[:, side, k] = values[0]
-                continue
+            rows = known[first]
+            values = departure[rows, side, k]
             level = np.clip(level_m[:, side], places[0], places[-1])
-            out[:, side, k] = PchipInterpolator(places, values)(level)
-    return out
+            out[:, side, k] = values[0] if len(places) == 1 else PchipInterpolator(places, values)(level)
+            above = np.clip(np.searchsorted(places, level), 0, len(places) - 1)
+            below = np.maximum(above - 1, 0)
+            for row in np.setdiff1d(np.arange(len(out)), known):
+                pair = rows[[below[row], above[row]]]
+                sure[row, side, k] = valid[pair, side, k].all()
+                told = [str(reason[other, side]) for other in pair if reason[other, side]]
+                why[row, side] = f"between two curves, of which: {told[0]}" if told else ""
+    return out, sure, why

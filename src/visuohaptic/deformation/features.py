@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from ..errors import InputError
 from .contents import Contents, closed_compliance, enclosed_gradient, tip_approach
@@ -37,14 +37,22 @@ HEIGHTS = 16
 SIDES = ("x+", "x-", "y+", "y-")
 #: Low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
 LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
+#: Reasons for a feature that is not there.
+HELD, NOTHING_OPPOSITE = "the wall is held", "nothing is opposite"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StiffnessFeatures:
-    """Features of one object; NaN where a coefficient was not computed or nothing is opposite."""
+    """Features of one object; NaN where a coefficient was not computed or nothing is opposite.
+
+    A coefficient that is not ``valid`` is a number all the same: how much it is worth is said in ``reason``.
+    """
 
     values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
     points_m: Float[np.ndarray, "16 4 3"]  #: where on the surface
+    #: Whether a coefficient is to be trusted: a curve may end early, or snap through.
+    valid: Bool[np.ndarray, "16 4 3"]
+    reason: Shaped[np.ndarray, "16 4"]  #: why not all three are, or nothing
     #: Of a curve: share of the deformations asked for that was reached; NaN without a curve there.
     reached: Float[np.ndarray, "16 4"] | None = None
 
@@ -108,11 +116,14 @@ def linear_features(thing: ShellObject, contents: Contents | None = None) -> Sti
     names, inverse = np.unique(corners, return_inverse=True)
     tips = opposing_points(thing.mesh, names, axis_point_m=thing.axis_point_m)
     own = _own(thing, model, tips, contents)
+    tips_valid = (tips.valid[inverse].reshape(corners.shape) | (weights == 0)).all(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Between vertices the compliance is linear: it is finite where the wall is held.
         value = 1.0 / np.einsum("hsk,hsk->hs", weights, own[inverse].reshape(corners.shape))
     values = np.stack([value, value, np.where(np.isfinite(value), 0.0, np.nan)], axis=-1)
-    return StiffnessFeatures(values, points)
+    known = np.isfinite(values)
+    reason = np.where(known.all(axis=2), "", np.where(tips_valid, HELD, NOTHING_OPPOSITE))
+    return StiffnessFeatures(values, points, known, reason)
 
 
 def explore_line(

@@ -15,19 +15,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..errors import InputError
-from .contents import Contents, wall_gap_m
+from .contents import Contents
 from .corotational import CorotationalShell, PressureLaw, Tangent
 from .mesher import ShellObject
 from .nonlinear import EquilibriumPath, follow_displacement, reach_loads
 from .stiffness_map import DualTips, opposing_points, tip_loads
 from .symmetric_part import SymmetricPart, symmetric_part
+from .touching import TouchGuard
 
 __all__ = ["DEFORMATIONS_m", "GraspCurve", "PinchPlane", "grasp_curve", "side_vertex"]
 
 #: Mean deformations of both tips at which a curve is computed by default [m].
 DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008)
-#: Walls touch when a gap is below the wall's thickness, but at most this [m].
-TOUCH_m = 1e-3
 
 _WALKS: dict[str, Any] = {"deformation_m": follow_displacement, "force_N": reach_loads}
 
@@ -92,10 +91,8 @@ class PinchPlane:
         self._rest: dict[Contents | None, Tangent] = {}
 
     @cached_property
-    def _pairs(self) -> DualTips:
-        """What is across the axis from each vertex; the guard against walls that touch."""
-        found = opposing_points(self.part.whole.mesh, axis_point_m=(0.0, 0.0))
-        return DualTips(*(getattr(found, name)[found.valid] for name in DualTips.__slots__))
+    def _guard(self) -> TouchGuard:
+        return TouchGuard(self.part.whole)
 
     def curve(
         self,
@@ -176,22 +173,19 @@ class PinchPlane:
     ) -> GraspCurve:
         part = self.part
         rest = part.whole.mesh.vertices_m
-        pairs = self._pairs
-        limit = np.minimum(
-            min(float(np.max(np.asarray(part.whole.mesh.thickness_m))), TOUCH_m),
-            0.25 * wall_gap_m(rest, pairs),
-        )
+        original = self.thing.mesh.vertices_m
         rows, reason = [], path.reason
         for point in path.points:
             points = part.expand(point.state.points_m)
-            if (wall_gap_m(points, pairs) < limit).any():
-                reason = f"the walls touch before a deformation of {point.control_m:.4g} m"
+            met = self._guard.vertex(points)
+            if met is not None:
+                place = ", ".join(f"{value:.4g}" for value in original[met])
+                reason = f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m"
                 break
             gauge = shell.pressure(shell.volume(point.state))[0] if shell.pressure else 0.0
             own = self._tips_moved(points - rest, tips)
             rows.append((point.load, point.control_m, *own, gauge, point.stable))
         table = np.array(rows, dtype=float).reshape(-1, 6).T
-        original = self.thing.mesh.vertices_m
         force, mean, first, second, gauges, stable = table
         return GraspCurve(
             force,

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..objects.model import Material
 from ..recording.mesh import load_mesh
 from .material import IsotropicMaterial, material
-from .mesher import ShellObject, mesh_rings, ring_lid
+from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import find_wall
 from .shell import ShellMesh, enclosed_volume
 
@@ -27,6 +27,8 @@ __all__ = ["MeshState", "import_object", "inspect_mesh"]
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
 #: Largest extent of a container that a hand holds [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
+#: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
+THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 #: Triangles that suit a shell: how many, smallest angle, and how many edges round.
 FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 40
 
@@ -138,6 +140,12 @@ def import_object(
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
     middle = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
+    level = np.linspace(low, high, THICK_LEVELS + 1)
+    slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
+    reach = np.zeros(THICK_LEVELS)
+    np.maximum.at(reach, slab, np.linalg.norm(used[:, :2] - middle, axis=1))
+    seen = np.flatnonzero(reach > 0)  # a slab without vertices says nothing
+    notes += _thick(level[seen], reach[seen], thickness_m, where)
     return ShellObject(
         mesh,
         state.vertices[:, 2] <= low + 0.01 * (high - low),
@@ -330,27 +338,31 @@ def _resampled(
     mean = wall.radius_m(fine, around).mean(axis=1)
     slant = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(fine), np.diff(mean)))])
     spacing = 2 * np.pi * float(mean.max()) / around
-    share = np.ones_like(fine)
-    if not closed:
-        share = np.minimum(1.0, 0.35 + 0.65 * (slant[-1] - slant) / (3 * spacing))
+
+    def zones(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rim_zones((slant[-1] - along) / spacing, float(mean[-1] / mean.max()))
+
+    share = np.ones_like(fine) if closed else zones(slant)[0]
     density = np.concatenate([[0.0], np.cumsum(np.diff(slant) * (1 / share[1:] + 1 / share[:-1]) / 2)])
     count = int(np.clip(np.ceil(density[-1] / spacing), 8, 600))
     heights = np.interp(np.linspace(0, density[-1], count + 1), density, fine)
     heights[-1] = wall.high_m
-    radius = wall.radius_m(heights, around)
-    if (radius <= thickness_m).any():
-        row = int(np.argmin(radius.min(axis=1)))
-        raise InputError(
-            where,
-            f"the wall comes within {radius[row].min():.3g} m of the axis at height {heights[row]:.4g} m, "
-            f"expected more than its thickness of {thickness_m:.3g} m",
-            field="mesh",
-        )
-    angle = 2 * np.pi * np.arange(around) / around
-    points = np.empty((len(heights), around, 3))
-    points[..., 0] = wall.axis_point_m[0] + radius * np.cos(angle)
-    points[..., 1] = wall.axis_point_m[1] + radius * np.sin(angle)
-    points[..., 2] = heights[:, None]
+    times = np.ones(len(heights), dtype=np.int64)
+    if not closed:
+        times = zones(np.interp(heights, fine, slant))[1]
+    counts = ring_counts(times, around)
+    points = []
+    # One look at the wall for all: coarser rings are every second or fourth place of the finest.
+    most = int(counts.max())
+    radius = wall.radius_m(heights, most)
+    thick = _thick(heights, radius.min(axis=1), thickness_m, where)
+    angle = 2 * np.pi * np.arange(most) / most
+    for height, row, number in zip(heights, radius, counts, strict=True):
+        some = slice(None, None, most // int(number))
+        ring = np.full((int(number), 3), height)
+        ring[:, 0] = wall.axis_point_m[0] + row[some] * np.cos(angle[some])
+        ring[:, 1] = wall.axis_point_m[1] + row[some] * np.sin(angle[some])
+        points.append(ring)
     mesh, lid = mesh_rings(
         points, np.full(len(heights) - 1, thickness_m), cap_m=thickness_m if closed else None
     )
@@ -364,8 +376,26 @@ def _resampled(
         spread,
         wall_spread,
         Path(where).stem,
-        (*notes, *wall.notes),
+        (*notes, *wall.notes, *thick),
     )
+
+
+def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: float, where: str) -> list[str]:
+    """Refuse a wall that is thicker than what it goes round; say so where a shell is a rough picture of it."""
+    row = int(np.argmin(radius))
+    if radius[row] <= thickness_m:
+        raise InputError(
+            where,
+            f"the wall is {radius[row]:.3g} m from the axis at height {heights[row]:.4g} m, expected more than "
+            f"its thickness of {thickness_m:.3g} m",
+            field="mesh",
+            remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
+        )
+    if thickness_m > ROUGH_SHARE * np.median(radius):
+        return [
+            f"the wall is {100 * thickness_m / np.median(radius):.0f} % of the radius: a shell is right to about that"
+        ]
+    return []
 
 
 def _has_top(state: MeshState, axis: tuple[float, float], high_m: float) -> bool:

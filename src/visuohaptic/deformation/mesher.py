@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +16,22 @@ from .patches import grid_faces
 from .profile import Profile
 from .shell import ShellMesh, ShellModel, enclosed_volume
 
-__all__ = ["ShellObject", "mesh_container", "mesh_rings", "ring_lid", "with_elastic_base"]
+__all__ = [
+    "ShellObject",
+    "mesh_container",
+    "mesh_rings",
+    "rim_zones",
+    "ring_counts",
+    "ring_lid",
+    "with_elastic_base",
+]
 
 #: Thickness of a stiff cap that has none of its own [m].
 STIFF_CAP_M = 0.005
-#: Rings towards a free rim are down to this share of the others, over RIM_CELLS of them.
-FINEST_SHARE, RIM_CELLS = 0.35, 3.0
+#: Towards a free rim: from so many cells of the wall on, share of their height, and how often round.
+#: A force on an edge bends it within a few cells, as sharply round the rim as along the wall: finer rings
+#: alone don't help.
+RIM_ZONES = ((3.0, 0.5, 2), (1.5, 0.35, 4))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +80,9 @@ class ShellObject:
         return ShellModel(self.mesh, self.material, self.fixed, springs=self.springs)
 
 
-def mesh_container(container: ContainerDescription, *, around: int = 64) -> ShellObject:
+def mesh_container(
+    container: ContainerDescription, *, around: int = 64, even: bool = False, levels: int = 0
+) -> ShellObject:
     """Shell of a container without ranges.
 
     Parameters
@@ -78,21 +91,30 @@ def mesh_container(container: ContainerDescription, *, around: int = 64) -> Shel
         Description; see :meth:`.ContainerDescription.middle` and ``variant`` for classes.
     around
         Vertices round the wall, a multiple of 4. Rings are about as far apart as these, closer
-        at reinforcement rings and towards a free rim.
+        at reinforcement rings; towards a free rim they are closer and have two to four times as many.
+    even
+        The same number of vertices in all rings.
+    levels
+        A ring in the middle of each of so many equal parts of the height: vertices where features are.
     """
     if around % 4 or not 8 <= around <= 2048:
         raise InputError(
             "mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around"
         )
     profile = Profile.of(container)
-    z = _ring_heights(profile, around, free=container.top.kind == "open")
-    if len(z) * around > 400_000:
+    marks = (np.arange(levels) + 0.5) * profile.height_m / max(levels, 1)
+    z, counts = _ring_heights(profile, around, marks, free=container.top.kind == "open")
+    if even:
+        counts[:] = around
+    if counts.sum() > 400_000:
         raise InputError(
             f"container {container.name}",
-            f"would have {len(z) * around} vertices, expected at most 400000",
+            f"would have {counts.sum()} vertices, expected at most 400000",
             remedy="lower around, or shorten sections and widen rings",
         )
-    points = profile.ring(z, around)
+    points: list[np.ndarray] = []
+    for count, some in itertools.groupby(range(len(z)), key=lambda ring: int(counts[ring])):
+        points += list(profile.ring(z[list(some)], count))
     thickness = profile.wall_m(0.5 * (z[:-1] + z[1:]))
     cap = None
     if container.top.kind != "open":
@@ -147,7 +169,7 @@ def with_elastic_base(thing: ShellObject, stiffness_N_per_m: float) -> ShellObje
 
 
 def mesh_rings(
-    points: Float[np.ndarray, "m n 3"],
+    points: Sequence[Float[np.ndarray, "n 3"]],
     thickness_m: Float[np.ndarray, "k"],
     *,
     cap_m: float | None = None,
@@ -157,7 +179,8 @@ def mesh_rings(
     Parameters
     ----------
     points
-        m rings of n vertices, counter-clockwise from above.
+        m rings of vertices, counter-clockwise from above; each has as many as the one below, a
+        multiple of 4, or twice as many.
     thickness_m
         Of the m - 1 bands between rings.
     cap_m
@@ -166,14 +189,20 @@ def mesh_rings(
     Returns
     -------
     ShellMesh, lid
-        Vertex = ring * n + place; then those of the cap. ``lid`` closes an open mouth.
+        Vertices ring after ring; then those of the cap. ``lid`` closes an open mouth.
     """
-    rings, around = points.shape[:2]
-    vertices = [points.reshape(-1, 3)]
-    faces = [grid_faces(around, rings - 1, closed=True, crossed=True)]
-    thickness = [np.repeat(thickness_m, 4 * around)]
-    share = [np.full(len(faces[0]), 0.5)]
-    top = (rings - 1) * around
+    counts = [len(ring) for ring in points]
+    begin = np.concatenate([[0], np.cumsum(counts)])
+    around, top = counts[-1], int(begin[-2])
+    vertices = list(points)
+    faces, thickness, share = [], [], []
+    for band, (below, above) in enumerate(itertools.pairwise(counts)):
+        even = below == above
+        # A band is a multiple of four triangles: see ShellObject.covers_once.
+        some = grid_faces(below, 1, closed=True, crossed=True) if even else _doubling_faces(below)
+        faces.append(some + begin[band])
+        thickness.append(np.full(len(some), thickness_m[band]))
+        share.append(np.full(len(some), 0.5 if even else 1.0))
     lid = np.zeros((0, 3), dtype=np.int64)
     if cap_m is None:
         lid = ring_lid(top + np.arange(around))
@@ -183,16 +212,25 @@ def mesh_rings(
         inner = np.linspace(1.0, 0.0, steps + 1)[1:-1]
         vertices.append((centre + inner[:, None, None] * (points[-1] - centre)).reshape(-1, 3))
         vertices.append(centre[None])
-        faces.append(grid_faces(around, steps - 1, closed=True, crossed=True) + top)
+        flat = grid_faces(around, steps - 1, closed=True, crossed=True) + top
         last = top + (steps - 1) * around
         place = np.arange(around)
-        faces.append(np.stack([last + place, last + (place + 1) % around, np.full(around, last + around)], 1))
-        share += [np.full(len(faces[1]), 0.5), np.ones(around)]
-        thickness.append(np.full(len(faces[1]) + around, cap_m))
+        tip = np.stack([last + place, last + (place + 1) % around, np.full(around, last + around)], 1)
+        faces += [flat, tip]
+        share += [np.full(len(flat), 0.5), np.ones(around)]
+        thickness.append(np.full(len(flat) + around, cap_m))
     mesh = ShellMesh(
         np.concatenate(vertices), np.concatenate(faces), np.concatenate(thickness), np.concatenate(share)
     )
     return mesh, lid
+
+
+def _doubling_faces(below: int) -> Int[np.ndarray, "f 3"]:
+    """Between a ring and one of twice as many vertices above it; each cell is its own mirror image."""
+    a = np.arange(below)
+    b = (a + 1) % below
+    c, d, e = below + 2 * a, below + 2 * a + 1, below + 2 * b
+    return np.concatenate([np.stack(corners, axis=1) for corners in ((a, d, c), (a, b, d), (b, e, d))])
 
 
 def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
@@ -209,23 +247,70 @@ def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
     return loop[np.array(out, dtype=np.int64).reshape(-1, 3)]
 
 
-def _ring_heights(profile: Profile, around: int, *, free: bool) -> Float[np.ndarray, "m"]:
+def rim_zones(
+    cells: Float[np.ndarray, "m"], rim_cell: float = 1.0
+) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Height of cells by that of the others, and how often the rings are doubled, towards a free rim.
+
+    Parameters
+    ----------
+    cells
+        Distance from the rim in cells of the wall.
+    rim_cell
+        Width of a cell at the rim if it were not doubled, by the height of the others: a narrow neck
+        needs less.
+    """
+    share, times = np.ones(len(cells)), np.ones(len(cells), dtype=np.int64)
+    for begin, height, more in RIM_ZONES:
+        inside = cells <= begin + 1e-6
+        share[inside] = height
+        # To within a factor of sqrt 2 of the width wanted.
+        wanted = np.clip(np.ceil(np.log2(rim_cell * more / np.sqrt(2.0))), 0, np.log2(more))
+        times[inside] = 2 ** int(wanted)
+    return share, times
+
+
+def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"]:
+    """Vertices of rings from the foot upwards: at most doubled from one to the next."""
+    out = np.full(len(times), around)
+    for ring in range(1, len(times)):
+        out[ring] = min(around * times[ring], 2 * out[ring - 1])
+    return out
+
+
+def _ring_heights(
+    profile: Profile, around: int, levels_m: Float[np.ndarray, "l"], *, free: bool
+) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Heights of the rings, and their numbers of vertices."""
     z = profile.z_m
     slant = np.hypot(
         np.diff(z), np.maximum(np.abs(np.diff(profile.radius_x_m)), np.abs(np.diff(profile.radius_y_m)))
     )
     length = np.concatenate([[0.0], np.cumsum(slant)])
     mean = 0.5 * (profile.radius_x_m + profile.radius_y_m)
-    spacing = np.full_like(z, 2 * np.pi * float(np.max(mean)) / around)
+    cell = 2 * np.pi * float(np.max(mean)) / around
+    fine = z
     if free:
-        away = (length[-1] - length) / (RIM_CELLS * spacing)
-        spacing = spacing * np.minimum(1.0, FINEST_SHARE + (1 - FINEST_SHARE) * away)
-    density = np.concatenate([[0.0], np.cumsum(slant * 0.5 * (1 / spacing[1:] + 1 / spacing[:-1]))])
-    marks = np.interp(profile.breaks_m, z, density)
+        # The zones begin between the knots.
+        edges = np.clip(length[-1] - np.array([zone[0] for zone in RIM_ZONES]) * cell, 0.0, None)
+        edges = np.interp(np.concatenate([edges - 1e-6 * cell, edges + 1e-6 * cell]), length, z)
+        fine = np.unique(np.concatenate([z, edges]))
+    at = np.interp(fine, z, length)
+
+    def zones(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rim_zones((length[-1] - along) / cell, float(mean[-1] / np.max(mean)))
+
+    share = zones(at)[0] if free else np.ones(len(fine))
+    density = np.concatenate([[0.0], np.cumsum(np.diff(at) * 0.5 * (1 / share[1:] + 1 / share[:-1]))]) / cell
+    # A level close to a break is left to it: no slivers.
+    apart = np.abs(levels_m[:, None] - profile.breaks_m).min(axis=1) > 0.25 * cell
+    heights = np.sort(np.concatenate([profile.breaks_m, levels_m[apart]]))
+    marks = np.interp(heights, fine, density)
     out = [np.zeros(1)]
     for low, high in itertools.pairwise(marks):
         count = max(1, int(np.ceil(high - low - 0.3)))
-        out.append(np.interp(np.linspace(low, high, count + 1)[1:], density, z))
+        out.append(np.interp(np.linspace(low, high, count + 1)[1:], density, fine))
     found = np.concatenate(out)
     found[-1] = z[-1]
-    return found
+    times = zones(np.interp(found, z, length))[1] if free else np.ones(len(found), dtype=np.int64)
+    return found, ring_counts(times, around)

@@ -166,7 +166,7 @@ def real_object(
     container: ContainerDescription, rng: np.random.Generator, *, around: int = 72, modulus: float = 0.1
 ) -> RealObject:
     """Felt stiffness of one container under a gripper whose pose is wrong."""
-    thing = mesh_container(container, around=around)
+    thing = mesh_container(container, around=around, even=True)
     capped = container.top.kind != "open"
     steps = max(2, round(around / 12))
     rings = (len(thing.mesh.vertices_m) - ((steps - 1) * around + 1 if capped else 0)) // around
