@@ -6,6 +6,8 @@ number of synchronisations:
 - estimates are combined from the union of their evidence, and the same evidence counts once;
 - everything else (geometry, stiffness map, name, state, ...) is taken from the version that is newer by its
   provenance; without times, or at equal times, a fixed order of the contents decides.
+
+Pushes of one trip, whose tags are samples and not versions, are joined by :func:`.tags.merge_tags`.
 """
 
 from __future__ import annotations
