@@ -10,6 +10,7 @@ import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -157,6 +158,8 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
 
 def save_feature_set(path: Path | str, found: FeatureSet) -> None:
     """Write one NPZ file, whole or not at all."""
+    # Half precision: a thousandth of what is a standard deviation anyway.
+    extra: dict[str, Any] = {} if found.posed is None else {"posed": np.asarray(found.posed, np.float16)}
     with atomic_path(path) as temporary:
         np.savez_compressed(
             temporary,
@@ -165,7 +168,7 @@ def save_feature_set(path: Path | str, found: FeatureSet) -> None:
             label=np.array(found.label),
             name=np.array(found.name),
             nonlinear=np.array(found.nonlinear),
-            **({} if found.posed is None else {"posed": found.posed.astype(np.float16)}),
+            **extra,
         )
 
 
