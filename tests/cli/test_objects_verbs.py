@@ -52,6 +52,7 @@ def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["add", "../a"], "found the id"),
         (["add", "a", "--state", "open"], "expected NAME=VALUE"),
         (["import", "nowhere"], "no card.yaml"),
+        (["add", "a", "--estimate", "material.wall_thickness_m=1+-0"], "expected more than 0"),
     ],
 )
 def test_one_line_for_a_mistake(
@@ -63,6 +64,17 @@ def test_one_line_for_a_mistake(
     error = capsys.readouterr().err
     assert error.count("\n") == 1
     assert re.search(said, error)
+
+
+def test_sync_with_neither_database_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    here, there = tmp_path / "db", tmp_path / "shared"
+    assert main(["objects", "sync", str(there), "--db", str(here)]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert str(there) in error
+    assert str(here) in error
+    assert not here.exists()
+    assert not there.exists()
 
 
 def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -51,8 +51,9 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
         spread = model.covariance[k][np.ix_(place, place)] + np.diag(noise)
         weight = np.exp(model.log_prior[v] + multivariate_normal.logpdf(value, mean[place], spread))
         density[model.answer_of[k]] += weight
-    spread = model.unknown_covariance[np.ix_(place, place)] + np.diag(noise)
-    density[-1] = 0.1 * multivariate_normal.pdf(value, model.unknown_mean[place], spread)
+    for kind in model.unknown_covariance:
+        spread = kind[np.ix_(place, place)] + np.diag(noise)
+        density[-1] += 0.05 * multivariate_normal.pdf(value, model.unknown_mean[place], spread)
     np.testing.assert_allclose(believe(model, readings).probability, density / density.sum(), rtol=1e-6)
 
 

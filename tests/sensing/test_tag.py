@@ -12,8 +12,9 @@ import yaml
 
 from visuohaptic.errors import InputError
 from visuohaptic.objects import Estimate, Event, EventKind, HapticTag, Primitive, PrimitiveKind
+from visuohaptic.sensing import merge_tags
 from visuohaptic.sensing.push import StopLimits, StopReason, stop_reason
-from visuohaptic.sensing.tag import merge_tags, predictive_interval, tag_from_push
+from visuohaptic.sensing.tag import predictive_interval, tag_from_push
 from visuohaptic.sensing.tag_file import tag_from_dict, tag_to_dict
 
 

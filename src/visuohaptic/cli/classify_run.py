@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("tree", type=Path, help="tree.json of classify train")
     parser.add_argument("curves", type=Path, nargs="?", help="CSV file of measured curves")
     parser.add_argument("--ask", action="store_true", help="ask for one touch after the other")
-    parser.add_argument("--confidence", type=float, default=0.95, help="wanted probability")
+    parser.add_argument("--confidence", type=float, default=0.99, help="wanted probability (0.99)")
     parser.add_argument("--most", type=int, default=10, help="touches with --ask")
     parser.add_argument("--no-width", action="store_true", help="do not use widths as evidence")
     parser.add_argument("--force-noise", type=float, default=0.1, help="of one sample [N]")

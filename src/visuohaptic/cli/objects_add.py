@@ -14,7 +14,8 @@ HELP = "Add an object, or new evidence of one that is known."
 EPILOG = """\
 reads   the arguments, and what is known of the object
 writes  into the database; it is on the disk when the verb returns
-        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it
+        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it;
+        SIGMA is its standard deviation, more than 0
 
 example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
 """
@@ -63,11 +64,14 @@ def run(args: Any) -> dict[str, Any]:
     obj = VisuoHapticObject(
         args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
     )
+    for item in evidence:
+        _plausible(item, obj)
+    told = add_evidence(obj, *evidence)
     with opened(args, create=True) as database:
-        known = database.get(args.id) if args.id in database else obj
-        for item in evidence:
-            _plausible(item, known)
-        return described(database.add(add_evidence(obj, *evidence)))
+        if args.id in database:
+            for item in evidence:
+                _plausible(item, database.get(args.id))
+        return described(database.add(told))
 
 
 def _plausible(item: Any, known: Any) -> None:
@@ -104,11 +108,19 @@ def _evidence(text: str, origin: Any) -> Any:
     try:
         if not separator:
             raise ValueError
-        return Evidence(place, Estimate(float(value), float(sigma)), origin)
+        found = Estimate(float(value), float(sigma))
     except InputError:
         raise
     except ValueError as error:
         raise InputError("--estimate", f"found {text!r}, expected PLACE=VALUE+-SIGMA") from error
+    if found.sigma == 0:
+        # Exact evidence leaves all other evidence without weight, for good.
+        raise InputError(
+            "--estimate",
+            f"found {text!r} with a SIGMA of 0, expected more than 0",
+            remedy="give its standard deviation",
+        )
+    return Evidence(place, found, origin)
 
 
 def _state(text: str) -> tuple[str, str | float]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
+from ..errors import InputError
 from ._objects import add_database, opened
 
 __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 
 HELP = "Exchange what is new with a shared database."
 EPILOG = """\
-reads   both databases
+reads   both databases; one of them may be new, and is made
 writes  both; where objects were seen last stays here
 
 example: visuohaptic objects sync postgresql://robots@server/objects
@@ -29,6 +31,18 @@ def run(args: Any) -> dict[str, Any]:
     from ..objects.database import open_database
     from ..objects.sync import synchronise
 
+    if not _is_there(args.db) and not _is_there(args.shared):
+        # Else a mistyped name would make two empty databases and call it done.
+        raise InputError(
+            args.shared,
+            f"is not a database of objects, and neither is {args.db}",
+            remedy="check both names, or add an object first",
+        )
     with opened(args, create=True) as local, open_database(args.shared) as shared:
         done = synchronise(local, shared)
         return {"shared": shared.where, "sent": done.sent, "received": done.received}
+
+
+def _is_there(location: str) -> bool:
+    """A server is taken to be there; if it is not, opening says so."""
+    return "://" in location or (Path(location) / "objects.sqlite").is_file()

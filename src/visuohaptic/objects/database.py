@@ -40,7 +40,7 @@ __all__ = ["BATCH", "Check", "ObjectDatabase", "Summary", "open_database"]
 _log = logging.getLogger(__name__)
 
 #: Objects that :meth:`ObjectDatabase.add_many` writes in one transaction.
-BATCH = 128
+BATCH = 512  # each waits for the disk four times
 #: Ids are names of folders in an export, too.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
 

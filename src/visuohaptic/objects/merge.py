@@ -6,6 +6,8 @@ number of synchronisations:
 - estimates are combined from the union of their evidence, and the same evidence counts once;
 - everything else (geometry, stiffness map, name, state, ...) is taken from the version that is newer by its
   provenance; without times, or at equal times, a fixed order of the contents decides.
+
+Pushes of one trip, whose tags are samples and not versions, are joined by :func:`.tags.merge_tags`.
 """
 
 from __future__ import annotations
@@ -252,13 +254,15 @@ def _newer(
     origins: dict[str, Provenance],
 ) -> Any:
     """What is there, what is newer, or what a fixed order of the contents picks; notes where it came from."""
-    there = [(value, obj) for value, obj in ((mine, one), (yours, other)) if not _absent(value)]
-    if not there:
-        return mine
-    if mine is yours and one is other:
+    if one is other:
+        if _absent(mine):
+            return mine
         origin = one.provenance.get(place) or one.provenance.get(place.partition(".")[0])
         if origin is not None:
             origins[place] = origin
+        return mine
+    there = [(value, obj) for value, obj in ((mine, one), (yours, other)) if not _absent(value)]
+    if not there:
         return mine
     ranked = []
     for value, obj in there:

@@ -42,6 +42,8 @@ __all__ = [
 UNKNOWN = "unknown"
 _WIDTH0 = HEIGHTS * 4  # first width among the features
 _ALL = HEIGHTS * 6
+_PLACE_m = 0.01  # between two of the 16 heights
+_GROOVES = 0.2  # standard deviation of log stiffness by height, of unknown containers
 TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS + 1) for axis in "xy")
 
 
@@ -53,6 +55,7 @@ class ModelSettings:
     discrepancy: float = 0.06  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = 0.002  #: wrong height of a touch
+    tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
     width_m: float = 0.0008  #: wrong width by pose and contact
     width_discrepancy: float = 0.005  #: relative
     unknown_prior: float = 0.1
@@ -70,7 +73,7 @@ class HapticModel:
     covariance: Float[np.ndarray, "c p p"]
     log_prior: Float[np.ndarray, "v"]  #: of each training object
     unknown_mean: Float[np.ndarray, "p"]
-    unknown_covariance: Float[np.ndarray, "p p"]
+    unknown_covariance: Float[np.ndarray, "u p p"]  #: of each kind of unknown object, alike in number
     settings: ModelSettings
     protocol: TouchProtocol
     temperature: float = 1.0  #: evidence is divided by this, see :mod:`.calibration`
@@ -83,6 +86,7 @@ class Belief:
 
     probability: Float[np.ndarray, "g"]  #: of each of the model's answers, "unknown" last
     weight: Float[np.ndarray, "v"]  #: of each training object
+    unknown_weight: Float[np.ndarray, "u"]  #: of each kind of unknown object
     unknown_from: float
     answers: tuple[str, ...]
 
@@ -150,7 +154,7 @@ def fit_model(
         raise InputError("prior", "expected probabilities from 0 up, not all 0")
     features, component = _features(data), data.number
     mean = np.empty_like(features)
-    covariance = np.empty((len(parts), _ALL, _ALL))
+    covariance, pose = (np.empty((len(parts), _ALL, _ALL)) for _ in range(2))
     log_prior = np.empty(len(data))
     total = sum(given.get(name, 0.0) for name in answers)
     known = 1 - given.get(UNKNOWN, settings.unknown_prior)
@@ -161,7 +165,8 @@ def fit_model(
             raise InputError("fit_model", f"class {part!r} has fewer than 3 objects")
         middle = features[rows].mean(axis=0)
         mean[rows] = middle + np.sqrt(1 - h2) * (features[rows] - middle)
-        covariance[k] = h2 * np.cov(features[rows].T) + _pose(features[rows], data.width_m[rows], settings)
+        pose[k] = _pose(data.take(rows), features[rows], settings)
+        covariance[k] = h2 * np.cov(features[rows].T) + pose[k]
         covariance[k] += np.diag(_discrepancy(settings))
         share = given.get(name_of[part], 0.0) / total / sum(name_of[p] == name_of[part] for p in parts)
         with np.errstate(divide="ignore"):
@@ -171,7 +176,7 @@ def fit_model(
         (*answers, UNKNOWN),
         np.array([answers.index(name_of[part]) for part in parts]),
         mean, component, covariance, log_prior, average,
-        _any_profile() + np.diag(_discrepancy(settings)), settings,
+        _unknown(features, component) + pose.mean(axis=0) + np.diag(_discrepancy(settings)), settings,
         TouchProtocol() if protocol is None else protocol,
     )  # fmt: skip
 
@@ -205,13 +210,12 @@ def touch_gains(
     place, value, noise = _evidence(model, readings)
     log_likelihood, predicted = _condition(model, place, value, noise)
     belief = _belief(model, log_likelihood, without)
-    weight = np.append(belief.weight, belief.probability[-1])
+    weight = np.concatenate([belief.weight, belief.unknown_weight])
     weight = np.where(weight > 1e-3 * weight.max(), weight, 0.0)
     use = np.flatnonzero(weight)
     weight = weight[use] / weight[use].sum()
-    # The part of an object: its component, or one more for "unknown".
-    part = np.append(model.component, len(model.answer_of))[use]
-    answer = np.append(model.answer_of, len(model.answers) - 1)[part]
+    part = _parts(model)[use]
+    answer = _answers(model)[part]
     means, spreads = predicted
     drawn = np.searchsorted(np.cumsum(weight), (np.arange(samples) + rng.random()) / samples)
     drawn = np.minimum(drawn, len(use) - 1)
@@ -252,7 +256,7 @@ def explore(
     model: HapticModel,
     touch: Callable[[int, str], TouchReading],
     *,
-    confidence: float = 0.95,
+    confidence: float = 0.99,
     most_touches: int = 10,
     least_touches: int = 1,
     rng: np.random.Generator | None = None,
@@ -268,7 +272,8 @@ def explore(
     touch
         Measures at a height 1 .. 16 along an axis "x" or "y".
     confidence
-        Wanted probability of the answer.
+        Wanted probability of the answer. One in twenty that are 95 % sure is wrong, and of strangers, which are
+        rare, a larger share still passes for something known: nine objects in a row need more.
     most_touches, least_touches
         Bounds.
     rng
@@ -315,34 +320,73 @@ def _discrepancy(settings: ModelSettings) -> Float[np.ndarray, "p"]:
 
 
 def _pose(
-    features: Float[np.ndarray, "v p"], width_m: Float[np.ndarray, "v 16 2"], settings: ModelSettings
+    data: FeatureSet, features: Float[np.ndarray, "v p"], settings: ModelSettings
 ) -> Float[np.ndarray, "p p"]:
-    """Wrong heights: one error of the object for all touches, along the slope of each profile."""
+    """Wrong poses: one error of the gripper against the object for all touches.
+
+    From the maps of the objects where there are any. Else a wrong height moves all contacts along the slope
+    of each profile, and a tilt in the plane of the tips moves them up on one side and down on the other.
+    """
     count = len(features)
-    pieces = []
-    for start, sides in ((0, 4), (_WIDTH0, 2)):
-        grid = features[:, start : start + HEIGHTS * sides].reshape(count, HEIGHTS, sides)
-        pieces.append(np.gradient(grid, axis=1).reshape(count, -1))
-    slope = np.concatenate(pieces, axis=1)
+    stiffness = features[:, :_WIDTH0].reshape(count, HEIGHTS, 4)
+    slopes = np.gradient(stiffness, axis=1)
+    wide = np.gradient(features[:, _WIDTH0:].reshape(count, HEIGHTS, 2), axis=1)
     # Heights of training objects differ; about 1 cm is between two places of most containers.
-    per_place = settings.pose_m / 0.01
-    out = per_place**2 * slope.T @ slope / count
-    spread = (settings.width_m / width_m.mean(axis=0)) ** 2
+    per_place = settings.pose_m / _PLACE_m
+    shift = per_place * np.concatenate([slopes.reshape(count, -1), wide.reshape(count, -1)], axis=1)
+    out = shift.T @ shift / count
+    if data.posed is not None:
+        moved = np.asarray(data.posed, dtype=float).reshape(-1, _WIDTH0)
+        out[:_WIDTH0] = out[:, :_WIDTH0] = 0.0
+        out[:_WIDTH0, :_WIDTH0] = moved.T @ moved / len(moved)
+    else:
+        lever = 0.5 * settings.tilt_rad * data.width_m / _PLACE_m
+        for axis in range(2):
+            tilted = np.zeros_like(slopes)
+            for k, sign in enumerate((1.0, -1.0)):
+                tilted[:, :, 2 * axis + k] = sign * lever[:, :, axis] * slopes[:, :, 2 * axis + k]
+            flat = tilted.reshape(count, -1)
+            out[:_WIDTH0, :_WIDTH0] += flat.T @ flat / count
+    spread = (settings.width_m / data.width_m.mean(axis=0)) ** 2
     out[np.arange(_WIDTH0, _ALL), np.arange(_WIDTH0, _ALL)] += spread.ravel()
     return out
 
 
-def _any_profile() -> Float[np.ndarray, "p p"]:
-    """Covariance of containers that nobody has seen: any scale, smooth along the height."""
+def _unknown(
+    features: Float[np.ndarray, "v p"], component: Int[np.ndarray, "v"]
+) -> Float[np.ndarray, "u p p"]:
+    """Covariances of containers that nobody has seen, of two kinds.
+
+    One is of the size and stiffness of what is known, and another profile: what is mistaken most easily. The
+    other is anything, as glass and paper are.
+    """
+    middle = np.stack([features[component == k].mean(axis=0) for k in np.unique(component)]).mean(axis=0)
+    away = features - middle
+    inner = slice(4, _WIDTH0 - 4)  # what holds the ends says nothing of the wall
+    level = away[:, inner].mean(axis=1)
+    wide = away[:, _WIDTH0:].mean(axis=1)
+    own = (
+        max(1.2 * level.std(), 0.5),
+        max(1.2 * (away[:, inner] - level[:, None]).std(), 0.4),
+        max(1.2 * wide.std(), 0.15),
+        max(1.2 * (away[:, _WIDTH0:] - wide[:, None]).std(), 0.1),
+    )
+    return np.stack([_any_profile(*own), _any_profile(1.5, 0.8, 0.29, 0.2)])
+
+
+def _any_profile(level: float, bend: float, size: float, shape: float) -> Float[np.ndarray, "p p"]:
+    """Smooth along the height; standard deviations of logarithms, in common and by place."""
     height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :4])
     near = np.exp(-0.5 * ((height[:, None] - height) / 3.0) ** 2)
     axis = np.where(side[:, None] // 2 == side // 2, 1.0, 0.7)
     out = np.zeros((_ALL, _ALL))
-    out[:_WIDTH0, :_WIDTH0] = 1.5**2 + 0.8**2 * near * axis
+    # Grooves and shoulders run all around.
+    ring = _GROOVES**2 * (height[:, None] == height)
+    out[:_WIDTH0, :_WIDTH0] = level**2 + (bend**2 * near + ring) * axis
     height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :2])
     near = np.exp(-0.5 * ((height[:, None] - height) / 3.0) ** 2)
-    same = np.where(side[:, None] == side, 1.0, 0.5)
-    out[_WIDTH0:, _WIDTH0:] = 0.35**2 * np.where(same == 1, 1, 0.7) + 0.2**2 * near * same
+    same = side[:, None] == side
+    out[_WIDTH0:, _WIDTH0:] = size**2 * np.where(same, 1.4, 1.0) + shape**2 * near * np.where(same, 1.0, 0.5)
     return out
 
 
@@ -373,10 +417,11 @@ def _condition(
     value: Float[np.ndarray, "o"],
     noise: Float[np.ndarray, "o"],
 ) -> tuple[Float[np.ndarray, "v1"], tuple[Float[np.ndarray, "v1 p"], Float[np.ndarray, "c1 p p"]]]:
-    """Log likelihood of each training object and of "unknown" (last), and what each predicts."""
-    means = np.concatenate([model.mean, model.unknown_mean[None]])
-    part = np.append(model.component, len(model.answer_of))
-    spreads = np.concatenate([model.covariance, model.unknown_covariance[None]])
+    """Log likelihood of each training object and of the kinds of unknown (last), and what each predicts."""
+    kinds = len(model.unknown_covariance)
+    means = np.concatenate([model.mean, np.repeat(model.unknown_mean[None], kinds, axis=0)])
+    part = _parts(model)
+    spreads = np.concatenate([model.covariance, model.unknown_covariance])
     if not len(place):
         return np.zeros(len(means)), (means, spreads)
     score = np.empty(len(means))
@@ -405,13 +450,25 @@ def _belief(
             rows = model.component == k
             change = np.logaddexp.reduce(model.log_prior[rows]) - np.logaddexp.reduce(prior[rows])
             prior = np.where(rows, prior + np.where(np.isfinite(change), change, 0.0), prior)
+    kinds = len(model.unknown_covariance)
     with np.errstate(divide="ignore"):
-        score = np.append(prior, np.log(max(1 - left, 0.0))) + log_likelihood / model.temperature
+        strange = np.repeat(np.log(max(1 - left, 0.0) / kinds), kinds)
+    score = np.concatenate([prior, strange]) + log_likelihood / model.temperature
     weight = np.exp(score - score.max())
     weight /= weight.sum()
-    answer = np.append(model.answer_of[model.component], len(model.answers) - 1)
-    probability = _by_answer(weight[None], answer, len(model.answers))[0]
-    return Belief(probability, weight[:-1], model.unknown_from, model.answers)
+    probability = _by_answer(weight[None], _answers(model)[_parts(model)], len(model.answers))[0]
+    return Belief(probability, weight[:-kinds], weight[-kinds:], model.unknown_from, model.answers)
+
+
+def _parts(model: HapticModel) -> Int[np.ndarray, "v1"]:
+    """What each Gaussian is part of: its component, or a kind of unknown after those."""
+    known = len(model.answer_of)
+    return np.concatenate([model.component, known + np.arange(len(model.unknown_covariance))])
+
+
+def _answers(model: HapticModel) -> Int[np.ndarray, "c1"]:
+    """Answer of each component and of each kind of unknown."""
+    return np.append(model.answer_of, [len(model.answers) - 1] * len(model.unknown_covariance))
 
 
 def _places(model: HapticModel, touch: Touch) -> Int[np.ndarray, "k"]:

@@ -8,19 +8,19 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from ..files import atomic_path
+from .places import HEIGHTS, SIDES
+from .posed import posed_changes
 
 __all__ = ["HEIGHTS", "SIDES", "FeatureSet", "load_feature_set", "read_build", "save_feature_set"]
-
-#: As in :mod:`visuohaptic.deformation.features`; repeated here because that import takes half a second.
-HEIGHTS, SIDES = 16, ("x+", "x-", "y+", "y-")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,10 +32,15 @@ class FeatureSet:
     label: tuple[str, ...]  #: class of each object
     name: tuple[str, ...]  #: of each object, unique
     nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
+    #: Change of log i under each of c wrong poses, see :mod:`.posed`; None without maps of the objects.
+    posed: Float[np.ndarray, "n c 16 4"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.label)
-        shapes = ((self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2)))
+        shapes = [(self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2))]
+        if self.posed is not None:
+            copies = np.shape(self.posed)[1] if np.ndim(self.posed) == 4 else 1
+            shapes.append((self.posed, (count, max(copies, 1), HEIGHTS, 4)))
         for array, expected in shapes:
             if np.shape(array) != expected:
                 raise InputError("FeatureSet", f"found shape {np.shape(array)}, expected {expected}")
@@ -65,6 +70,7 @@ class FeatureSet:
             tuple(self.label[k] for k in index),
             tuple(self.name[k] for k in index),
             self.nonlinear,
+            None if self.posed is None else self.posed[index],
         )
 
     def of_classes(
@@ -96,9 +102,7 @@ class FeatureSet:
         if len(set(target.values())) < 2:
             raise InputError("classes", f"found {len(set(target.values()))} classes, expected at least 2")
         kept = self.take(np.array([name in target for name in self.label]))
-        return FeatureSet(
-            kept.features, kept.width_m, tuple(target[name] for name in kept.label), kept.name, kept.nonlinear
-        )
+        return replace(kept, label=tuple(target[name] for name in kept.label))
 
 
 def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -> FeatureSet:
@@ -110,13 +114,16 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
     folder = Path(folder)
     listed = _manifest(folder)
     features, widths, labels, names, nonlinear = [], [], [], [], False
-    for entry in listed:
+    posed: list[np.ndarray] = []
+    for number, entry in enumerate(listed):
         path = folder / entry["file"]
         try:
             with np.load(path, allow_pickle=False) as data:
                 states, points = data["states"], data["feature_points_m"]
                 row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
                 values = data["features"][row[0]] if row.size else None
+                mapped = ("vertices_m", "stiffness_N_per_m")
+                surface = [data[key] for key in mapped] if set(mapped) <= set(data.files) else []
         except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
             raise InputError(path, f"is no result of objects build ({error})") from error
         if values is None:
@@ -137,11 +144,22 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         widths.append(np.stack([across_x, across_y], axis=1))
         labels.append(str(entry["class"]))
         names.append(Path(entry["file"]).stem)
-    return FeatureSet(np.stack(features), np.stack(widths), tuple(labels), tuple(names), nonlinear)
+        if surface:
+            posed.append(posed_changes(surface[0], surface[1], points, np.random.default_rng(number)))
+    return FeatureSet(
+        np.stack(features),
+        np.stack(widths),
+        tuple(labels),
+        tuple(names),
+        nonlinear,
+        np.stack(posed).astype(np.float32) if len(posed) == len(listed) else None,
+    )
 
 
 def save_feature_set(path: Path | str, found: FeatureSet) -> None:
     """Write one NPZ file, whole or not at all."""
+    # Half precision: a thousandth of what is a standard deviation anyway.
+    extra: dict[str, Any] = {} if found.posed is None else {"posed": np.asarray(found.posed, np.float16)}
     with atomic_path(path) as temporary:
         np.savez_compressed(
             temporary,
@@ -150,6 +168,7 @@ def save_feature_set(path: Path | str, found: FeatureSet) -> None:
             label=np.array(found.label),
             name=np.array(found.name),
             nonlinear=np.array(found.nonlinear),
+            **extra,
         )
 
 
@@ -166,6 +185,7 @@ def load_feature_set(source: Path | str) -> FeatureSet:
                 tuple(str(text) for text in data["label"]),
                 tuple(str(text) for text in data["name"]),
                 bool(data["nonlinear"]),
+                data["posed"].astype(np.float32) if "posed" in data.files else None,
             )
     except InputError as error:
         raise InputError(path, error.problem, field=error.field) from error
@@ -177,6 +197,8 @@ def load_feature_set(source: Path | str) -> FeatureSet:
         ) from error
     if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
         raise InputError(path, "has numbers that are not finite", field="features")
+    if found.posed is not None and not np.isfinite(found.posed).all():
+        raise InputError(path, "has numbers that are not finite", field="posed")
     if not (found.features[..., 0] > 0).all():
         raise InputError(path, "has stiffness that is not positive", field="features")
     return found

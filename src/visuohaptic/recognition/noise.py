@@ -8,6 +8,7 @@ import numpy as np
 
 from ..errors import InputError
 from .data_set import HEIGHTS, FeatureSet
+from .posed import POSE_m
 from .protocol import TouchProtocol
 
 __all__ = ["noisy_copies"]
@@ -36,7 +37,8 @@ def noisy_copies(
     protocol
         How a touch is done: the noise of a stiffness follows from it.
     pose_m
-        Standard deviation of the height of all touches of a copy.
+        Standard deviation of the height of all touches of a copy; where the maps of the objects told what
+        wrong poses do, those are drawn from, scaled by this.
     discrepancy
         Relative standard deviation by which simulation is wrong, by place.
     keep
@@ -54,8 +56,12 @@ def noisy_copies(
         shift = rng.normal(0, pose_m / protocol.place_m, (len(data), 1, 1))
         wrong = rng.normal(0, 1, (len(data), HEIGHTS, 4)) * sigma
         wrong += rng.normal(0, discrepancy, (len(data), HEIGHTS, 4))
+        moved = shift * slope
+        if data.posed is not None and pose_m > 0:
+            which = rng.integers(0, data.posed.shape[1], len(data))
+            moved = pose_m / POSE_m * data.posed[np.arange(len(data)), which]
         features = data.features.copy()
-        features[..., 0] = np.exp(stiffness + shift * slope + wrong)
+        features[..., 0] = np.exp(stiffness + moved + wrong)
         names = tuple(f"{name}~{copy}" for name in data.name)
         parts.append(replace(data, features=features, name=names))
     return FeatureSet(
@@ -64,4 +70,5 @@ def noisy_copies(
         tuple(label for part in parts for label in part.label),
         tuple(name for part in parts for name in part.name),
         data.nonlinear,
+        None if data.posed is None else np.concatenate([data.posed] * len(parts)),
     )

@@ -1,5 +1,6 @@
 """From images to forces, shapes and motion: foam, primitives, events, haptic tags (Alt 2016, chapter 3 and 4.1)."""
 
+from ..objects.tags import merge_tags
 from .ego_motion import EgoMotionFilter, EgoMotionSettings
 from .events import ContactEvents, DeflectionEvents, EventSettings
 from .floor_motion import FloorTracker, fit_planar_motion
@@ -16,7 +17,7 @@ from .primitives import (
 )
 from .push import Phases, PushRecord, StopLimits, StopReason, find_phases, record_push, stop_reason
 from .scene import SceneReading, SceneTracker
-from .tag import TagSettings, merge_tags, predictive_interval, tag_from_push
+from .tag import TagSettings, predictive_interval, tag_from_push
 from .tag_file import tag_from_dict, tag_to_dict
 
 __all__ = [

@@ -18,7 +18,7 @@ from .break_away import break_away
 from .events import EventSettings
 from .push import Phases, PushRecord, StopReason, find_phases
 
-__all__ = ["TagSettings", "merge_tags", "predictive_interval", "tag_from_push"]
+__all__ = ["TagSettings", "predictive_interval", "tag_from_push"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,54 +271,6 @@ def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> 
     # Once the object has left the foam its further way is unseen: the time is a lower bound.
     unseen = duration if final <= 2.0 * noise else 0.0
     return Estimate(duration, float(np.hypot(frame, unseen)))
-
-
-def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
-    """One tag from two sets of explorations of the same object.
-
-    Means are weighted by the number of samples, the spread is the scatter
-    over all samples, counters add up; a shape is kept from the tag whose
-    primitive scores higher. An object that moved once is not fixed; one that
-    fell once may fall.
-    """
-
-    def either(a: bool | None, b: bool | None, *, any_true: bool) -> bool | None:
-        known = [value for value in (a, b) if value is not None]
-        return None if not known else (any(known) if any_true else all(known))
-
-    score_1 = first.primitive.score if first.primitive else -1.0
-    score_2 = second.primitive.score if second.primitive else -1.0
-    shape = second if score_2 > score_1 or (first.deformation_shape_m is None) else first
-    return HapticTag(
-        static_friction_N=_merge(first.static_friction_N, second.static_friction_N),
-        dynamic_friction_N=_merge(first.dynamic_friction_N, second.dynamic_friction_N),
-        deceleration_s=_merge(first.deceleration_s, second.deceleration_s),
-        drift=_merge(first.drift, second.drift),
-        deformability=_merge(first.deformability, second.deformability),
-        stiffness_N_per_m=_merge(first.stiffness_N_per_m, second.stiffness_N_per_m),
-        rotation_rad_per_m=_merge(first.rotation_rad_per_m, second.rotation_rad_per_m),
-        contact_offset_m=_merge(first.contact_offset_m, second.contact_offset_m),
-        primitive=first.primitive if score_1 >= score_2 else second.primitive,
-        deformation_shape_m=shape.deformation_shape_m,
-        fixed=either(first.fixed, second.fixed, any_true=False),
-        falls=either(first.falls, second.falls, any_true=True),
-        explored=first.explored + second.explored,
-        failed=first.failed + second.failed,
-    )
-
-
-def _merge(a: Estimate | None, b: Estimate | None) -> Estimate | None:
-    if a is None or b is None:
-        return a if b is None else b
-    n = a.samples + b.samples
-    value = (a.samples * a.value + b.samples * b.value) / n
-    sigma = np.hypot(a.samples * a.sigma, b.samples * b.sigma) / n
-    squares = (
-        (a.samples - 1) * a.spread**2
-        + (b.samples - 1) * b.spread**2
-        + a.samples * b.samples / n * (a.value - b.value) ** 2
-    )
-    return Estimate(float(value), float(sigma), float(np.sqrt(squares / (n - 1))), n)
 
 
 def predictive_interval(

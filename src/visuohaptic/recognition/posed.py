@@ -1,0 +1,77 @@
+"""What a wrong pose of the gripper does to the features of one object, read off its stiffness map.
+
+Between the 16 heights walls have ridges and shoulders, where stiffness changes by a factor within a few
+millimetres: the features alone do not show that, the map does. Each copy draws one pose of the gripper
+against the object, as for all touches of an exploration; both tips stay on one line, so a tilt moves them to
+different heights. Symbols: c copies.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from .places import HEIGHTS, SIDES
+
+__all__ = ["COPIES", "POSE_m", "TILT_rad", "posed_changes"]
+
+#: Poses that are drawn of each object; their standard deviations along [m] and about [rad] each axis.
+COPIES, POSE_m, TILT_rad = 8, 0.002, 0.05
+
+
+def posed_changes(
+    vertices_m: Float[np.ndarray, "n 3"],
+    stiffness_N_per_m: Float[np.ndarray, "n"],
+    points_m: Float[np.ndarray, "16 4 3"],
+    rng: np.random.Generator,
+    *,
+    copies: int = COPIES,
+    pose_m: float = POSE_m,
+    tilt_rad: float = TILT_rad,
+) -> Float[np.ndarray, "c 16 4"]:
+    """Change of log stiffness at each place under wrong poses.
+
+    Parameters
+    ----------
+    vertices_m, stiffness_N_per_m
+        Map of the surface; points without a stiffness are left out.
+    points_m
+        Places of the features without an error.
+    rng
+        Draws the poses.
+    copies
+        How many poses.
+    pose_m, tilt_rad
+        Standard deviations of each coordinate and of each angle.
+    """
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import QhullError
+    from scipy.spatial.transform import Rotation
+
+    offset = rng.normal(0.0, pose_m, (copies, 3))
+    turn = Rotation.from_rotvec(rng.normal(0.0, tilt_rad, (copies, 3))).as_matrix()
+    out = np.zeros((copies, HEIGHTS, len(SIDES)))
+    good = np.isfinite(stiffness_N_per_m) & (stiffness_N_per_m > 0)
+    for column in range(len(SIDES)):
+        axis, sign = divmod(column, 2)
+        sign = 1 - 2 * sign
+        across = 1 - axis
+        reach = sign * points_m[:, column, axis]
+        middle = points_m[:, column, across]
+        near = np.abs(vertices_m[:, across] - middle.mean()) < 0.6 * max(float(reach.max()), 0.0)
+        some = good & near & (sign * vertices_m[:, axis] > 0.3 * float(np.median(reach)))
+        sheet = vertices_m[some][:, [across, 2]]
+        try:
+            log_stiffness = LinearNDInterpolator(sheet, np.log(stiffness_N_per_m[some]))
+        except (QhullError, ValueError):
+            continue  # too few points: no wall on this side
+        low, high = float(sheet[:, 1].min()), float(sheet[:, 1].max())
+        # Where the tips' line goes through this side.
+        along = sign * turn[:, :, axis]
+        moved = points_m[None, :, column] + offset[:, None]
+        moved = moved + reach[None, :, None] * (along - sign * np.eye(3)[axis])[:, None]
+        there = np.stack([moved[..., across], np.clip(moved[..., 2], low, high)], axis=-1)
+        nominal = log_stiffness(np.stack([middle, np.clip(points_m[:, column, 2], low, high)], axis=-1))
+        change = log_stiffness(there) - nominal
+        out[:, :, column] = np.where(np.isfinite(change), change, 0.0)
+    return out
