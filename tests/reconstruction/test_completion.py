@@ -13,7 +13,7 @@ from visuohaptic.errors import CalibrationError, InputError
 from visuohaptic.reconstruction.completion import Completion, CompletionSettings
 from visuohaptic.reconstruction.hole import HoleRegion, boundary_loops, load_hole_regions, support_band
 from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.profile import disagreement_m
+from visuohaptic.reconstruction.profile import fit_radial_model
 from visuohaptic.reconstruction.symmetry import fit_prior
 from visuohaptic.reconstruction.touch import Touch, read_touches, rigid_fit
 from visuohaptic.recording.ply import read_ply
@@ -191,7 +191,7 @@ def test_a_surface_that_leaves_profile_and_cross_section_is_told_where_it_does()
 
     def told(radius):
         points = np.column_stack([radius * np.cos(theta), radius * np.sin(theta), z])
-        return disagreement_m(points, prior, band, contacts, region.size_m)
+        return fit_radial_model(prior, band, contacts, region.size_m).deviation_m(points)
 
     # The wall is known to 0.1 mm every 10 mm: what is left is the fit of the cross-section.
     assert np.median(told(rho)) < 0.0008

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._threads import one_blas_thread
 from ..errors import InputError
 from . import _front_kernels as kernels
-from ._threads import one_blas_thread
 from .ordering import FrontTree
 
 __all__ = ["Factor", "factorise", "sparse_matrix"]

@@ -22,6 +22,7 @@ from ..simulation.bottles import Bottle
 __all__ = [
     "HOLE",
     "SIGMA_M",
+    "STAGES",
     "TOUCHES",
     "blown_up",
     "errors_m",
@@ -29,9 +30,12 @@ __all__ = [
     "scene",
     "touches_to_tenth",
     "true_points",
+    "wall_distance_m",
 ]
 
 TOUCHES = 20
+#: Numbers of touches at which the deviation is compared with the error.
+STAGES = (0, 1, 2, 3, 5, 8, 10, 15)
 #: Noise of a contact in each direction [m].
 SIGMA_M = 0.0003
 HOLE = (0.27, 0.73)
@@ -88,7 +92,7 @@ def explore(
         if planned:
             plan = completion.next_touch()
             start, end = plan.start_m, plan.end_m
-            if number in (0, 2, 5, 10):
+            if number in STAGES:
                 stages.append(_told_and_true(completion, bottle))
         else:
             # Along random directions, within the hole.
@@ -105,25 +109,35 @@ def explore(
         surface = completion.surface()
         steps_s.append(spent_s + time.process_time() - started_s)
         mse.append(float(np.mean(errors_m(truth, surface) ** 2)))
-    ranks = [float(spearmanr(told, true).statistic) for told, true in stages]
-    found: dict[str, Any] = {"kind": bottle.kind, "mse": mse, "spearman": ranks, "step_s": steps_s}
+    found: dict[str, Any] = {"kind": bottle.kind, "mse": mse, "step_s": steps_s}
+    hidden = [(told[missing], true[missing]) for told, true, missing in stages]
+    found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
+    #: With the visible band around the hole, which is a part of the surface that is told.
+    found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
+    found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
     if stages:
         # All stages of one exploration together: does it fall as and where the error falls?
-        told, true = (np.concatenate(part) for part in zip(*stages, strict=True))
+        told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
         found["spearman_all"] = float(spearmanr(told, true).statistic)
     return found
 
 
-def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, np.ndarray]:
-    """Deviation and radial error of the surface's points in the hole [m]."""
+def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Deviation of every point of the surface, its distance from the true wall [m], and whether it was not seen."""
     found = completion.uncertainty()
-    points = found.mesh.vertices_m[found.missing]
-    z = points[:, 2]
-    inside = (z > HOLE[0] * bottle.height_m) & (z < HOLE[1] * bottle.height_m)
-    points = points[inside]
-    wall = bottle.radius_m(np.arctan2(points[:, 1], points[:, 0]), points[:, 2])
-    error = np.abs(np.hypot(points[:, 0], points[:, 1]) - wall)
-    return found.sigma_m[found.missing][inside], error
+    points = found.mesh.vertices_m
+    return found.sigma_m, wall_distance_m(bottle, points), found.missing
+
+
+def wall_distance_m(bottle: Bottle, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Distance of points near the wall from it: along the normal, of second order in the radial distance."""
+    theta = np.arctan2(points[:, 1], points[:, 0])
+    z = np.clip(points[:, 2], 0.0, bottle.height_m)
+    rho = bottle.radius_m(theta, z)
+    step = 1e-5
+    climb = (bottle.radius_m(theta, z + step) - bottle.radius_m(theta, z - step)) / (2 * step)
+    turn = (bottle.radius_m(theta + step, z) - bottle.radius_m(theta - step, z)) / (2 * step) / rho
+    return np.abs(np.hypot(points[:, 0], points[:, 1]) - rho) / np.sqrt(1 + climb**2 + turn**2)
 
 
 def touches_to_tenth(mse: list[float]) -> float:

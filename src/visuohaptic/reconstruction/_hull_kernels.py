@@ -1,4 +1,4 @@
-"""Rays against convex hulls, and lines of sight past blocked cells."""
+"""Rays and points against convex hulls, and lines of sight past blocked cells."""
 
 from __future__ import annotations
 
@@ -7,7 +7,32 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["mask_through", "seen_share"]
+__all__ = ["hull_distance", "mask_through", "seen_share", "within_hull"]
+
+
+@njit(cache=True, fastmath=True)
+def hull_distance(points, planes, out):  # type: ignore[no-untyped-def]
+    """Largest distance of each point (n, 3) from the planes; ``planes`` is (4, p), so that the loop is a vector one."""
+    a, b, c, d = planes[0], planes[1], planes[2], planes[3]
+    for r in range(points.shape[0]):
+        x, y, z = points[r, 0], points[r, 1], points[r, 2]
+        most = a[0] * x + b[0] * y + c[0] * z + d[0]
+        for p in range(1, a.size):
+            most = max(most, a[p] * x + b[p] * y + c[p] * z + d[p])
+        out[r] = most
+
+
+@njit(cache=True)
+def within_hull(points, planes, reach, out):  # type: ignore[no-untyped-def]
+    """Whether no plane (4, p) is farther than ``reach`` inside of a point; most points fail at one of the first."""
+    a, b, c, d = planes[0], planes[1], planes[2], planes[3]
+    for r in range(points.shape[0]):
+        x, y, z = points[r, 0], points[r, 1], points[r, 2]
+        out[r] = True
+        for p in range(a.size):
+            if a[p] * x + b[p] * y + c[p] * z + d[p] > reach:
+                out[r] = False
+                break
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ def warmup() -> None:
     """A few small views of a plane through both detectors and the fusion, and a small spline."""
     from ..camera import Camera
     from ..recording.depth_sequence import DepthFrame
-    from ._hull_kernels import mask_through, seen_share
+    from ._hull_kernels import hull_distance, mask_through, seen_share, within_hull
     from .pipeline import reconstruct
     from .rbf import RbfSurface
     from .volume import SpaceGrid
@@ -38,3 +38,5 @@ def warmup() -> None:
     mask_through(frames[0].depth_m.copy(), planes, rows, rows, *numbers, 0.01)
     ways = np.eye(3)
     seen_share(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
+    hull_distance(corners_m, np.ascontiguousarray(planes.T), np.empty(8))
+    within_hull(corners_m, np.ascontiguousarray(planes.T), 0.0, np.empty(8, dtype=np.bool_))

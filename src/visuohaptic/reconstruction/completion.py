@@ -27,7 +27,7 @@ from .centres import Centres, around_core, free_points, with_off_surface
 from .hole import HoleRegion, support_band
 from .hole_surface import HoleSpace
 from .mesh import SurfaceMesh
-from .profile import disagreement_m
+from .profile import fit_radial_model
 from .rbf import RbfSurface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
@@ -203,10 +203,11 @@ class Completion:
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
         spread = np.hypot(spread * self.prior_inflation, sigma_m)
         known = np.array([old for old, _ in self._contacts] + list(self.band.points_m))
-        for point, sigma in zip(points, spread, strict=True):
-            # What was measured nearby is better than what is guessed.
-            near = np.linalg.norm(known - point, axis=1).min() < 0.04 * self.region.size_m
-            if sigma < _USELESS * radius and not near:
+        gaps = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
+        # What was measured nearby is better than what is guessed.
+        near = gaps < 0.04 * self.region.size_m
+        for point, sigma, known_better in zip(points, spread, near, strict=True):
+            if sigma < _USELESS * radius and not known_better:
                 into.put(point, 0.0, float(sigma))
 
     def _refit(self, fresh: Centres | None) -> None:
@@ -279,13 +280,11 @@ class Completion:
         if self._uncertainty is None:
             mesh, distances = self._planned()
             score = distances.score(self._support_vertices(mesh))
-            sigma = spline_sigma_m(self._fit, mesh.vertices_m) * self.calibration
             if self.prior is not None:
-                # Half, because what the prior's two models disagree on is a part of the same error.
-                off_m = disagreement_m(
-                    mesh.vertices_m, self.prior, self.band, self._contacts, self.region.size_m
-                )
-                sigma = np.hypot(0.5 * sigma, off_m)
+                model = fit_radial_model(self.prior, self.band, self._contacts, self.region.size_m)
+                sigma = model.deviation_m(mesh.vertices_m)
+            else:
+                sigma = spline_sigma_m(self._fit, mesh.vertices_m) * self.calibration
             self._uncertainty = SurfaceUncertainty(mesh, score, sigma, self._missing(mesh.vertices_m))
         return self._uncertainty
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from ..errors import InputError
@@ -50,10 +50,22 @@ class HoleRegion:
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """How far the hull must grow to hold a point; negative inside."""
-        points = np.asarray(points_m, dtype=np.float64)
-        result = np.full(len(points), -np.inf)
-        for plane in self.planes:
-            np.maximum(result, points @ plane[:3] + plane[3], out=result)
+        from ._hull_kernels import hull_distance
+
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        result = np.empty(len(points))
+        hull_distance(points, np.ascontiguousarray(self.planes.T), result)
+        return result
+
+    def within(self, points_m: Float[np.ndarray, "n 3"], reach_m: float = 0.0) -> Bool[np.ndarray, "n"]:
+        """Whether points are in the hull grown by ``reach_m``; much faster than their distances."""
+        from ._hull_kernels import within_hull
+
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        result = np.empty(len(points), dtype=np.bool_)
+        # Planes side by side judge alike: in random order one of the first few finds a point outside.
+        order = np.random.default_rng(0).permutation(len(self.planes))
+        within_hull(points, np.ascontiguousarray(self.planes[order].T), reach_m, result)
         return result
 
     def core(self, share: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:

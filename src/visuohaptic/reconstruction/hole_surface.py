@@ -27,7 +27,7 @@ class HoleSpace:
             margin = self._band.margin_m
             low, high = self._region.hull_m.min(axis=0) - margin, self._region.hull_m.max(axis=0) + margin
             grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
-            inside = self._region.distance_m(grid.all_nodes_m) <= margin
+            inside = self._region.within(grid.all_nodes_m, margin)
             self._grids[nodes] = grid, inside.reshape(grid.shape)
         return self._grids[nodes]
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .._threads import one_blas_thread
 from ..errors import InputError
 from . import _rbf_kernels as kernels
 
@@ -70,6 +71,7 @@ class RbfSurface:
         """Number of centres."""
         return len(self._centers)
 
+    @one_blas_thread()
     def _factor(self) -> None:
         from scipy.linalg import lu_factor
 
@@ -95,6 +97,7 @@ class RbfSurface:
 
         return lu_solve(self._lu, right, check_finite=False)
 
+    @one_blas_thread()
     def added(
         self,
         centers_m: Float[np.ndarray, "m 3"],
@@ -177,6 +180,7 @@ class RbfSurface:
         found = self.gradient(points_m)
         return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
 
+    @one_blas_thread()
     def kriging_sigma_m(self, points_m: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
         """Standard deviation of r(X) [m] of the thin-plate Gaussian process with the same kernel.
 

@@ -79,4 +79,4 @@ def _blocked(
         blocked[tuple(cell.T)] = True
     axes = [low[k] + step_m * (np.arange(shape[k]) + 0.5) for k in range(3)]
     centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return blocked | (region.distance_m(centres) <= 0).reshape(tuple(shape))
+    return blocked | region.within(centres).reshape(tuple(shape))

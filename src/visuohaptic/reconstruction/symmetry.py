@@ -11,7 +11,7 @@ height, and so the whole ring, as uncertain as the fit was.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -22,8 +22,6 @@ __all__ = ["ShapePrior", "fit_prior"]
 ORDER = 8
 #: Knots of log R(z) in a band.
 _KNOTS = 6
-#: Directions at which residuals are averaged, over a window of this standard deviation.
-_ANGLES, _WINDOW_RAD = 72, 0.35
 #: Relative residual at which a symmetry is as likely as not.
 _HALF = 0.03
 
@@ -40,19 +38,11 @@ class ShapePrior:
     p_mirror: float  #: probability of a mirror plane through the axis
     p_sweep: float  #: probability that the cross-section keeps its shape between the bands
     uneven: float = 0.0  #: part of e that the mirror plane leaves over, standard deviation of log rho
-    mirror_rad: float = field(default=0.0)  #: direction of that plane
-    #: Root mean square of log rho's residual around evenly spaced angles from -pi on, the worse band's.
-    spread_by_angle: Float[np.ndarray, "a"] = field(default_factory=lambda: np.zeros(1))
+    mirror_rad: float = 0.0  #: direction of that plane
 
     def section(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
         """e(theta) at heights: how far log rho is off that of the profile."""
         return self._section(theta, z_m)[0]
-
-    def spread(self, theta: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """What the cross-section leaves over at angles, standard deviation of log rho."""
-        count = len(self.spread_by_angle)
-        grid = -np.pi + 2 * np.pi * np.arange(count) / count
-        return np.interp(theta, grid, self.spread_by_angle, period=2 * np.pi)
 
     def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
         """A touched point on the other side of the mirror plane, and its deviation [m].
@@ -134,7 +124,6 @@ def fit_prior(
     heights = np.array([float(np.median(points_m[rows, 2])) for rows in parts])
     harmonics = np.array([fit[0] for fit in fits])
     residual = float(np.sqrt(np.mean([np.var(fit[1]) for fit in fits])))
-    spread = np.max([_by_angle(theta[rows], fit[1]) for rows, fit in zip(parts, fits, strict=True)], axis=0)
     ripple = float(np.sqrt(np.mean(np.sum(harmonics**2, axis=1)) / 2))
     difference = float(np.sqrt(np.sum((harmonics[0] - harmonics[-1]) ** 2) / 2))
     mirror_rad, uneven = _mirror(harmonics)
@@ -148,7 +137,6 @@ def fit_prior(
         _probability(np.hypot(difference, residual)),
         uneven,
         mirror_rad,
-        spread,
     )
 
 
@@ -184,13 +172,6 @@ def _fit_band(
     ridge = np.diag(np.concatenate([np.full(_KNOTS, 1e-6), 1e-3 * orders**2 / ORDER]) * len(z) / 50)
     found = np.linalg.solve(columns.T @ columns + ridge, columns.T @ log_rho)
     return found[_KNOTS:], log_rho - columns @ found
-
-
-def _by_angle(theta: Float[np.ndarray, "n"], residual: Float[np.ndarray, "n"]) -> Float[np.ndarray, "a"]:
-    """Root mean square of residuals around each of ``_ANGLES`` directions."""
-    grid = -np.pi + 2 * np.pi * np.arange(_ANGLES) / _ANGLES
-    weights = np.exp((np.cos(grid[:, None] - theta) - 1) / _WINDOW_RAD**2)
-    return np.sqrt(weights @ residual**2 / np.maximum(weights.sum(axis=1), 1e-12))
 
 
 def _mirror(harmonics: Float[np.ndarray, "b h"]) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """One BLAS thread while many small dense matrices are worked on.
 
-Starting threads for a front of fifty rows costs more than the work in it, up to a hundred times
+Starting threads for a matrix of fifty rows costs more than the work in it, up to a hundred times
 on a busy machine. Objects and grasps are the better thing to spread over cores.
 """
 
