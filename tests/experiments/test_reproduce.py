@@ -179,6 +179,47 @@ def test_gallery_has_small_pictures_of_full_runs(tmp_path: Path) -> None:
         write_gallery(tmp_path, docs)
 
 
+def test_objects_of_table_4_1_have_the_printed_friction() -> None:
+    from visuohaptic.experiments.reproduce.table_4_1 import FIRM_FOAM, FRONT_m, GAP_m, table_rows
+
+    rows = {row.name: row for row in table_rows()}
+    assert len(rows) == 9  # the cushion is left out
+    for row in rows.values():
+        if row.known:
+            assert row.obstacle.dynamic_friction_N == pytest.approx(row.dynamic_N, rel=1e-9)
+            assert row.obstacle.static_friction_N == pytest.approx(row.static_N, rel=1e-9)
+    # Below the strain of 0.54 at which the platform stops, a strip of 25 cm x 1 cm bears the table.
+    bears_N = float(FIRM_FOAM.elastic_stress_Pa(np.array(0.5))) * 0.25 * 0.01
+    assert bears_N > 1.5 * rows["table"].static_N
+    # The cleaner tips about its edge before it slides: at m g r / h, with the foam 4.5 cm above the floor.
+    cleaner = rows["cleaner"].obstacle
+    tips_N = cleaner.mass_kg * 9.81 * 0.5 * cleaner.length_m / 0.045
+    assert tips_N == pytest.approx(rows["cleaner"].static_N, rel=0.05)
+    assert tips_N < cleaner.dynamic_friction_N
+    for row in rows.values():
+        nearest = min(
+            float(
+                outline.moved(row.obstacle.x_m, row.obstacle.y_m, row.obstacle.yaw_rad)
+                .polygon_m()[:, 0]
+                .min()
+            )
+            for outline in row.obstacle.outlines
+        )
+        # Rounded edges stand back a little when the thing is turned.
+        assert nearest == pytest.approx(FRONT_m + GAP_m, abs=1e-3), row.name
+
+
+@pytest.mark.parametrize("turned_deg", [10.0, 30.0, 45.0, 70.0])
+def test_corner_of_figure_3_10_points_at_the_strip(turned_deg: float) -> None:
+    from visuohaptic.experiments.reproduce.figure_3_10 import FRONT_m, GAP_m, _corner
+
+    thing = _corner("c", turned_deg).obstacle
+    outline = thing.outlines[0].moved(thing.x_m, thing.y_m, thing.yaw_rad).polygon_m()
+    nearest = outline[np.argmin(outline[:, 0])]
+    # Its edges are rounded by 2 mm, which takes at most (sqrt 2 - 1) 2 mm of the tip.
+    assert nearest == pytest.approx([FRONT_m + GAP_m, -0.01], abs=2.1e-3)
+
+
 def test_numbers_must_be_finite_and_columns_equal(tmp_path: Path) -> None:
     out = Output(tmp_path)
     with pytest.raises(InputError, match="expected a finite number"):
