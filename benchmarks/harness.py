@@ -46,6 +46,7 @@ CAMPAIGNS = (
     "objects_faults",
     "recog_state",
     "recog_table62",
+    "reproduce",
     "scene",
     "soak",
     "touch_map",

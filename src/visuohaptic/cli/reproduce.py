@@ -12,7 +12,8 @@ HELP = "Make figures and tables of the dissertation again, with its numbers besi
 EPILOG = """\
 reads   nothing: every experiment draws its own world from a seed
 writes  a folder for each experiment with its data (CSV), pictures (PNG) and result.json (numbers of ours
-        and of the dissertation, seed, versions), and index.md that shows them all
+        and of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
+        with what each of them took
 
 What is there and was made by the same version with the same seed is left alone. An experiment
 that fails does not stop the others; its reason is said, and the exit code is 1.
@@ -27,29 +28,46 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder to write to; made if it is not there")
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--quick", action="store_true", help="fewer samples, for a first look")
+    parser.add_argument(
+        "--jobs", type=int, default=0, metavar="N", help="run N at a time (0: one for each core)"
+    )
+    parser.add_argument("--gallery", type=Path, metavar="DOCS",
+                        help="then write gallery.md and images/gallery of the documentation to this folder")  # fmt: skip
     parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Run them one after the other; the mapping is what ``--json`` prints."""
-    from ..experiments.reproduce import EXPERIMENTS, reproduce, write_index
+    """Run them, several at a time; the mapping is what ``--json`` prints."""
+    from ..experiments.reproduce import EXPERIMENTS, Outcome, cores, reproduce_all, write_gallery, write_index
     from ..experiments.reproduce.runner import known_name
 
     wanted = list(EXPERIMENTS) if "all" in args.names else [known_name(name) for name in args.names]
-    outcomes = []
     with args.progress(len(wanted), "experiments") as progress:
-        for name in wanted:
-            outcome = reproduce(name, args.out, seed=args.seed, quick=args.quick, force=args.force)
-            outcomes.append(outcome)
-            state = f"failed: {outcome.problem}" if outcome.problem else "kept" if outcome.kept else "done"
-            args.report(f"{name:<12} {outcome.seconds:6.1f} s  {state}")
-            progress.advance(1, name)
+
+        def tell(one: Outcome) -> None:
+            state = f"failed: {one.problem}" if one.problem else "kept" if one.kept else "done"
+            args.report(f"{one.name:<12} {one.seconds:6.1f} s  {state}")
+            progress.advance(1, one.name)
+
+        outcomes = reproduce_all(
+            wanted, args.out, seed=args.seed, quick=args.quick, force=args.force,
+            jobs=args.jobs if args.jobs != 0 else min(cores(), len(wanted)), on_done=tell,
+        )  # fmt: skip
     index = write_index(args.out)
     args.report(f"written to {index}")
+    if args.gallery is not None:
+        args.report(f"written to {write_gallery(args.out, args.gallery)}")
     args.exit_code = 1 if any(one.problem for one in outcomes) else 0
     return {
         "index": str(index),
         "experiments": [
-            {"name": o.name, "seconds": o.seconds, "kept": o.kept, "problem": o.problem} for o in outcomes
+            {
+                "name": o.name,
+                "seconds": o.seconds,
+                "cpu_seconds": o.cpu_seconds,
+                "kept": o.kept,
+                "problem": o.problem,
+            }
+            for o in outcomes
         ],
     }

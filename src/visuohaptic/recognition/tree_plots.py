@@ -47,7 +47,8 @@ def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre")
     axes.set_yticks(range(len(values)), data.classes)
     for row, line in enumerate(values):
         for column, value in enumerate(line):
-            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7)
+            ink = "white" if abs(value) > 0.7 else "black"
+            axes.text(column, row, f"{value:.2f}", ha="center", va="center", fontsize=7, color=ink)
     figure.colorbar(shown, ax=axes, label="correlation")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120)
@@ -115,8 +116,8 @@ def _draw_features(axes: Any, tree: ClassificationTree, data: FeatureSet) -> Non
         feature = int(tree.feature[node])
         axes.plot(feature // 4 + 1, tree.threshold[node], "kx", ms=9, mew=2)
         axes.annotate(
-            feature_name(feature), (feature // 4 + 1, tree.threshold[node]), (8, 4),
-            textcoords="offset points", fontsize=7,
+            feature_name(feature), (feature // 4 + 1, tree.threshold[node]), (-8, 0), ha="right", va="center",
+            textcoords="offset points", fontsize=8, bbox={"facecolor": "white", "lw": 0, "alpha": 0.8, "pad": 0.5},
         )  # fmt: skip
     axes.set(xlabel="height (solid x+, dashed y+)", ylabel="feature without scale [1]")
     axes.set_yscale("symlog", linthresh=1.0)

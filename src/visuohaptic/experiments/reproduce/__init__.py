@@ -8,12 +8,26 @@ An experiment is a module of this package with
   numbers are beside the dissertation's.
 
 :data:`EXPERIMENTS` names them; :func:`reproduce` runs one into its folder, and leaves alone what is
-there and was made by the same version with the same seed.
+there and was made by the same version with the same seed. :func:`reproduce_all` runs many, several at a time.
 """
 
 from __future__ import annotations
 
+from .batch import cores, reproduce_all, write_costs
 from .output import Comparison, Output
-from .runner import EXPERIMENTS, Outcome, read_result, reproduce, write_index
+from .pages import write_gallery, write_index
+from .runner import EXPERIMENTS, Outcome, read_result, reproduce
 
-__all__ = ["EXPERIMENTS", "Comparison", "Outcome", "Output", "read_result", "reproduce", "write_index"]
+__all__ = [
+    "EXPERIMENTS",
+    "Comparison",
+    "Outcome",
+    "Output",
+    "cores",
+    "read_result",
+    "reproduce",
+    "reproduce_all",
+    "write_costs",
+    "write_gallery",
+    "write_index",
+]

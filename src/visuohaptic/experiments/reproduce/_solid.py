@@ -55,11 +55,12 @@ def frame_3d(
     *,
     elev: float = 14,
     azim: float = -60,
+    zoom: float = 1.0,
 ) -> None:
-    """Limits in millimetres, equal axes, no frame."""
+    """Limits in millimetres, equal axes, no frame; a flat scene may be enlarged."""
     low, high = 1e3 * np.asarray(low_m, dtype=float), 1e3 * np.asarray(high_m, dtype=float)
     for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
         setter(a, b)
-    axes.set_box_aspect(np.maximum(high - low, 1e-3))
+    axes.set_box_aspect(np.maximum(high - low, 1e-3), zoom=zoom)
     axes.view_init(elev=elev, azim=azim)
     axes.set_axis_off()

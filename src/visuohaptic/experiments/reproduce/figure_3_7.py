@@ -22,6 +22,12 @@ CAPTION = (
     "of 4 cm (C), with a polynomial of order three through each; crosses: four runs with shape C (simulated foam "
     "and camera). Right: the front contour under shape C is smoothed beyond the plate's edges."
 )
+NAMES = {
+    "A4": "A, cylinder of 4 cm",
+    "A12": "A, cylinder of 12 cm",
+    "B": "B, large plate",
+    "C": "C, plate of 4 cm",
+}
 DEEPEST_m = 0.010
 FRAMES = 4  #: at each depth, to tell noise from error
 
@@ -73,7 +79,7 @@ def run(out: Output) -> None:
             true, measured = data["true_N"][here], data["measured_N"][here]
             fit = np.polynomial.Polynomial.fit(true, measured, min(3, len(np.unique(true)) - 1))
             line = np.linspace(0, true.max(), 100)
-            left.plot(line, fit(line), color=COLOURS[colour], label=shape.value)
+            left.plot(line, fit(line), color=COLOURS[colour], label=NAMES[shape.value])
             middle.plot(line, 1e3 * (fit(line) - line), color=COLOURS[colour])
             if shape is PressShape.PLATE_4CM:
                 marks = {"marker": "x", "c": data["run"][here], "cmap": "viridis", "s": 18, "zorder": 3}

@@ -20,7 +20,7 @@ TITLE = "Search for push goals"
 CAPTION = (
     "Detail of the map of Fig. 4.2: candidate positions (+) of the crate with the path that encircles it there, its points "
     "nearer to obstacles than the platform's radius in red. Only the position in the door frame has two occupied parts. "
-    "Green: all goals according to the map M_g."
+    "Green: all goals according to the map M_g (floor drawn here)."
 )
 REACH_m = 1.6
 
@@ -84,5 +84,5 @@ def _draw(
         axes.plot(*ring[~bad].T, ".", color=COLOURS["blue"], ms=3, label="free" if number == 0 else None)
         axes.plot(*ring[bad].T, "x", color="red", ms=4, label="occupied" if number == 1 else None)
         axes.plot(*spot, "+", color=COLOURS["blue"], ms=10, mew=2)
-    axes.legend(loc="lower left", framealpha=0.9, frameon=True)
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4)
     axes.set(xlim=(x, x + wide), ylim=(y, y + high))

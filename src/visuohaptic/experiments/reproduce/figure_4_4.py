@@ -144,7 +144,9 @@ def _draw(axes: Any, shown: list[Any]) -> None:
         for axis in three:
             draw_map(axis, scene.grid)
             axis.fill(*scene.footprint_m.T, color=COLOURS["orange"], alpha=0.45, lw=0)
-            axis.set(xlabel="", ylabel="")
+            axis.set(
+                xlabel="x [m]" if row == len(shown) - 1 else "", ylabel="y [m]" if axis is three[0] else ""
+            )
         for one in found:
             good = one.outcome is Outcome.DROPPED
             three[0].plot(*one.path_m[:, :2].T, "-" if good else ":", lw=1.1 if good else 0.8,

@@ -71,7 +71,8 @@ def run(out: Output) -> None:
         _way(axes[2], push)
         for item in problem.objects:
             outline(axes[2], item.footprint_m, color=COLOURS["orange"], lw=1.2)
-            axes[2].annotate(item.id, item.centre_m, ha="center", va="center", fontsize=7)
+            top = (float(item.centre_m[0]), float(item.footprint_m[:, 1].max()))
+            axes[2].annotate(item.id, top, xytext=(0, 4), textcoords="offset points", ha="center", fontsize=8)
         axes[2].set_title(f"c  with manipulation: {push.length_m:.1f} m")
 
     out.picture("office", draw_axes(1, 3, draw, size=(15.0, 4.6)), dpi=90)

@@ -51,10 +51,10 @@ def run(out: Output) -> None:
         "x_m": [r.centroid_m[0] for r in regions] or [np.nan], "y_m": [r.centroid_m[1] for r in regions] or [np.nan],
         "z_m": [r.centroid_m[2] for r in regions] or [np.nan], "volume_m3": [r.volume_m3 for r in regions] or [np.nan],
     })  # fmt: skip
-    figure, axes = figure_3d(1, 3, size=(15.0, 5.0))
+    figure, axes = figure_3d(1, 3, size=(15.0, 4.2))
     for axis, title in zip(axes[0], ("a  fused surface", "b  with transparency", "c  truth"), strict=True):
         axis.set_title(title)
-        frame_3d(axis, (-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), elev=25)
+        frame_3d(axis, (-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), elev=25, zoom=1.9)
     used = mesh.vertices_m[mesh.faces].mean(axis=1)
     keep = (np.abs(used[:, :2]) < 0.4).all(axis=1) & (used[:, 2] > 0.01)
     from ...reconstruction.mesh import SurfaceMesh

@@ -19,8 +19,8 @@ __all__ = ["CAPTION", "TITLE", "run"]
 TITLE = "Simulated haptic exploration of three objects"
 CAPTION = (
     "Left: complete geometry; its middle is taken away and estimated. Then the surface (yellow) with 0, 3 and 10 touches "
-    "(red), the visible parts in grey and their support points in blue. Right: uncertainty before the fourth touch, dark "
-    "is certain (as in the dissertation, simulation on parametric bottles)."
+    "(red), the visible parts in grey. Right: uncertainty before the fourth touch, dark is certain, yellow the least "
+    "certain of the object (as in the dissertation, simulation on parametric bottles)."
 )
 SHOWN = (0, 3, 10)
 

@@ -16,7 +16,7 @@ __all__ = ["CAPTION", "TITLE", "run"]
 TITLE = 'Exploration of the "cien" bottle'
 CAPTION = (
     "(a) Stiffness features at 16 heights on four sides; (b) readings of the gripper at a point of the flat front (y+) and "
-    "one of the curved side (x+), open and closed with air inside, lines are the linear and quadratic models fitted to them "
+    "one of the curved side (x+), open and closed with air inside; straight: linear model up to 3 mm, dotted: quadratic one "
     "(simulated bottle, gripper and noise)."
 )
 PLACES = ("y+5", "x+4")
@@ -57,7 +57,10 @@ def run(out: Output) -> None:
             right.plot(1e3 * d, f, ".", ms=3, color=colour, label=f"{key[1]}, {key[0]}")
             at = np.linspace(0, float(d.max()), 50)
             if np.isfinite(fit.i_N_per_m):
-                right.plot(1e3 * at, fit.i_N_per_m * at, ":", color=colour, lw=1)
+                near = at[at <= 0.003]
+                right.plot(1e3 * near, fit.i_N_per_m * near, "-", color=colour, lw=2, alpha=0.5)
+            both = np.linalg.lstsq(np.column_stack([d, d**2]), f, rcond=None)[0]
+            right.plot(1e3 * at, np.column_stack([at, at**2]) @ both, ":", color=colour, lw=1.2)
         right.set(
             title="b  readings", xlabel="deformation [mm]", ylabel="force [N]", ylim=(0, None), xlim=(0, None)
         )

@@ -49,20 +49,20 @@ def run(out: Output) -> None:
     def draw(axes: Any) -> None:
         for number, (case, said) in enumerate(curves):
             colour = COLOURS["green"] if case.good else "#c62828"
-            style = ("-", "--", ":")[number % 3]
+            style = ("-", "--", ":", "-.", "--", "-.")[number % 6]
             axes.plot(
                 1e3 * said.curve_m,
                 said.curve_N,
                 style,
                 color=colour,
-                label=f"{case.name} ({case.force_N:g} N)",
+                label=f"{case.name.removesuffix(', 5 N')}, {case.force_N:g} N",
             )
             axes.plot(1e3 * min(said.deformation_m, float(said.curve_m[-1])),
                       np.interp(min(said.deformation_m, float(said.curve_m[-1])), said.curve_m, said.curve_N), "o",
                       color=colour)  # fmt: skip
         axes.axvline(5, color=COLOURS["grey"], ls=":")
         axes.set(xlabel="deformation of one side [mm]", ylabel="force [N]")
-        axes.legend(fontsize=8)
+        axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
 
     out.picture("grasps", draw_axes(1, 1, draw, size=(8.0, 4.8)))
     for name, flag in (("on the map", "map_holds"), ("by the nonlinear simulation", "simulated_holds")):

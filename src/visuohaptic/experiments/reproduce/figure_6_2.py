@@ -26,6 +26,8 @@ FORCE_N, HEIGHT = 3.0, 0.9
 
 def run(out: Output) -> None:
     """Pinch both, map one."""
+    from matplotlib.colors import LogNorm, Normalize
+
     figure, axes = figure_3d(1, 3, size=(11.0, 4.4))
     rows: dict[str, list[Any]] = {"model": [], "deformation_mm": [], "stiffness_N_per_m": []}
     moved = {}
@@ -44,6 +46,7 @@ def run(out: Output) -> None:
         low, high = points.min(axis=0), points.max(axis=0)
         frame_3d(axis, low, high, elev=20)
         axis.set_title(f"{letter}  {name}: {1e3 * moved[name]:.1f} mm at {FORCE_N:g} N", fontsize=10)
+        _scale(figure, axis, "viridis", Normalize(0.0, 1e3 * float(amount.max())), "moved by [mm]")
     found = object_map(thing, band=False)
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
@@ -52,9 +55,12 @@ def run(out: Output) -> None:
     axes[0, 2].add_collection3d(Poly3DCollection(corners, facecolors=shade, edgecolors="none"))
     frame_3d(axes[0, 2], low, high, elev=20)
     axes[0, 2].set_title("c  local stiffness of b", fontsize=10)
+    used = np.isfinite(found.stiffness_N_per_m)
+    # The scale of `colours`: logarithmic, from the 2nd to the 98th percentile.
+    ends = np.exp(np.percentile(np.log(found.stiffness_N_per_m[used]), (2, 98)))
+    _scale(figure, axes[0, 2], "jet", LogNorm(*ends), "stiffness [N/m]")
     out.picture("deformation", figure, dpi=90)
     out.table("pinch", rows)
-    used = np.isfinite(found.stiffness_N_per_m)
     out.table("map", {"x_m": found.vertices_m[used, 0], "y_m": found.vertices_m[used, 1],
                       "z_m": found.vertices_m[used, 2], "stiffness_N_per_m": found.stiffness_N_per_m[used]})  # fmt: skip
     stiff = [float(value) for value in rows["stiffness_N_per_m"]]
@@ -62,6 +68,13 @@ def run(out: Output) -> None:
                 note="the dissertation shows pictures: the rim holds the shape")  # fmt: skip
     out.compare("deformation at 3 N, without rim", 1e3 * moved["cup"], "mm")
     out.compare("deformation at 3 N, with rim", 1e3 * moved["cup-rim"], "mm")
+
+
+def _scale(figure: Any, axis: Any, colours: str, norm: Any, label: str) -> None:
+    from matplotlib.cm import ScalarMappable
+
+    bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, shrink=0.6, pad=0.02, label=label)
+    bar.ax.tick_params(labelsize=8)
 
 
 class _Surface:

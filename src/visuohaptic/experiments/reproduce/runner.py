@@ -1,10 +1,11 @@
-"""Runs experiments by name, one folder each, and writes the page that shows them all."""
+"""Runs experiments by name, one folder each."""
 
 from __future__ import annotations
 
 import importlib
 import json
 import logging
+import os
 import platform
 import time
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ from ...errors import InputError, VisuohapticError
 from ...files import write_text
 from .output import Output
 
-__all__ = ["EXPERIMENTS", "Outcome", "known_name", "read_result", "reproduce", "write_index"]
+__all__ = ["EXPERIMENTS", "Outcome", "known_name", "read_result", "reproduce"]
 
 #: Name -> module, in the dissertation's order.
 EXPERIMENTS: Mapping[str, str] = {
@@ -65,7 +66,8 @@ class Outcome:
 
     name: str
     folder: Path
-    seconds: float
+    seconds: float  #: of wall time; of the run that made it, if it was kept
+    cpu_seconds: float = 0.0  #: of all threads and children
     kept: bool = False  #: nothing was done: the same result is there
     problem: str = ""  #: why there is no result; empty when there is one
 
@@ -102,35 +104,45 @@ def reproduce(
     made_of = {"seed": seed, "quick": quick, "version": __version__}
     before = read_result(target)
     if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
-        return Outcome(key, target, float(before.get("seconds", 0.0)), kept=True)
+        took = float(before.get("seconds", 0.0)), float(before.get("cpu_seconds", 0.0))
+        return Outcome(key, target, *took, kept=True)
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
     out = Output(target, seed, quick)
-    begin, begin_cpu = time.perf_counter(), time.process_time()
+    begin, begin_cpu = time.perf_counter(), _cpu_s()
+
+    def ended(problem: str = "") -> Outcome:
+        return Outcome(key, target, time.perf_counter() - begin, _cpu_s() - begin_cpu, problem=problem)
+
     try:
         module = _module(key)
         module.run(out)
     except VisuohapticError as error:
-        return Outcome(key, target, time.perf_counter() - begin, problem=str(error))
+        return ended(str(error))
     except Exception as error:
         # A mistake in one experiment must not cost the others their hour.
         log.debug("%s", key, exc_info=True)
-        problem = f"unexpected {type(error).__name__}: {error}"
-        return Outcome(key, target, time.perf_counter() - begin, problem=problem)
-    seconds = time.perf_counter() - begin
+        return ended(f"unexpected {type(error).__name__}: {error}")
     if not (out.rows and (out.pictures or out.comparisons)):
-        return Outcome(key, target, seconds, problem="it wrote no data")
+        return ended("it wrote no data")
+    outcome = ended()
     result = {
         "name": key,
         "title": module.TITLE,
         "caption": module.CAPTION,
         **made_of,
-        "seconds": round(seconds, 2),
-        "cpu_seconds": round(time.process_time() - begin_cpu, 2),
+        "seconds": round(outcome.seconds, 2),
+        "cpu_seconds": round(outcome.cpu_seconds, 2),
         "versions": _versions(),
         **out.summary(),
     }
     write_text(target / "result.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
-    return Outcome(key, target, seconds)
+    return outcome
+
+
+def _cpu_s() -> float:
+    """CPU time of this process and of its children that have ended [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
 
 
 def read_result(folder: Path | str) -> dict[str, Any] | None:
@@ -144,43 +156,6 @@ def read_result(folder: Path | str) -> dict[str, Any] | None:
         return None
     named = [*result.get("tables", []), *result.get("pictures", [])]
     return result if named and all((folder / str(one)).is_file() for one in named) else None
-
-
-def write_index(folder: Path | str) -> Path:
-    """Write ``index.md``: all results in the folder, with pictures and numbers.
-
-    Beside it ``gallery.md`` is the same without pictures and links, for the documentation.
-    """
-    folder = Path(folder)
-    for name, whole in (("gallery.md", False), ("index.md", True)):
-        lines = ["# The dissertation's figures and tables, made again", ""]
-        for key in EXPERIMENTS:
-            result = read_result(folder / key)
-            if result is not None:
-                lines += _section(key, result, whole)
-        path = folder / name
-        write_text(path, "\n".join(lines))
-    return path
-
-
-def _section(key: str, result: dict[str, Any], whole: bool) -> list[str]:
-    lines = [f"## {key.replace('-', ' ').capitalize()} · {result['title']}", ""]
-    for picture in result["pictures"] if whole else ():
-        lines += [f"![{result['title']}]({key}/{picture})", ""]
-    lines += [result["caption"], ""]
-    if result["comparisons"]:
-        lines += ["| figure | ours | dissertation | unit | note |", "|---|---|---|---|---|"]
-        for one in result["comparisons"]:
-            printed = "" if one["dissertation"] is None else f"{one['dissertation']:.4g}"
-            lines.append(f"| {one['name']} | {one['ours']:.4g} | {printed} | {one['unit']} | {one['note']} |")
-        lines.append("")
-    made = f"Seed {result['seed']}, {result['seconds']:.0f} s"
-    if whole:
-        data = ", ".join(f"[{name}]({key}/{name})" for name in result["tables"])
-        lines += [f"Data: {data}. {made}.", ""]
-    else:
-        lines += [f"`visuohaptic reproduce {key}`, seed {result['seed']}.", ""]
-    return lines
 
 
 def known_name(name: str) -> str:

@@ -95,8 +95,9 @@ def _draw(axes: Any, trial: OpenerTrial) -> None:
         axes[1].plot(t, moment[:, k], color=colour, lw=1.1, label=f"M_{name}")
     axes[0].set(ylabel="force [N]")
     axes[1].set(ylabel="moment [Nm]", xlabel="time [s]")
-    for axis in axes:
-        axis.legend(loc="upper right", ncols=3)
+    # Before the cap is touched there is nothing but noise.
+    axes[0].legend(loc="lower left", ncols=3)
+    axes[1].legend(loc="upper left", ncols=3)
     top = math.inf
     for before, step in pairwise(steps):
         if step.state != before.state:

@@ -54,7 +54,12 @@ def run(out: Output) -> None:
     def draw(axes: Any) -> None:
         for shift, key, colour, label in ((-0.2, "loss_percent", "blue", "ours"),
                                           (0.2, "printed_percent", "grey", "dissertation")):  # fmt: skip
-            bars = rows["sigma_percent"] if key == "loss_percent" else None
+            bars = None
+            if key == "loss_percent":  # a loss is not below zero
+                bars = [
+                    [min(s, v) for s, v in zip(rows["sigma_percent"], rows[key], strict=True)],
+                    rows["sigma_percent"],
+                ]
             axes.bar(
                 [n + shift for n in rows["tree"]],
                 rows[key],
