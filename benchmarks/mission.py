@@ -3,22 +3,31 @@
 ``python -m benchmarks.mission`` runs a slice; ``--whole`` runs 20 seeds of the whole story and 20 runs of
 each fault. A fault is run through the chapters it touches and those after them up to the next that
 measures anew: what comes before is filled in from the simulated world.
+
+    python -m benchmarks.mission --whole --report mission.jsonl                 all of it
+    python -m benchmarks.mission --whole --part seeds --report seeds.jsonl      the seeds alone
+    python -m benchmarks.mission --part faults --runs 3 --report faults.jsonl   three runs of each fault
+
+Every story is a line of the report when it has ended; the same command goes on after the last one.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from visuohaptic.experiments.mission import Story, run_mission, write_story
+from visuohaptic.experiments.mission import run_mission, write_story
 from visuohaptic.simulation.faults import FaultKind
 
+from ._journal import Journal
+
 SEEDS, RUNS = 20, 20
+PARTS = ("seeds", "faults")
 #: Chapters that a fault touches, and those that follow from them.
 TOUCHED: dict[FaultKind, tuple[str, ...]] = {
     **dict.fromkeys(
@@ -39,47 +48,77 @@ TOUCHED: dict[FaultKind, tuple[str, ...]] = {
 
 
 def run(
-    seeds: int = 1, runs: int = 2, *, camera_runs: int = 1, report: Path | None = None
+    seeds: int = 1,
+    runs: int = 2,
+    *,
+    camera_runs: int = 1,
+    parts: Sequence[str] = PARTS,
+    first: int = 1,
+    faults: Sequence[FaultKind] = tuple(TOUCHED),
+    report: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """A slice by default."""
+    """A slice by default.
+
+    Parameters
+    ----------
+    seeds, runs
+        Whole stories, and runs of each fault; ``camera_runs`` of those that render the foam's frames.
+    first
+        The first seed; the others follow it.
+    report
+        File that keeps every story; a stopped campaign goes on from there.
+    """
+    kept = Journal(report, {"campaign": "mission", "first": first})
     rows: list[dict[str, Any]] = []
-    log: list[dict[str, Any]] = []
-    stories, seconds = [], []
-    for seed in range(1, seeds + 1):
-        begin = time.process_time()
-        story = _told(seed, None, None, log)
-        if story is not None:
-            stories.append(story)
-        seconds.append(time.process_time() - begin)
-    crashed = seeds - len(stories)
-    reasons = Counter(story.summary() for story in stories if not story.complete)
-    rows.append(
+    if "seeds" in parts:
+        rows += _seeds([_told(kept, seed, None, None) for seed in range(first, first + seeds)])
+    if "faults" in parts:
+        for kind in faults:
+            count = camera_runs if TOUCHED[kind] == ("foam",) else runs
+            told = [_told(kept, seed, kind, TOUCHED[kind]) for seed in range(first, first + count)]
+            rows.append(_fault(kind, told))
+    return rows
+
+
+def _seeds(told: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Of whole stories."""
+    reasons = Counter(one["summary"] for one in told if not one["complete"])
+    why = "; ".join(f"{count} {text}" if count > 1 else text for text, count in reasons.items())
+    crashes = [one for one in told if "crash" in one]
+    wrong = [(one["seed"], name) for one in told for name in one["wrong"]]
+    spent = sorted(one["cpu_s"] for one in told)
+    slowest = Counter[str]()
+    for one in told:
+        slowest.update(one["spent_s"])
+    chapters = ", ".join(f"{name} {total / len(told):.0f}" for name, total in slowest.most_common())
+    return [
         {
             "name": "missions complete",
-            "ours": 20 * sum(story.complete for story in stories) / seeds,
+            "ours": 20 * sum(one["complete"] for one in told) / len(told),
             "unit": "of 20",
             "floor": 18,
             "aim": 20,
-            "note": f"{seeds} seeds; {'; '.join(reasons) or 'none failed'}",
-        }
-    )
-    rows.append(
-        _least("wrong claims", sum(len(story.wrong_claims) for story in stories), f"{crashed} crashes")
-    )
-    rows.append(
-        _least("mission, CPU time [s]", sum(seconds) / seeds, "mean; not the time on idle cores", 240, 120)
-    )
-    for kind, chapters in TOUCHED.items():
-        count = camera_runs if chapters == ("foam",) else runs
-        told = [_told(seed, kind, chapters, log) for seed in range(1, count + 1)]
-        good = [story for story in told if story is not None]
-        bad = sum(bool(story.wrong_claims) for story in good) + len(told) - len(good)
-        ended = Counter(story.chapters[-1].outcome.value for story in good)
-        note = f"{count} runs: " + ", ".join(f"{n} {name}" for name, n in ended.items())
-        rows.append(_least(f"{kind.value}: crashes and wrong claims", bad, note))
-    if report is not None:
-        report.write_text(json.dumps(log, indent=1) + "\n")
-    return rows
+            "note": f"{len(told)} seeds; {why or 'none failed'}",
+        },
+        _least("missions that crashed", len(crashes), "; ".join(one["crash"] for one in crashes)),
+        _least("wrong claims", len(wrong), ", ".join(f"seed {seed}: {name}" for seed, name in wrong)),
+        _least(
+            "mission, CPU time [s]",
+            spent[len(spent) // 2],
+            f"median, {spent[0]:.0f} to {spent[-1]:.0f}; not the time on idle cores; "
+            f"seconds by chapter, mean: {chapters}",
+            240,
+            120,
+        ),
+    ]
+
+
+def _fault(kind: FaultKind, told: list[dict[str, Any]]) -> dict[str, Any]:
+    """Of the runs with one fault."""
+    bad = sum(bool(one["wrong"]) or "crash" in one for one in told)
+    ended = Counter(one["ended"] for one in told)
+    note = f"{len(told)} runs: " + ", ".join(f"{n} {name}" for name, n in ended.items())
+    return _least(f"{kind.value}: crashes and wrong claims", bad, note)
 
 
 def _least(name: str, value: float, note: str, floor: float = 0, aim: float = 0) -> dict[str, Any]:
@@ -95,28 +134,68 @@ def _least(name: str, value: float, note: str, floor: float = 0, aim: float = 0)
 
 
 def _told(
-    seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None, log: list[dict[str, Any]]
-) -> Story | None:
+    kept: Journal, seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None
+) -> dict[str, Any]:
+    """One story, from the journal or told now."""
+    key = f"{fault.value if fault else 'story'} {seed}"
+    if key not in kept:
+        begin_s = time.process_time()
+        found = _tell(seed, fault, chapters)
+        kept.put(key, {"seed": seed, "cpu_s": round(time.process_time() - begin_s, 2), **found})
+    row: dict[str, Any] = kept.rows[key]
+    return row
+
+
+def _tell(seed: int, fault: FaultKind | None, chapters: tuple[str, ...] | None) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
-        entry: dict[str, Any] = {"seed": seed, "fault": fault.value if fault else None}
-        log.append(entry)
         try:
             story = run_mission(folder, seed=seed, fault=fault, chapters=chapters, say=lambda _: None)
             write_story(story, Path(folder) / "report.html")
         except Exception as error:  # noqa: BLE001 - a crash is what is counted here
-            entry["crash"] = repr(error)
-            return None
-    entry["chapters"] = {one.name: [one.outcome.value, one.right, one.reason] for one in story.chapters}
-    return story
+            crash = f"{type(error).__name__}: {error}"
+            return {
+                "complete": False,
+                "wrong": [],
+                "crash": crash,
+                "summary": "crash",
+                "ended": "crash",
+                "spent_s": {},
+            }
+    last = story.chapters[-1].outcome.value
+    return {
+        "complete": story.complete,
+        "wrong": list(story.wrong_claims),
+        "summary": story.summary(),
+        "ended": last,
+        "spent_s": {one.name: round(one.duration_s, 2) for one in story.chapters},
+        "chapters": {one.name: [one.outcome.value, one.right, one.reason] for one in story.chapters},
+    }
 
 
 def main() -> None:
     """The campaign."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--whole", action="store_true", help="20 seeds, 20 runs of each fault")
-    parser.add_argument("--report", type=Path, help="JSON file with every run")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--whole", action="store_true", help=f"{SEEDS} seeds, {RUNS} runs of each fault")
+    parser.add_argument("--part", choices=PARTS, help="these alone")
+    parser.add_argument("--seeds", type=int, help="so many stories")
+    parser.add_argument("--runs", type=int, help="so many runs of each fault")
+    parser.add_argument("--first", type=int, default=1, help="first seed (1)")
+    parser.add_argument("--fault", choices=[kind.value for kind in TOUCHED], help="this one alone")
+    parser.add_argument("--report", type=Path, help="file with a line for every story; goes on from there")
     args = parser.parse_args()
-    rows = run(SEEDS, RUNS, camera_runs=RUNS, report=args.report) if args.whole else run(report=args.report)
+    seeds = args.seeds or (SEEDS if args.whole else 1)
+    runs = args.runs or (RUNS if args.whole else 2)
+    rows = run(
+        seeds,
+        runs,
+        camera_runs=args.runs or (RUNS if args.whole else 1),
+        parts=PARTS if args.part is None else (args.part,),
+        first=args.first,
+        faults=tuple(TOUCHED) if args.fault is None else (FaultKind(args.fault),),
+        report=args.report,
+    )
     for row in rows:
         print(
             f"{row['name']:50s} {row['ours']:8.3g} {row['unit']:6s} floor {row['floor']}, aim {row['aim']}  {row['note']}"

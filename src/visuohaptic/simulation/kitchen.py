@@ -104,8 +104,11 @@ class KitchenTable:
             way = max(-step, min(step, self._target - self._opening))
             if way > 0 or self.force_N < self.force_limit_N:
                 self._opening += way
-            self._balance()
+            # What is held has come along before the fingers feel it: the other way round they would feel
+            # the wall as far below as the arm has moved in this frame.
             self._carry()
+            self._balance()
+            self._held_z = self._tip_z() if self.force_N > 0 else None
             yield Frame(np.zeros((2, 2), np.uint8), self.arm.t_s, self._index)
             self._index += 1
 
@@ -131,7 +134,10 @@ class KitchenTable:
 
     def _height(self) -> float:
         """Where on the object the fingers are."""
-        return float(self.arm.true_pose().translation_m[2]) - self.lifted_m
+        return self._tip_z() - self.lifted_m
+
+    def _tip_z(self) -> float:
+        return float(self.arm.true_pose().translation_m[2])
 
     def _radius(self) -> float:
         tip = self.arm.true_pose().translation_m
@@ -141,7 +147,7 @@ class KitchenTable:
     def _balance(self) -> None:
         """Force at which foam and wall together are as much shorter as the fingers are too near."""
         if self.arm.t_s >= self.fall_at_s and not self.fallen:
-            self.fallen, self.lifted_m, self._held_z = True, 0.0, None
+            self.fallen, self.lifted_m = True, 0.0
         short = self._radius() - 0.5 * self._opening
         if short <= 0:
             self.force_N = self.deformation_m = 0.0
@@ -162,11 +168,10 @@ class KitchenTable:
 
     def _carry(self) -> None:
         """The object goes with the fingers as long as friction carries it."""
-        z = float(self.arm.true_pose().translation_m[2])
+        z = self._tip_z()
         friction = self.container.friction * (0.1 if self.arm.t_s >= self.slip_at_s else 1.0)
         holds = 2.0 * friction * self.force_N >= self.container.mass_kg * GRAVITY_M_S2
         if holds and self._held_z is not None:
             self.lifted_m = max(0.0, self.lifted_m + z - self._held_z)
         elif not holds and self.lifted_m > 0:
             self.lifted_m = 0.0  # it drops back onto the table
-        self._held_z = z if self.force_N > 0 else None

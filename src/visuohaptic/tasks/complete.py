@@ -68,6 +68,9 @@ class CompleteSettings:
     blocked_N: float = 1.0  #: a contact where none may be
     above_m: float = 0.05  #: height above the object on the way around it
     top_m: float = 0.3  #: of the object, in the base
+    floor_m: float = (
+        -math.inf
+    )  #: no line is probed lower than that, in the base: the table and the tip's radius
     travel_m_s: float = 0.15
     probe_m_s: float = 0.03
     sigma_m: float = 0.0005  #: of a contact: arm, tip and sensor
@@ -75,9 +78,15 @@ class CompleteSettings:
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
+        if not self.floor_m < self.top_m:
+            raise InputError(
+                "CompleteSettings", f"found {self.floor_m}, expected below top_m", field="floor_m"
+            )
         for name in self.__slots__:
             value = getattr(self, name)
-            if not (math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")):
+            if name != "floor_m" and not (
+                math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")
+            ):
                 raise InputError("CompleteSettings", f"found {value}, expected more than 0", field=name)
 
 
@@ -244,7 +253,7 @@ def complete_by_touch(
     task = CompleteTask(settings)
     touches: list[Touch] = []
     start = end = np.full(3, math.nan)
-    next_line: tuple[np.ndarray, np.ndarray] | None = None
+    next_line: tuple[np.ndarray, ...] | None = None
     error, done = completion.expected_error_m(), completion.done(settings.bound_m)
     last: ProbeCommand | None = None
     try:
@@ -252,7 +261,9 @@ def complete_by_touch(
             if task.state is CompleteState.PLAN and not done and len(touches) < settings.touches:
                 if next_line is None:
                     plan = completion.next_touch()
-                    next_line = (base.apply(plan.start_m), base.apply(plan.end_m))
+                    next_line = tuple(
+                        _not_below(base.apply(end), settings.floor_m) for end in (plan.start_m, plan.end_m)
+                    )
                 start, end = next_line
             wrench = feel(frame)
             _, pose = arm.pose()
@@ -292,6 +303,11 @@ def complete_by_touch(
         task.interrupt(CompleteOutcome.SOURCE_ENDED, f"after {len(touches)} touches")
     assert task.ending is not None
     return CompletionByTouch(task.ending, tuple(touches), error, task.trace())
+
+
+def _not_below(point_m: np.ndarray, floor_m: float) -> np.ndarray:
+    """The point, or the one above it at the floor: a surface that is guessed may go on below the table."""
+    return np.array([point_m[0], point_m[1], max(float(point_m[2]), floor_m)])
 
 
 def _vector(values: np.ndarray) -> Vector:

@@ -22,14 +22,14 @@ from ...recognition import (
     fit_model,
     touch_gains,
 )
-from ...recognition.state import StateCurve, fit_state_model, state_probability
 from ...simulation.faults import FaultKind
 from ...simulation.kitchen import KitchenTable
 from ...tasks.classify import ClassifySettings, classify_by_squeezing
 from ...tasks.grasp import GraspPlan, grasp_and_lift
 from ...tasks.hand import Hand, Place
-from ...tasks.squeeze import SqueezeCurve, SqueezeSettings, squeeze
+from ...tasks.squeeze import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 from .bottle import GROUPS, HEIGHTS, PLACE, STATES, contained, profile_of, training_objects
+from .contents import DEEPEST_M, FORCES_N, ContentsModel
 from .probe import set_the_table
 from .story import ChapterResult, Measure, Mission, Picture, done, failed
 
@@ -42,9 +42,9 @@ __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 
 #: Of the mean of a level's readings: the finger's force and surface.
 NOISE = SensorNoise(0.05, 5e-5)
-#: Levels of the squeeze that tells the state: large deformations [N].
-STATE_FORCES_N = (1.0, 3.0, 6.0, 10.0, 15.0, 20.0, 28.0, 36.0, 45.0)
 CONFIDENCE = 0.9
+#: A state is claimed when it is so sure; at so many places it is asked for, each level read by so many frames.
+STATE_CONFIDENCE, FIRM, STATE_FRAMES = 0.98, 6, 12
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
 #: planned height has lost: it is held by this at least, where the wall bears it [N].
 LEAST_GRIP_N = 2.5
@@ -52,8 +52,6 @@ LEAST_GRIP_N = 2.5
 TOP = 0.85
 #: Slowly up: where the wall narrows, fingers that run ahead of the bottle lose it [m/s].
 LIFT_M_S = 0.02
-#: Share of the height at which contents are felt best: the belly.
-BELLY = 0.35
 #: The wall is found by as many rounds; a stiffness goes with its power so.
 WALL_ROUNDS, WALL_POWER = 5, 2.3
 
@@ -143,24 +141,27 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     if not _is_round(known.class_model):
         return failed(f"it is taken for {found.best}, whose contents can't be told in this way")
     wall = fit_the_wall(known.outline_m, found.curves, float(known.class_model.wall[0]))
-    state, share, curve = _state(mission, hand, (x, y, 0.0), wall)
+    state, share, firm = _state(hand, known.outline_m, (x, y, 0.0), wall)
     known.wall_factor = wall / float(known.class_model.wall[0])
     parts = [
         Measure("class", found.best, bottle.description.name),
         Measure("squeezes that told it", len(found.curves), None),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
-        Measure("state", state or "not told", bottle.state),
+        Measure("state", state if share > 0 else "not told", bottle.state),
         Measure("its probability", share, None),
         Picture(
-            _belief_figure(found.belief, asker, curve),
-            "How sure it is of the class, and the squeeze that tells the state",
+            _belief_figure(found.belief, asker, firm[-1]),
+            "How sure it is of the class, and the last squeeze that tells the state",
         ),
     ]
-    if state is None or share < CONFIDENCE:
-        return failed(f"it is a {found.best}, but its state is doubtful ({share:.2f})", *parts)
+    if share < STATE_CONFIDENCE:
+        why = (
+            f"{state} {share:.2f} after {len(firm)} firm squeezes" if share > 0 else "like none that is known"
+        )
+        return failed(f"it is a {found.best}, but its state is doubtful ({why})", *parts)
     known.state = state
     right = found.best == bottle.description.name and state == bottle.state
-    why = f"a {found.best} ({found.belief[found.best]:.2f}), {state} ({share:.2f}), after {len(found.curves)} + 1 squeezes"
+    why = f"a {found.best} ({found.belief[found.best]:.2f}), {state} ({share:.2f}), after {len(found.curves)} + {len(firm)} squeezes"
     return done(why, right, *parts)
 
 
@@ -209,52 +210,29 @@ def fit_the_wall(
 
 
 def _state(
-    mission: Mission, hand: Hand, object_m: tuple[float, float, float], wall_m: float
-) -> tuple[str | None, float, SqueezeCurve]:
-    """Squeeze the belly firmly and compare with what each state would feel like."""
-    known = mission.known
-    assert known.outline_m is not None
-    height = float(known.outline_m[-1, 1])
-    level = max(1, round(BELLY * HEIGHTS))
-    place = Place((level - 0.5) / HEIGHTS * height)
-    settings = SqueezeSettings(object_m=object_m, forces_N=STATE_FORCES_N, deformation_m=0.007)
-    felt = squeeze(hand, [place], settings)
-    curve = felt.curves[0] if felt.curves else None
-    if curve is None or len(curve.force_N) < 4:
-        raise InputError(
-            "squeeze", f"{felt.ending.outcome}: {felt.ending.why}; no curve of large deformation"
-        )
-    name = f"x+{level}"
-    model = fit_state_model(
-        _state_curves(known.outline_m, wall_m, place.height_m, name, mission.rng(33)),
-        mission.rng(34),
-        noise=NOISE,
+    hand: Hand, outline_m: Float[np.ndarray, "k 2"], object_m: tuple[float, float, float], wall_m: float
+) -> tuple[str, float, list[SqueezeCurve]]:
+    """Squeeze firmly where the states differ most, and once more elsewhere while it is in doubt."""
+    model = ContentsModel(outline_m, wall_m)
+    settings = SqueezeSettings(
+        object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, hold_frames=STATE_FRAMES
     )
-    fit = reading_of(curve)
-    answer = state_probability(model, (TouchReading(level, "x", (fit, None)),))
-    if answer["probabilities"] is None:
-        return None, 0.0, curve
-    state = str(answer["state"])
-    return state, float(answer["probabilities"][state]), curve
-
-
-def _state_curves(
-    outline_m: Float[np.ndarray, "k 2"], wall_m: float, height_m: float, place: str, rng: np.random.Generator
-) -> list[StateCurve]:
-    found = []
-    for variant in range(8):
-        # What the fit of the wall leaves open, and a modulus that is not exactly PET's.
-        factor, stiffer = 1.0 + rng.uniform(-0.06, 0.06), 1.0 + rng.uniform(-0.06, 0.06)
-        for state in STATES:
-            thing = contained(outline_m, wall_m * factor, state, stiffer)
-            force = np.array([thing.force_at(height_m, d) for d in thing.deformation_m])
-            kept = (
-                (thing.deformation_m > 0)
-                & (force <= 1.1 * STATE_FORCES_N[-1])
-                & (thing.deformation_m < 0.0085)
-            )
-            found.append(StateCurve(state, variant, place, thing.deformation_m[kept], force[kept]))
-    return found
+    curves: list[SqueezeCurve] = []
+    why, told = "", dict.fromkeys(STATES, 0.0)
+    for place in model.places()[:FIRM]:
+        felt = squeeze(hand, [place], settings)
+        why = f"{felt.ending.outcome}: {felt.ending.why}"
+        if felt.ending.outcome == SqueezeOutcome.SENSOR_FAILED:
+            break
+        curves += [curve for curve in felt.curves if len(curve.force_N) >= 4]
+        if curves:
+            told = {**dict.fromkeys(STATES, 0.0), **model.probabilities(curves)}
+            if max(told.values()) >= STATE_CONFIDENCE:
+                break
+    if not curves:
+        raise InputError("squeeze", f"{why}; no curve of large deformation")
+    state = max(told, key=lambda name: told[name])
+    return state, told[state], curves
 
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:
