@@ -81,7 +81,10 @@ def thing(**changes):
         (thing(footprint_m=[[0, 0, 1], [1, 1], [1, 0]]), "objects[0].footprint_m: expected a list"),
         (thing(footprint_m=[[0, float("nan")], [1, 1], [1, 0]]), "objects[0].footprint_m: found nan"),
         (thing(footprint_m=[[0, "x"], [1, 1], [1, 0]]), "objects[0].footprint_m: found 'x'"),
-        (thing(footprint_m=[[0, 0], [1e300, 0], [0, 1e300]]), "expected finite [x, y] corners within 1e+09 m"),
+        (
+            thing(footprint_m=[[0, 0], [1e300, 0], [0, 1e300]]),
+            "expected finite [x, y] corners within 1e+09 m",
+        ),
         (thing(haptic_tag=3), "objects[0].haptic_tag: found int"),
         (thing(haptic_tag={"friction": 3}), "objects[0].haptic_tag.friction: is unknown"),
         (thing(haptic_tag={"fixed": "yes"}), "objects[0].haptic_tag.fixed: found 'yes'"),

@@ -77,7 +77,9 @@ def _image_beside(path: Path, name: str) -> Path:
             )
         if target.is_file():
             if Path(name.strip()).is_absolute():
-                _log.warning("%s: image %s is an absolute path, %s beside the map is used", path, name, target)
+                _log.warning(
+                    "%s: image %s is an absolute path, %s beside the map is used", path, name, target
+                )
             return target
         for suffix in _SUFFIXES if target.name else ():
             other = target.with_suffix(suffix)
