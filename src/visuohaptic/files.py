@@ -38,11 +38,13 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     Raises
     ------
     InputError
-        The folder does not exist or cannot be written.
+        The folder does not exist or cannot be written, or ``target`` is a folder itself.
     """
     target = Path(target)
     if not target.parent.is_dir():
         raise InputError(target, "its folder does not exist", remedy=f"create {target.parent}")
+    if target.is_dir():
+        raise InputError(target, "is a folder, expected the name of a file to write")
     try:
         handle, name = tempfile.mkstemp(
             prefix=f".{target.stem}.", suffix=f".part{target.suffix}", dir=target.parent

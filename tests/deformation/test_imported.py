@@ -136,6 +136,14 @@ def test_what_is_no_container_is_refused(make: object, said: str, tmp_path: Path
     assert str(path) in str(caught.value)
 
 
+def test_two_containers_side_by_side_are_refused(tmp_path: Path) -> None:
+    other = tube()
+    other.apply_translation([0.2, 0, 0])
+    path = write(trimesh.util.concatenate([tube(), other]), tmp_path / "two.stl")
+    with pytest.raises(InputError, match="no wall round the axis"):
+        import_object(path)
+
+
 def test_a_large_hole_is_refused_with_its_place(tmp_path: Path) -> None:
     mesh = tube()
     centre = mesh.triangles_center

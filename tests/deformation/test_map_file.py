@@ -134,3 +134,25 @@ def test_the_nearest_point_is_on_the_surface(found: StiffnessMap) -> None:
     )
     assert value == pytest.approx(found.stiffness_N_per_m[vertex], rel=0.05)
     np.testing.assert_allclose(place, found.vertices_m[vertex], atol=1e-3)
+
+
+def test_on_the_held_base_the_stiffness_is_infinite() -> None:
+    vertices = np.array([[0.03, 0, 0], [0, 0.03, 0], [0.03, 0, 0.01], [0, 0.03, 0.01]])
+    faces = np.array([[0, 1, 2], [1, 3, 2]])
+    stiffness = np.array([np.inf, np.inf, 2000.0, 2000.0])
+    value, place = nearest_value(vertices, faces, stiffness, np.array([0.03, 0, 0]))
+    assert value == np.inf
+    np.testing.assert_allclose(place, vertices[0], atol=1e-12)
+
+
+def test_a_map_with_negative_stiffness_is_refused(found: StiffnessMap, tmp_path: Path) -> None:
+    path = tmp_path / "negative.npz"
+    np.savez(
+        path,
+        vertices_m=found.vertices_m,
+        faces=found.faces,
+        stiffness_N_per_m=-np.abs(found.stiffness_N_per_m),
+        stiffness_sigma_N_per_m=found.stiffness_sigma_N_per_m,
+    )
+    with pytest.raises(InputError, match="stiffness_N_per_m: found -.*, expected no number below 0"):
+        load_map(path)

@@ -211,3 +211,27 @@ def test_the_search_says_when_it_gave_up():
     assert not result.found
     assert not result.exhausted
     assert "not proved" in result.reason
+
+
+def test_a_plan_never_pushes_where_the_way_round_is_cheaper():
+    """Coarse cells: a box beside the wall leaves a way on the map that its outline makes half a cell narrower."""
+    cells = np.zeros((24, 40), np.int8)
+    cells[[0, -1]] = cells[:, [0, -1]] = 100
+    cells[:16, 20] = 100  # what is left is seven cells high, four of them free beside the box
+    outline_m = np.array([[1.9, 1.55], [2.25, 1.55], [2.25, 1.85], [1.9, 1.85]])
+    cells[16:18, 19:22] = 100
+    problem = PlanningProblem(
+        OccupancyMap(cells, 0.1),
+        replace(ROBOT, radius_m=0.25),
+        np.array([0.6, 1.2]),
+        np.array([3.4, 1.2]),
+        (MovableObject("box", outline_m, STOOL),),
+    )
+    assert without_pushing(problem).reachable
+    assert make_plan(problem).cost_s <= without_pushing(problem).cost_s
+
+
+def test_an_object_wider_than_the_map_is_not_in_metres():
+    problem = office()
+    with pytest.raises(InputError, match="350 m wide on a map of .* expected metres"):
+        replace(problem, objects=(MovableObject("stool", 1000 * box(2.0, 1.0, 0.35), STOOL),))

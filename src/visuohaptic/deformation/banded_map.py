@@ -106,7 +106,7 @@ def nearest_value(
     _, share, face = best
     with np.errstate(divide="ignore"):
         compliance = 1.0 / values[face]
-        value = 1.0 / float(np.sum(np.where(share > 0, share * compliance, 0.0)))
+        value = float(1.0 / np.sum(np.where(share > 0, share * compliance, 0.0)))  # infinite on the held base
     return value, share @ vertices_m[face]
 
 

@@ -277,6 +277,9 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
 def _why_not_as_it_is(state: MeshState) -> str:
     """The first reason against using the triangles as they are, or nothing."""
     vertices, faces = state.vertices, state.faces
+    parts = _part_count(faces)
+    if parts > 1:
+        return f"{parts} parts that are not joined"
     if state.branching_edges or state.turned:
         return f"{state.branching_edges + state.turned} edges that are no part of a surface"
     if not FEWEST_FACES <= len(faces) <= MOST_FACES:
@@ -300,6 +303,17 @@ def _why_not_as_it_is(state: MeshState) -> str:
     if float(np.percentile(length.max(axis=1), 90)) > round_m / EDGES_ROUND:
         return f"triangles of {1e3 * float(np.percentile(length.max(axis=1), 90)):.2g} mm, too coarse"
     return ""
+
+
+def _part_count(faces: Int[np.ndarray, "f 3"]) -> int:
+    """How many pieces share no vertex."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    used, face = np.unique(faces, return_inverse=True)
+    pairs = face.reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used),) * 2)
+    return int(connected_components(graph, directed=False)[0])
 
 
 def _inner_surface(state: MeshState, where: str) -> str:

@@ -71,6 +71,10 @@ def load_map(path: Path | str) -> StiffnessMap:
     for name in _ARRAYS[2:]:
         if arrays[name].dtype.kind != "f" or arrays[name].shape != (count,):
             raise InputError(path, f"found {arrays[name].shape}, expected ({count},)", field=name)
+        if (arrays[name] < 0).any():
+            raise InputError(
+                path, f"found {np.nanmin(arrays[name]):g}, expected no number below 0", field=name
+            )
     return StiffnessMap(vertices, faces.astype(np.int64), arrays[_ARRAYS[2]], arrays[_ARRAYS[3]])
 
 

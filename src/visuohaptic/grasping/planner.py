@@ -192,7 +192,9 @@ def plan_map(
     Without a wall the weight is not known: the task gives the force, or the load.
     """
     if task.force_N is None and task.load is None:
-        raise InputError("plan_map", "a map has no weight", remedy="give the force or the load")
+        raise InputError(
+            "plan_map", "a map has no weight", remedy="give the force or the mass (--force, --mass)"
+        )
     if task.fill and not task.closed:
         raise InputError("plan_map", "a map can't tell when it runs over", remedy="give the object instead")
     return _plan(surface, task, task.load, None, lambda scores: None, count, arm_cost, None)

@@ -16,6 +16,9 @@ __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers"]
 #: Cells are obstacles from this occupancy on: where occupied is more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
 
+#: Beyond this ratio of the speeds, costs in whole units overflow or lose the fast one.
+MAX_SPEED_RATIO = 1000.0
+
 #: A straight step at full speed costs so many units; fewer where v_min is below v_max / 15.
 _FAST_STEP = 4096
 #: A robot that touches a cell's centre exactly passes: rounding of radius / resolution must not decide.
@@ -44,6 +47,13 @@ class SpeedLimits:
                 "SpeedLimits",
                 f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
                 field="v_max_m_s",
+            )
+        if self.v_max_m_s > MAX_SPEED_RATIO * self.v_min_m_s:
+            raise InputError(
+                "SpeedLimits",
+                f"found {self.v_min_m_s}, expected at least v_max_m_s / {MAX_SPEED_RATIO:g}"
+                f" ({self.v_max_m_s / MAX_SPEED_RATIO:g})",
+                field="v_min_m_s",
             )
 
     def cost_s_per_m(self, distance_m: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:

@@ -10,11 +10,14 @@ from jaxtyping import Float
 from ..errors import InputError
 from ..objects import HapticTag
 from ..recording import OccupancyMap
+from .grid import SpeedLimits
 
 __all__ = ["MovableObject", "PlanningProblem", "RobotModel"]
 
 #: Vertices of one footprint; more than this is a scan, not an outline.
 MAX_VERTICES = 2000
+#: Corners farther from the map's origin than this are no lengths on a floor [m].
+MAX_COORDINATE_M = 1e9
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,7 @@ class RobotModel:
                 f"found {self.v_min_m_s}, expected at most v_max_m_s ({self.v_max_m_s})",
                 field="v_min_m_s",
             )
+        SpeedLimits(self.radius_m, self.v_max_m_s, self.v_min_m_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,10 +83,10 @@ def _outline(points: object, where: str) -> Float[np.ndarray, "p 2"]:
         outline = np.array(points, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(where, "found something else than numbers", field="footprint_m") from error
-    if outline.ndim != 2 or outline.shape[1] != 2 or not np.isfinite(outline).all():
+    if outline.ndim != 2 or outline.shape[1] != 2 or not (np.abs(outline) <= MAX_COORDINATE_M).all():
         raise InputError(
             where,
-            f"found shape {outline.shape}, expected finite [x, y] corners",
+            f"found shape {outline.shape}, expected finite [x, y] corners within {MAX_COORDINATE_M:g} m",
             field="footprint_m",
         )
     distinct = np.ones(len(outline), dtype=bool)
@@ -156,4 +160,14 @@ class PlanningProblem:
         if len(set(ids)) != len(ids):
             twice = next(name for name in ids if ids.count(name) > 1)
             raise InputError("PlanningProblem", f"found the id '{twice}' twice, expected distinct ids")
+        diagonal_m = float(np.hypot(*self.map.size_m))
+        for item in self.objects:
+            extent_m = float(np.ptp(item.footprint_m, axis=0).max())
+            if extent_m > diagonal_m:
+                raise InputError(
+                    item.where,
+                    f"found an object '{item.id}' {extent_m:g} m wide on a map of {diagonal_m:g} m from corner "
+                    "to corner, expected metres",
+                    field="footprint_m",
+                )
         object.__setattr__(self, "objects", tuple(self.objects))

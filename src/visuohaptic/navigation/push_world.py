@@ -157,6 +157,7 @@ def push_world(
     margin = robot.push_margin_m / grid.resolution_m
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
+    drawn = occupied.copy()
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
@@ -184,7 +185,7 @@ def push_world(
     for outline in outlines:
         clear_cells(occupied, outline)
     for item in fixed:  # after the clearing: a fixed object beside a movable one keeps its cells
-        fill_cells(occupied, grid_from_world(grid, item.footprint_m))
+        _keep_cells(occupied, drawn, grid_from_world(grid, item.footprint_m))
     return PushWorld(
         grid,
         robot,
@@ -241,6 +242,31 @@ def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndar
             count = max(1, int(np.ceil(np.hypot(*(b - a)) / OUTLINE_STEP)))
             points.append(a + (b - a) * (np.arange(count) / count)[:, None])
     return np.concatenate(points)
+
+
+def _keep_cells(
+    occupied: Bool[np.ndarray, "rows columns"],
+    drawn: Bool[np.ndarray, "rows columns"],
+    outline: Float[np.ndarray, "p 2"],
+) -> None:
+    """Occupy an object that stays as the map draws it, so that ways beside it are those of the map.
+
+    Where the map does not show all of it, every cell that it touches is taken.
+    """
+    window = _window(occupied.shape, outline, 1.0)
+    if not occupied[window].size:
+        return
+    touched = _touched(outline, window)
+    shown = drawn[window] | ~_covered(outline, window)
+    occupied[window] |= touched & drawn[window] if shown.all() else touched
+
+
+def _covered(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
+    """Cells of a window whose centre is inside the outline."""
+    import shapely
+
+    r, c = np.mgrid[window]
+    return np.asarray(shapely.contains_xy(shapely.Polygon(outline), c + 0.5, r + 0.5))
 
 
 def _window(shape: tuple[int, int], outline: Float[np.ndarray, "p 2"], grow: float) -> tuple[slice, slice]:

@@ -45,6 +45,12 @@ def make_plan(
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     unknown = [item for item in problem.objects if item.tag is None]
     sure = _planned(problem, costs, limits, unknown=False)
+    if problem.objects and (sure.pushes or not sure.reachable):
+        # What stays is as large as the map draws it, what may move as large as its outline: a way
+        # may be open where nothing has to move.
+        around = without_pushing(problem, limits)
+        if around.reachable and not sure.cost_s <= around.cost_s:
+            sure = replace(around, name=sure.name, notes=sure.notes)
     if not unknown:
         return sure
     daring = _planned(problem, costs, limits, unknown=True)

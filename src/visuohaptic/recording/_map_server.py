@@ -68,7 +68,6 @@ def _image_beside(path: Path, name: str) -> Path:
     named = Path(name.strip().replace("\\", "/"))
     if named.is_absolute():
         # A map file must not read any file of the computer; its picture usually moved along with it.
-        _log.warning("%s: image %s is an absolute path, its name is looked for beside the map", path, name)
         named = Path(named.name)
     target = folder / named
     try:
@@ -77,6 +76,10 @@ def _image_beside(path: Path, name: str) -> Path:
                 path, f"found {name!r}, expected a file inside the folder of the map", field="image"
             )
         if target.is_file():
+            if Path(name.strip()).is_absolute():
+                _log.warning(
+                    "%s: image %s is an absolute path, %s beside the map is used", path, name, target
+                )
             return target
         for suffix in _SUFFIXES if target.name else ():
             other = target.with_suffix(suffix)
