@@ -12,11 +12,11 @@ import json
 import math
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -67,7 +67,7 @@ def _encode(value: Any, place: str, arrays: Arrays) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         inside = f"{place}." if place else ""
         found = {}
-        for name, default in _defaults(kind):
+        for name, default in _defaults(cast("Hashable", kind)):
             item = getattr(value, name)
             if item is default or (
                 isinstance(item, (dict, tuple, Mapping)) and not item and default is not MISSING
@@ -85,7 +85,7 @@ def _name_of(kind: np.dtype) -> str:
 
 
 @cache
-def _defaults(kind: type) -> tuple[tuple[str, Any], ...]:
+def _defaults(kind: Any) -> tuple[tuple[str, Any], ...]:
     return tuple((f.name, f.default if f.default_factory is MISSING else ()) for f in fields(kind))
 
 
