@@ -228,10 +228,16 @@ def campaign(
     return pushes
 
 
+def _both(pushes: list[Push], name: str, truth: str) -> list[tuple[Any, float]]:
+    return [(getattr(push.tag, name), float(getattr(push, truth))) for push in pushes]
+
+
 def _errors(pushes: list[Push], name: str, truth: str) -> tuple[np.ndarray, np.ndarray]:
-    """Relative errors, and errors by declared sigma."""
+    """Relative errors, and errors by declared sigma, of what was there to be found."""
     pairs: list[tuple[Estimate, float]] = [
-        (getattr(p.tag, name), getattr(p, truth)) for p in pushes if getattr(p.tag, name) is not None
+        (found, true)
+        for found, true in _both(pushes, name, truth)
+        if found is not None and math.isfinite(true)
     ]
     relative = np.array([e.value / true - 1.0 for e, true in pairs])
     pulls = np.array([(e.value - true) / max(e.sigma, 1e-12) for e, true in pairs])
@@ -266,7 +272,7 @@ def rows_of(pushes: list[Push]) -> list[dict[str, Any]]:
         ("drift", "drift", "drift", "m/m"),
         ("rotation", "rotation_rad_per_m", "rotation_rad_per_m", "rad/m"),
     ):
-        pairs = [(getattr(p.tag, field).value, getattr(p, truth)) for p in movable if getattr(p.tag, field)]
+        pairs = [(e.value, true) for e, true in _both(movable, field, truth) if e and math.isfinite(true)]
         errors = np.abs([a - b for a, b in pairs]) if pairs else np.array([np.nan])
         spread = float(np.std([b for _, b in pairs])) if pairs else np.nan
         rows.append(

@@ -29,9 +29,8 @@ __all__ = ["break_away"]
 
 #: Steps of the grids and of the integration between two frames.
 TIMES, MASSES, STEPS = 48, 24, 40
-#: What is believed of the mass before: the dynamic friction of a coefficient of 0.4, within a factor of
-#: exp(0.5) (one sigma) for other coefficients and for bodies that turn.
-FRICTION, LOG_MASS_SIGMA = 0.4, 0.5
+#: What is believed of the mass before: the dynamic friction of a coefficient of 0.4; 0.2 and 0.8 are at two sigmas.
+FRICTION, LOG_MASS_SIGMA = 0.4, 0.35
 GRAVITY_M_S2 = 9.81
 #: By how much static friction exceeds the dynamic one, as a part of it: most dry pairs of materials stay below
 #: 1.4. Without this a static friction near the dynamic one is always read too high, since it cannot be lower.
@@ -42,8 +41,9 @@ RELEASED = 1.5
 WAY_ERROR = 0.1
 #: Error of the method itself, by the force: the Stribeck part of the friction, turning bodies.
 METHOD_ERROR = 0.02
-#: Frames before the contact that tell the noise.
-QUIET_FRAMES = 6
+#: Frames before the contact that tell the noise, and the factor that it is taken larger by: the largest of many
+#: noisy points, which the deflection in a contact is a mean of, scatter less than each of them.
+QUIET_FRAMES, SAFE_NOISE = 6, 2.0
 #: Frames after the last one at rest that are looked at.
 FRAMES = 3
 #: An object slides, and rests, when its way grows by more, and less, than these parts of the travel.
@@ -112,17 +112,28 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     model = _ways(times, masses, at_rest, static, t[chosen], speed, dynamic_N, rising, loads)
     sigma = np.hypot(noise * np.sqrt(2.0), WAY_ERROR * np.abs(y))
     misfit = np.sum(((model - y) / sigma) ** 2, axis=-1) + (log_mass / LOG_MASS_SIGMA) ** 2
-    weight = np.exp(-0.5 * (misfit - misfit.min())).sum(axis=1)
-    weight[static < dynamic_N] = 0.0  # Coulomb: it takes at least as much to start as to go on
+    prior = (static >= dynamic_N).astype(
+        np.float64
+    )  # Coulomb: it takes at least as much to start as to go on
     if dynamic_N > 0:
-        weight *= np.exp(-0.5 * ((static / dynamic_N - 1.0) / STATIC_EXCESS) ** 2)
+        prior *= np.exp(-0.5 * ((static / dynamic_N - 1.0) / STATIC_EXCESS) ** 2)
+    weight = prior * np.exp(-0.5 * (misfit - misfit.min())).sum(axis=1)
     if not weight.sum() > 0:
         return None
-    weight /= weight.sum()
-    value = float(weight @ static)
-    spread = float(np.sqrt(weight @ (static - value) ** 2))
+    value, spread = _moments(static, weight)
+    # The posterior's width is right for the noise that was assumed. As that is larger than the true one by
+    # SAFE_NOISE, its mean errs less: what the prior leaves open, and what the true noise moves it by.
+    share = min(spread / max(_moments(static, prior)[1], 1e-12), 1.0)
+    spread *= float(np.sqrt(share**2 + (1.0 - share**2) / SAFE_NOISE**2))
     grid = float(np.ptp(static)) / TIMES / np.sqrt(12.0)
     return value, float(np.sqrt(spread**2 + grid**2 + (METHOD_ERROR * value) ** 2))
+
+
+def _moments(values: Float[np.ndarray, "T"], weight: Float[np.ndarray, "T"]) -> tuple[float, float]:
+    """Mean and standard deviation under weights that need not add up to 1."""
+    share = weight / weight.sum()
+    mean = float(share @ values)
+    return mean, float(np.sqrt(share @ (values - mean) ** 2))
 
 
 def _noise_m(record: PushRecord, before: int) -> float:
@@ -137,8 +148,7 @@ def _noise_m(record: PushRecord, before: int) -> float:
     free = free[np.isfinite(free)]
     if len(free) < QUIET_FRAMES:
         return declared
-    # The largest of many noisy points scatter less than each of them: a factor on the safe side.
-    return min(declared, max(1.5 * float(np.std(np.diff(free))), 1e-6))
+    return min(declared, max(SAFE_NOISE * float(np.std(np.diff(free))) / np.sqrt(2.0), 1e-6))
 
 
 def _load(
