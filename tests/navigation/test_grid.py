@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from visuohaptic.errors import InputError
-from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+from visuohaptic.navigation.grid import SpeedLimits, grid_layers, window_distance
 from visuohaptic.recording import OccupancyMap
 
 from .random_maps import RADII_M, random_map
@@ -21,11 +21,13 @@ def test_distances_and_reachable_cells_are_those_of_scipy():
         free = bool(rng.integers(2))
         layers = grid_layers(grid, limits, unknown_is_free=free)
         obstacle = (grid.cells >= 50) | ((grid.cells < 0) & (not free))
-        if not obstacle.any():
+        if free and not obstacle.any():
             assert np.isinf(layers.distance_m).all()
             assert layers.reachable.all()
             continue
-        truth_m = distance_transform_edt(~obstacle) * grid.resolution_m
+        # Unknown is what lies outside, too.
+        around = np.pad(obstacle, 1, constant_values=not free)
+        truth_m = distance_transform_edt(~around)[1:-1, 1:-1] * grid.resolution_m
         # Single precision: 2^-24 of up to 7 m.
         np.testing.assert_allclose(layers.distance_m, truth_m, atol=5e-7)
         clear = np.abs(truth_m - limits.radius_m) > 1e-9
@@ -57,14 +59,15 @@ def test_a_radius_of_whole_cells_reaches_cells_exactly_as_far():
     for resolution_m in (0.05, 0.1, 0.02, 0.0504):
         for count in range(1, 12):
             limits = SpeedLimits(count * resolution_m)
-            reachable = grid_layers(OccupancyMap(cells, resolution_m), limits).reachable[0]
+            strip = OccupancyMap(cells, resolution_m)  # a single row: its border does not count
+            reachable = grid_layers(strip, limits, unknown_is_free=True).reachable[0]
             assert reachable.argmax() == count
 
 
 def test_a_long_column_without_obstacles_is_far_from_those_of_others():
     cells = np.zeros((70_000, 2), np.int8)
     cells[0, 0] = 100
-    layers = grid_layers(OccupancyMap(cells, 0.05), SpeedLimits(0.2))
+    layers = grid_layers(OccupancyMap(cells, 0.05), SpeedLimits(0.2), unknown_is_free=True)
     np.testing.assert_allclose(layers.distance_m[60_000], 0.05 * np.hypot(60_000, [0, 1]), rtol=1e-6)
 
 
@@ -85,3 +88,30 @@ def test_limits_that_mean_nothing_are_refused(words, field):
 def test_a_radius_of_thousands_of_cells_is_refused():
     with pytest.raises(InputError, match="at most 666 cells"):
         grid_layers(OccupancyMap(np.zeros((2, 2), np.int8), 0.001), SpeedLimits(5.0))
+
+
+def test_windows_measure_as_the_whole_map_does():
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        grid = random_map(rng)
+        free = bool(rng.integers(2))
+        whole = grid_layers(grid, SpeedLimits(0.2), unknown_is_free=free).distance_m / np.float32(0.1)
+        blocked = (grid.cells >= 50) | ((grid.cells < 0) & (not free))
+        rows, columns = (slice(*sorted(int(i) for i in rng.integers(0, n + 1, 2))) for n in grid.shape)
+        if rows.start == rows.stop or columns.start == columns.stop:
+            continue
+        part = window_distance(blocked[rows, columns], (rows, columns), grid.shape, outside_blocks=not free)
+        # A window may not know of what lies beyond it, but never tells of more than is there.
+        assert (part >= whole[rows, columns] - 1e-4).all()
+        every = (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
+        np.testing.assert_allclose(
+            window_distance(blocked, every, grid.shape, outside_blocks=not free), whole, rtol=1e-5
+        )
+
+
+def test_a_robot_keeps_off_the_border_as_off_an_unknown_cell_beyond_it():
+    room = OccupancyMap(np.zeros((9, 9), np.int8), 0.1)
+    inside = np.zeros((9, 9), bool)
+    inside[2:7, 2:7] = True  # cells of the border are a cell from the outside
+    np.testing.assert_array_equal(grid_layers(room, SpeedLimits(0.3)).reachable, inside)
+    assert grid_layers(room, SpeedLimits(0.3), unknown_is_free=True).reachable.all()

@@ -67,7 +67,8 @@ def test_potential_and_nodes_are_those_of_dijkstra():
 
 
 def test_ties_go_to_the_smaller_cell():
-    layers = grid_layers(OccupancyMap(np.zeros((1, 7), np.int8), 0.1), SpeedLimits(0.1))
+    strip = OccupancyMap(np.zeros((1, 7), np.int8), 0.1)
+    layers = grid_layers(strip, SpeedLimits(0.1), unknown_is_free=True)
     graph = build_graph(layers, spacing_m=None)
     assert graph.nodes == 1
     from dataclasses import replace

@@ -235,6 +235,18 @@ def test_round_bodies_and_outlines() -> None:
     assert a.force_N[0] == pytest.approx(b.force_N[0], rel=1e-3)
 
 
+@pytest.mark.parametrize("radius_m", [0.17, float("inf")])
+def test_a_long_wall_behind_the_robot_is_not_touched(radius_m: float) -> None:
+    geometry = StripGeometry(radius_m=radius_m, spacing_m=0.001)
+    behind = Outline.box((-0.45, 0.0), (0.1, 4.0), 0.0, 0.0)
+    assert not FoamStrip(geometry, SOFT_FOAM).press([behind]).force_N.any()
+    # ... and changes nothing for what is touched in front.
+    disc = Outline.disc((0.045, 0.01), 0.03)
+    alone = FoamStrip(geometry, SOFT_FOAM).press([disc])
+    both = FoamStrip(geometry, SOFT_FOAM).press([behind, disc])
+    np.testing.assert_allclose(both.force_N, alone.force_N, rtol=1e-3)
+
+
 def test_bent_strip_pushes_along_its_normals() -> None:
     geometry = StripGeometry(radius_m=0.17, spacing_m=0.001)
     strip = FoamStrip(geometry, SOFT_FOAM)

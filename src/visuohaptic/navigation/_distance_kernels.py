@@ -18,13 +18,15 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
     """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` where there is none.
 
     ``cells`` (rows, columns) int8; a cell is an obstacle from ``threshold`` on, and where it is
-    negative if ``unknown_blocks``. ``vertical`` (rows, columns) uint16 is filled.
+    negative if ``unknown_blocks``; then so are the rows before the first and after the last, which
+    are unknown, too. ``vertical`` (rows, columns) uint16 is filled.
     """
     rows, columns = cells.shape
     low = np.int8(-1) if unknown_blocks else np.int8(-128)
     high = np.int8(threshold)
     # Saturating additions in 32 bits, so that the loops over columns become vector code.
-    before = np.full(columns, np.int32(65535), np.int32)
+    beyond = np.int32(0) if unknown_blocks else np.int32(65535)
+    before = np.full(columns, beyond, np.int32)
     for row in range(rows):
         for column in range(columns):
             value = cells[row, column]
@@ -32,6 +34,9 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
             counted = np.int32(0) if (value >= high) | (value == low) else counted
             before[column] = counted
             vertical[row, column] = np.uint16(counted)
+    if unknown_blocks:
+        for column in range(columns):
+            vertical[rows - 1, column] = min(vertical[rows - 1, column], np.uint16(1))
     for row in range(rows - 2, -1, -1):
         for column in range(columns):
             below = np.int32(vertical[row + 1, column]) + np.int32(1)
@@ -63,12 +68,12 @@ def vertical_update(
             bottom -= 1
         start = max(bottom, 0)
         stop = min(top, rows - 1)
-        counted = 65535
+        counted = 0 if unknown_blocks and bottom < 0 else 65535
         for row in range(start, stop + 1):
             blocked = cells[row, column] >= high or cells[row, column] == low
             counted = 0 if blocked else min(counted + 1, 65535)
             vertical[row, column] = counted
-        counted = 65535
+        counted = 0 if unknown_blocks and top == rows else 65535
         for row in range(stop, start - 1, -1):
             counted = min(counted + 1, 65535)
             if vertical[row, column] < counted:
@@ -84,20 +89,23 @@ def _envelope(
     vertex: np.ndarray,
     height: np.ndarray,
     border: np.ndarray,
+    outside_blocks: bool,
 ) -> int:
     """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its pieces.
 
-    Piece k is the parabola of source ``vertex[k]``, from ``border[k]`` on.
+    Piece k is the parabola of source ``vertex[k]``, whose least value is ``height[k] - vertex[k]^2``,
+    from ``border[k]`` on. With ``outside_blocks`` there are obstacles before the first and after the last column.
     """
     columns = len(line)
-    begin = column - 1 if column > 0 else 0
-    stop = end if end < columns else columns - 1  # last column that can be a source
+    begin = column - 1 if column > 0 or outside_blocks else 0
+    stop = end if end < columns or outside_blocks else columns - 1  # last column that can be a source
     count = 0
     for u in range(begin, stop + 1):
-        if line[u] == FAR:
+        away = np.uint16(0) if u < 0 or u >= columns else line[u]
+        if away == FAR:
             continue
         # Not above the cone of an obstacle that bounds the run: it would never be the lowest.
-        value = float(line[u]) * float(line[u])
+        value = float(away) * float(away)
         top = value + float(u) * float(u)
         here = 0
         while count > 0:
@@ -127,6 +135,7 @@ def distance_rows(
     vertical: np.ndarray,
     resolution_m: float,
     steps: np.ndarray,
+    outside_blocks: bool,
     distance: np.ndarray,
     step: np.ndarray,
 ) -> None:
@@ -137,12 +146,13 @@ def distance_rows(
     never nearer than the obstacle.
 
     ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2], the last for all
-    above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled.
+    above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
+    ``unknown_blocks`` of :func:`vertical_cells`.
     """
     rows, columns = vertical.shape
-    vertex = np.zeros(columns + 1, np.int32)
-    height = np.zeros(columns + 1, np.float64)
-    border = np.zeros(columns + 1, np.int32)
+    vertex = np.zeros(columns + 2, np.int32)
+    height = np.zeros(columns + 2, np.float64)
+    border = np.zeros(columns + 2, np.int32)
     last = len(steps) - 1
     for row in range(rows):
         line = vertical[row]
@@ -156,14 +166,14 @@ def distance_rows(
             end = column
             while end < columns and line[end] != 0:
                 end += 1
-            count = _envelope(line, column, end, vertex, height, border)
+            count = _envelope(line, column, end, vertex, height, border, outside_blocks)
             if count == 0:
                 for x in range(column, end):
                     distance[row, x] = np.inf
                     step[row, x] = steps[last]
             for k in range(count):
                 v = vertex[k]
-                fall = np.int64(line[v]) * np.int64(line[v])
+                fall = np.int64(height[k]) - np.int64(v) * np.int64(v)
                 low = max(border[k], column)
                 high = border[k + 1] if k + 1 < count else end
                 for x in range(low, min(high, end)):
@@ -182,6 +192,7 @@ def distance_update(
     last_column: int,
     resolution_m: float,
     steps: np.ndarray,
+    outside_blocks: bool,
     distance: np.ndarray,
     step: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -190,9 +201,9 @@ def distance_update(
     Returns the cells (flat) whose distance is another now, and those of them whose step is.
     """
     columns = vertical.shape[1]
-    vertex = np.zeros(columns + 1, np.int32)
-    height = np.zeros(columns + 1, np.float64)
-    border = np.zeros(columns + 1, np.int32)
+    vertex = np.zeros(columns + 2, np.int32)
+    height = np.zeros(columns + 2, np.float64)
+    border = np.zeros(columns + 2, np.int32)
     squares = np.empty(columns + 1, np.int64)  # [cells^2], -1 where there is no obstacle
     last = len(steps) - 1
     room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
@@ -213,13 +224,13 @@ def distance_update(
             end = column
             while end < columns and line[end] != 0:
                 end += 1
-            pieces = _envelope(line, column, end, vertex, height, border)
+            pieces = _envelope(line, column, end, vertex, height, border, outside_blocks)
             low_end, high_end = max(column, first_column), min(end, last_column + 1)
             if pieces == 0:
                 squares[low_end:high_end] = -1
             for k in range(pieces):
                 v = vertex[k]
-                fall = np.int64(line[v]) * np.int64(line[v])
+                fall = np.int64(height[k]) - np.int64(v) * np.int64(v)
                 low = max(border[k], low_end)
                 high = min(border[k + 1] if k + 1 < pieces else end, high_end)
                 for x in range(low, high):

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Float32, UInt16
 from ..errors import InputError
 from ..recording.occupancy_map import OCCUPIED, OccupancyMap
 
-__all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers"]
+__all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
 
 #: Cells are obstacles from this occupancy on: where occupied is more likely than free.
 OBSTACLE_FROM = OCCUPIED // 2
@@ -99,7 +99,7 @@ class GridLayers:
     unknown_is_free: bool  #: whether unknown cells were no obstacles
     distance_m: Float32[
         np.ndarray, "rows columns"
-    ]  #: between the centres of a cell and of the nearest obstacle
+    ]  #: between the centres of a cell and of the nearest obstacle, unknown cells and the outside among them
     step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 cannot be reached
     unit_s: float  #: seconds of one unit of ``step``
     #: rows to the nearest obstacle of the same column, kept for updates
@@ -143,18 +143,20 @@ def grid_layers(
     ----------
     map
         Occupancy; a cell is an obstacle where occupied is more likely than free.
-        What lies outside the map is neither: it does not shorten a distance.
+        What lies outside the map is unknown: no obstacle shows there, but no path leads out,
+        and a robot keeps as far from the border as from an unknown cell beyond it.
     limits
         Radius and speeds of the robot.
     unknown_is_free
-        Whether the robot may enter cells that were never seen.
+        Whether the robot may enter cells that were never seen; then the border does not count either.
     keep_vertical
         Keep what a later update needs (2 bytes per cell).
 
     Returns
     -------
     GridLayers
-        Distances are exact (Felzenszwalb and Huttenlocher 2012), infinite on a map without obstacles.
+        Distances are exact (Felzenszwalb and Huttenlocher 2012); infinite on a map without obstacles
+        where unknown is free.
     """
     from ._distance_kernels import distance_rows, vertical_cells
 
@@ -163,7 +165,45 @@ def grid_layers(
     vertical_cells(np.ascontiguousarray(map.cells), OBSTACLE_FROM, not unknown_is_free, vertical)
     distance_m = np.zeros(map.shape, np.float32)
     step = np.zeros(map.shape, np.uint16)
-    distance_rows(vertical, map.resolution_m, steps, distance_m, step)
+    distance_rows(vertical, map.resolution_m, steps, not unknown_is_free, distance_m, step)
     return GridLayers(
         map, limits, unknown_is_free, distance_m, step, unit_s, vertical if keep_vertical else None
     )
+
+
+def window_distance(
+    blocked: Bool[np.ndarray, "r c"],
+    window: tuple[slice, slice],
+    shape: tuple[int, int],
+    *,
+    outside_blocks: bool,
+) -> Float32[np.ndarray, "r c"]:
+    """Distance to the nearest blocked cell [cells] in a window of a map, by the rule of :func:`grid_layers`.
+
+    Parameters
+    ----------
+    blocked
+        Cells of the window.
+    window, shape
+        Rows and columns of the map that it is, and those of the whole map.
+    outside_blocks
+        Whether what lies beyond the map's border counts as blocked.
+    """
+    import cv2
+
+    (rows, columns), (most_rows, most_columns) = window, shape
+    sides = (
+        (int(rows.start == 0), int(rows.stop == most_rows)),
+        (int(columns.start == 0), int(columns.stop == most_columns)),
+    )
+    padded = outside_blocks and any(any(side) for side in sides)
+    if padded:
+        blocked = np.pad(blocked, sides, constant_values=True)
+    if not blocked.any():
+        return np.full(blocked.shape, np.float32(np.inf))
+    free = np.ascontiguousarray(~blocked).view(np.uint8)
+    distance: Float32[np.ndarray, "r c"] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    if padded:
+        (top, bottom), (left, right) = sides
+        distance = distance[top : distance.shape[0] - bottom, left : distance.shape[1] - right]
+    return distance

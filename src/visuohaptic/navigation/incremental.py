@@ -212,7 +212,13 @@ class NavigationMap:
             )
         found = [
             distance_update(
-                layers.vertical, *window, resolution_m, self._steps, layers.distance_m, layers.step
+                layers.vertical,
+                *window,
+                resolution_m,
+                self._steps,
+                not layers.unknown_is_free,
+                layers.distance_m,
+                layers.step,
             )
             for window in windows
         ]

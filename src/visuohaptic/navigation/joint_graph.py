@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int, Int32
 
 from ..errors import InputError
 from .graph import NavigationGraph
-from .grid import OBSTACLE_FROM
+from .grid import OBSTACLE_FROM, window_distance
 from .plan import Plan
 from .problem import RobotModel
 from .push_world import grid_from_world
@@ -312,11 +312,9 @@ class _Builder:
         if not self.regions.layers.unknown_is_free:
             occupied |= around < 0
         free_object(occupied, outline, r0, c0)  # 1
-        if occupied.any():  # 2
-            free = (~occupied).view(np.uint8)
-            clearance = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        else:
-            clearance = np.full(occupied.shape, np.float32(np.inf))
+        unknown_is_free = self.regions.layers.unknown_is_free
+        window = slice(r0, r1), slice(c0, c1)
+        clearance = window_distance(occupied, window, self.map.shape, outside_blocks=not unknown_is_free)  # 2
         centre = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
         seed, potential = self.regions.seed, self.regions.potential
         (i0, i1), (j0, j1) = self._window(outline, margin)

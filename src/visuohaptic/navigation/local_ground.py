@@ -9,12 +9,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from ..errors import InputError
-from ..recording.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ..recording.occupancy_map import FREE, OccupancyMap
+from .grid import OBSTACLE_FROM, window_distance
 
 __all__ = ["Footprint", "LocalGround", "local_ground"]
-
-#: Cells are obstacles from this occupancy on: where occupied is more likely than free.
-OBSTACLE_FROM = OCCUPIED // 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,7 +166,9 @@ def local_ground(
     blocked = window.cells >= OBSTACLE_FROM
     if not unknown_is_free:
         blocked |= window.cells < 0
-    return LocalGround(window, _distance_from(window, blocked))
+    rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+    distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
+    return LocalGround(window, distance * np.float32(map.resolution_m))
 
 
 def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:

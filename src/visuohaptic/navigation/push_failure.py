@@ -11,8 +11,12 @@ from jaxtyping import Float
 from ..errors import InputError
 from ..objects import HapticTag
 from .push_model import PushModel
+from .quasi_static import PushTrace
 
 __all__ = ["PushDoubt", "centre_from_tag", "simulated_failure"]
+
+#: A platform that would begin in the object begins so much earlier (m): up to 4 sigma of place and turn.
+BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,8 +101,6 @@ def simulated_failure(
     The object has to end within ``near_m`` of the place it would have if it
     stuck to the platform, turned by no more than ``turn_limit_rad``.
     """
-    from .quasi_static import simulate_push
-
     doubt = doubt if doubt is not None else PushDoubt()
     path = np.asarray(path_m, dtype=np.float64)
     way = path[-1, :2] - path[0, :2]
@@ -108,26 +110,48 @@ def simulated_failure(
     failed = 0
     for _ in range(samples):
         drawn, place = doubt.draw(model, object_m, rng)
-        start = path
-        try:
-            trace = simulate_push(drawn, place, start, radius_m)
-        except InputError:
-            # Drawn into the platform: begin where it would have been met.
-            back = path[:1] - np.array([*(4 * doubt.place_m * way / max(float(np.hypot(*way)), 1e-9)), 0.0])
-            trace = simulate_push(drawn, place, np.concatenate([back, path]), radius_m)
+        trace = _from_outside(drawn, place, path, radius_m)
+        if trace is None:
+            failed += 1
+            continue
         off = np.hypot(*(trace.object_m[-1, :2] - wanted))
         turned = abs(trace.object_m[-1, 2] - place[2])
         failed += bool(off > near_m or turned > turn_limit_rad)
     return failed / samples
 
 
+def _from_outside(
+    model: PushModel,
+    object_m: tuple[float, float, float] | Float[np.ndarray, "3"],
+    path: Float[np.ndarray, "k 3"],
+    radius_m: float,
+) -> PushTrace | None:
+    """The push; begun earlier on its line where the object was drawn into the platform.
+
+    ``None`` where the object is in the way of the whole approach.
+    """
+    from .quasi_static import simulate_push
+
+    ahead = path[min(1, len(path) - 1), :2] - path[0, :2]
+    ahead = ahead / max(float(np.hypot(*ahead)), 1e-9)
+    for back_m in BACK_M:
+        begin = path[:1] - np.array([*(back_m * ahead), 0.0])
+        try:
+            return simulate_push(
+                model, object_m, np.concatenate([begin, path]) if back_m else path, radius_m
+            )
+        except InputError:
+            continue
+    return None
+
+
 def _free_way(
     model: PushModel, object_m: tuple[float, float, float], path: Float[np.ndarray, "k 3"], radius_m: float
 ) -> float:
     """Length that the platform drives before it meets the object."""
-    from .quasi_static import simulate_push
-
-    trace = simulate_push(model, object_m, path, radius_m)
+    trace = _from_outside(model, object_m, path, radius_m)
+    if trace is None or len(trace.platform_m) > len(path):
+        return 0.0  # it begins at the object
     rows = np.flatnonzero(np.isfinite(trace.contact_m[:, 0]))
     row = int(rows[0]) if len(rows) else len(path) - 1
     return float(np.hypot(*(path[row, :2] - path[0, :2])))

@@ -8,6 +8,9 @@ from jaxtyping import Bool, Float, Int
 
 __all__ = ["penetration", "solve_strip"]
 
+#: Rays of columns start so many widths behind the back contour.
+BEHIND = 3.0
+
 
 @nb.njit(cache=True)
 def penetration(
@@ -23,8 +26,9 @@ def penetration(
     """Depth to which rounded polygons reach below the undeformed front, per column.
 
     A body is a convex or concave polygon grown by a disc; a single vertex is a
-    disc. The ray of a column starts far inside the robot and runs along
-    ``normal``; the first crossing counts.
+    disc. The ray of a column starts ``BEHIND`` widths behind the back, inside
+    the robot, and runs along ``normal``; the first crossing counts. A wall on
+    the robot's other side is not touched by the strip.
 
     Parameters
     ----------
@@ -50,7 +54,9 @@ def penetration(
                 px, py = vertices[v, 0] - base[i, 0], vertices[v, 1] - base[i, 1]
                 along, across = px * nx + py * ny, nx * py - ny * px
                 if abs(across) <= r + 1e-9:
-                    nearest = min(nearest, along - np.sqrt(max(r * r - across * across, 0.0)))
+                    along -= np.sqrt(max(r * r - across * across, 0.0))
+                    if along > -BEHIND * width:
+                        nearest = min(nearest, along)
                 if end - first < 2:
                     continue
                 u = v + 1 if v + 1 < end else first
@@ -65,7 +71,9 @@ def penetration(
                     continue
                 part = -(nx * oy - ny * ox) / cross
                 if 0.0 <= part <= 1.0:
-                    nearest = min(nearest, (ox + part * ex) * nx + (oy + part * ey) * ny)
+                    along = (ox + part * ex) * nx + (oy + part * ey) * ny
+                    if along > -BEHIND * width:
+                        nearest = min(nearest, along)
             if nearest < 1e8 and width - nearest > depth[i]:
                 depth[i] = width - nearest
                 owner[i] = body

@@ -96,7 +96,7 @@ class TravelSettings:
     )
     bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
     timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
-    plans: int = 30  #: at most
+    plans: int = 40  #: at most
     drive_stall_s: float = 5.0  #: without getting on
     bump_N: float = 3.0  #: force that ends a drive, when it lasts
     bump_s: float = 0.4
@@ -230,21 +230,7 @@ class _Machine:
         if self.plans >= self.settings.plans:
             return self._end(TravelOutcome.GAVE_UP, f"after {self.plans} plans")
         self._look_around()
-        best = None
-        found = None
-        for margin_m, push_margin_m in self.settings.margins_m:
-            if found is not None and not self._trusted(margin_m):
-                break
-            problem = self.memory.problem(self._pose(), margin_m, push_margin_m=push_margin_m)
-            found = self.planner(problem)
-            self.plans += 1
-            self._note(
-                "planned", margin_m=margin_m, push_margin_m=push_margin_m, reachable=found.reachable, cost_s=_finite(found.cost_s),
-                tasks=[f"{task.kind} {task.object}".strip() for task in found.tasks], reason=found.reason,
-            )  # fmt: skip
-            if found.reachable:
-                best = found
-                break
+        best, last = self._with_room()
         if best is None:
             if self._plan_turn():
                 return self._next()
@@ -252,11 +238,36 @@ class _Machine:
                 self._note("forgiven")
                 self.bumps.clear()
                 return TravelState.PLAN
-            assert found is not None
-            return self._end(TravelOutcome.NO_PLAN, found.reason)
-        self.margin_m, self.tasks, self.turning = margin_m, list(best.tasks), None
+            return self._end(TravelOutcome.NO_PLAN, last.reason)
+        margin_m, problem, plan = best
+        self.margin_m, self.tasks, self.turning = margin_m, list(plan.tasks), None
         self.clearance = _clearance(problem)
         return self._next()
+
+    def _with_room(self) -> tuple[tuple[float, PlanningProblem, Plan] | None, Plan]:
+        """The plan that keeps most room, its margin and problem; and the last answer, where there is none."""
+        first, *rest = [pair for pair in self.settings.margins_m if self._trusted(pair[0])] or (
+            self.settings.margins_m[:1]
+        )
+        best = None
+        # What has no plan with the least room has none with more: ask for that before those between.
+        for margin_m, push_margin_m in (first, *rest[-1:], *rest[:-1]):
+            problem = self.memory.problem(self._pose(), margin_m, push_margin_m=push_margin_m)
+            found = self.planner(problem)
+            self.plans += 1
+            self._note(
+                "planned", margin_m=margin_m, push_margin_m=push_margin_m, reachable=found.reachable,
+                cost_s=_finite(found.cost_s), reason=found.reason,
+                tasks=[f"{task.kind} {task.object}".strip() for task in found.tasks],
+            )  # fmt: skip
+            if found.reachable:
+                tightest = best is None and rest and (margin_m, push_margin_m) == rest[-1] and len(rest) > 1
+                best = margin_m, problem, found
+                if not tightest:
+                    break
+            elif best is None and (margin_m, push_margin_m) != first:
+                break
+        return best, found
 
     def _trusted(self, margin_m: float) -> bool:
         """Whether plans with a margin have not led into walls too often."""
