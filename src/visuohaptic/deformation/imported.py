@@ -18,7 +18,7 @@ from ..objects.model import Material
 from ..recording.mesh import load_mesh
 from .material import IsotropicMaterial, material
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
-from .resample import find_wall
+from .resample import Wall, find_wall
 from .shell import ShellMesh, enclosed_volume
 
 __all__ = ["MeshState", "import_object", "inspect_mesh"]
@@ -27,6 +27,10 @@ __all__ = ["MeshState", "import_object", "inspect_mesh"]
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
 #: Largest extent of a container that a hand holds [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
+#: Ratio of the two smallest shares of the normals from which a mesh runs along an axis, and how far it may lean.
+RUNS_ALONG, MOST_LEAN_DEGREES = 1.6, 15.0
+#: Separate surfaces farther apart than this share of the radius are two shells, not two sides of one wall.
+NESTED_SHARE = 0.1
 #: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
 THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 #: Triangles that suit a shell: how many, smallest angle, and how many edges round.
@@ -110,6 +114,7 @@ def import_object(
     points = _turned_up(raw.vertices, up)
     scale, notes = _scale(points[raw.faces.ravel()], unit, where)
     state = inspect_mesh(points * scale, raw.faces, where)
+    _check_upright(state, where)
     notes += state.defects
     entry = material(wall_material) if isinstance(wall_material, str) else wall_material
     spread = 0.0
@@ -274,6 +279,66 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
     )
 
 
+def _check_upright(state: MeshState, where: str) -> None:
+    """Refuse what lies on its side or leans: its wall runs along another axis, and it has no foot to stand on.
+
+    The normals of a wall are across its axis. Trays and pouches may also be longer than high, but their
+    foot is about as long and as wide as they are.
+    """
+    a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    share, axes = np.linalg.eigh(np.einsum("fi,fj->ij", normal / np.maximum(size, 1e-300)[:, None], normal))
+    lean = float(np.degrees(np.arccos(min(1.0, abs(axes[2, 0])))))
+    if share[1] < RUNS_ALONG * share[0] or lean < MOST_LEAN_DEGREES:
+        return
+    used = state.vertices[np.unique(state.faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    foot = used[used[:, 2] <= low[2] + 0.02 * (high[2] - low[2])]
+    stands = np.ptp(foot[:, :2], axis=0) / (high - low)[:2]
+    if stands.min() > 0.5:
+        return
+    axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+    along = ", ".join(f"{value:.2g}" for value in axis.round(2) + 0.0)
+    middle = ", ".join(f"{value:.4g}" for value in foot.mean(axis=0))
+    nearest = "xyz"[int(np.abs(axes[:, 0]).argmax())]
+    raise InputError(
+        where,
+        f"its wall runs along ({along}), {lean:.0f} degrees from the height axis, and it stands on an edge at "
+        f"({middle}) m",
+        field="mesh",
+        remedy=f"turn it with --up {nearest} or --up -{nearest}" if nearest != "z" else "turn it upright",
+    )
+
+
+def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
+    """Refuse two shells inside each other: their middle is the wall of neither."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    middle = 0.5 * (wall.low_m + wall.high_m)
+    around = float(np.median(wall.radius_m(np.array([middle]), 48)))
+    if not wall.double or wall.wall_m < NESTED_SHARE * around:
+        return
+    pairs = state.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(state.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][state.faces[:, 0]]
+    boxes = [
+        (state.vertices[state.faces[label == name]].min(axis=(0, 1)),
+         state.vertices[state.faces[label == name]].max(axis=(0, 1)))
+        for name in np.unique(label)
+    ]  # fmt: skip
+    for one, (low, high) in enumerate(boxes):
+        for other, (least, most) in enumerate(boxes):
+            if one != other and (low[:2] > least[:2]).all() and (high[:2] < most[:2]).all():
+                raise InputError(
+                    where,
+                    f"two shells inside each other, {1e3 * wall.wall_m:.2g} mm apart around height {middle:.4g} m",
+                    field="mesh",
+                    remedy="leave one of them out",
+                )
+
+
 def _why_not_as_it_is(state: MeshState) -> str:
     """The first reason against using the triangles as they are, or nothing."""
     vertices, faces = state.vertices, state.faces
@@ -333,6 +398,7 @@ def _resampled(
     notes: tuple[str, ...],
 ) -> ShellObject:
     wall = find_wall(state.vertices, state.faces, where)
+    _check_one_shell(state, wall, where)
     closed = not open_top and _has_top(state, wall.axis_point_m, wall.high_m)
     fine = np.linspace(wall.low_m, wall.high_m, 241)
     mean = wall.radius_m(fine, around).mean(axis=1)
@@ -376,8 +442,14 @@ def _resampled(
         spread,
         wall_spread,
         Path(where).stem,
-        (*notes, *wall.notes, *thick),
+        (*notes, *wall.notes, *_measured(wall, thickness_m), *thick),
     )
+
+
+def _measured(wall: Wall, thickness_m: float) -> tuple[str, ...]:
+    if wall.double and not 0.5 < wall.wall_m / thickness_m < 2:
+        return (f"the thickness taken is {1e3 * thickness_m:.2g} mm; give that of the mesh with --thickness",)
+    return ()
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: float, where: str) -> list[str]:
