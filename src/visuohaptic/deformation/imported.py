@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from ..objects.model import Material
@@ -34,7 +34,7 @@ NESTED_SHARE = 0.1
 #: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
 THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 #: Triangles that suit a shell: how many, smallest angle, and how many edges round.
-FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 40
+FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 36
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +144,8 @@ def import_object(
     # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
-    middle = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
+    middle, axis_notes = _foot_centre(used, used[:, 2] <= low + 0.01 * (high - low))
+    notes += axis_notes
     level = np.linspace(low, high, THICK_LEVELS + 1)
     slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
     reach = np.zeros(THICK_LEVELS)
@@ -155,7 +156,7 @@ def import_object(
         mesh,
         state.vertices[:, 2] <= low + 0.01 * (high - low),
         np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64),
-        (float(middle[0]), float(middle[1])),
+        middle,
         constants,
         spread,
         wall_spread,
@@ -277,6 +278,28 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
         field="mesh",
         remedy="give the unit with --unit",
     )
+
+
+def _foot_centre(
+    points: Float[np.ndarray, "v 3"], foot: Bool[np.ndarray, "v"]
+) -> tuple[tuple[float, float], list[str]]:
+    """The height axis goes through the middle of the foot, as that of a description does.
+
+    Where there is next to no foot it goes through the middle of all.
+    """
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    whole, size = 0.5 * (low + high), high - low
+    some = points[foot, :2]
+    if not len(some) or (np.ptp(some, axis=0) < 0.2 * size).any():
+        return (float(whole[0]), float(whole[1])), []
+    centre = 0.5 * (some.min(axis=0) + some.max(axis=0))
+    notes = []
+    if (np.abs(centre - whole) > 0.05 * size).any():
+        notes.append(
+            f"the height axis goes through the foot's middle ({centre[0]:.4g}, {centre[1]:.4g}) m, "
+            f"{1e3 * np.linalg.norm(centre - whole):.2g} mm from that of the whole"
+        )
+    return (float(centre[0]), float(centre[1])), notes
 
 
 def _check_upright(state: MeshState, where: str) -> None:
@@ -433,16 +456,18 @@ def _resampled(
         points, np.full(len(heights) - 1, thickness_m), cap_m=thickness_m if closed else None
     )
     floor = ring_lid(np.arange(around)[::-1])
+    foot = np.arange(len(mesh.vertices_m)) < around
+    middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
     return ShellObject(
         mesh,
-        np.arange(len(mesh.vertices_m)) < around,
+        foot,
         np.concatenate([lid, floor]),
-        wall.axis_point_m,
+        middle,
         constants,
         spread,
         wall_spread,
         Path(where).stem,
-        (*notes, *wall.notes, *_measured(wall, thickness_m), *thick),
+        (*notes, *wall.notes, *_measured(wall, thickness_m), *thick, *axis_notes),
     )
 
 
