@@ -34,7 +34,7 @@ NESTED_SHARE = 0.1
 #: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
 THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 #: Triangles that suit a shell: how many, smallest angle, and how many edges round.
-FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 36
+FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
