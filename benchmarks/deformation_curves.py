@@ -124,7 +124,15 @@ def _one(name: str) -> dict[str, Any]:
     trusted = known & found.valid[..., 2]
     reasons: dict[str, int] = {}
     for text in found.reason[known & ~trusted]:
-        short = "ends early" if "ends at" in text else "snaps" if "snaps" in text else "no parabola"
+        short = (
+            "ends early"
+            if "ends at" in text
+            else "snaps"
+            if "snaps" in text
+            else "near an end"
+            if "cells" in text
+            else "no parabola"
+        )
         reasons[short] = reasons.get(short, 0) + 1
     return {
         "seconds": seconds,

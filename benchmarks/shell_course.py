@@ -57,14 +57,14 @@ def container_tube(around: int) -> ShellObject:
 
 def _tube_rows() -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for around in (60, 64, 96):
+    for around in (60, 72, 96):
         thing = container_tube(around)
         stiffness = dual_tip_map(thing.model())
         _, ring = np.unique(thing.mesh.vertices_m[:, 2], return_inverse=True)
         mean = np.bincount(ring, np.where(thing.fixed, 0.0, stiffness)) / np.bincount(ring)
         scatter = max(float(np.ptp(stiffness[ring == k]) / mean[k]) for k in range(1, len(mean)))
         heights = np.unique(thing.mesh.vertices_m[:, 2]) * 1e3
-        what = f"pinched tube, {len(stiffness)} vertices{', the default mesh' if around == 64 else ''}"
+        what = f"pinched tube, {len(stiffness)} vertices{', the default mesh' if around == 72 else ''}"
         for z, reference in TUBE.items():
             found = np.interp(z, heights[1:], mean[1:])
             rows.append(

@@ -87,7 +87,7 @@ def _peer(model: ShellModel, stiffness: np.ndarray) -> tuple[float, float, float
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     factor_s = time.process_time() - started_s
     chosen = np.linspace(len(stiffness) // 20, len(stiffness) - 1, PEER_GRASPS).astype(int)
-    loads = tip_loads(model.nodes, opposing_points(model.mesh, chosen)).toarray()[free]
+    loads = tip_loads(model.nodes, opposing_points(model.mesh, chosen), model.mesh.vertices_m).toarray()[free]
     started_s = time.process_time()
     found = np.array([2 / (loads[:, k] @ factor.solve(loads[:, k])) for k in range(PEER_GRASPS)])
     solve_s = (time.process_time() - started_s) / PEER_GRASPS

@@ -196,3 +196,55 @@ def test_a_wall_thicker_than_the_container_is_refused(tmp_path: Path, remesh: st
             import_object(path, thickness_m=thickness, remesh=remesh)  # type: ignore[arg-type]
     thing = import_object(path, thickness_m=0.005, remesh=remesh)  # type: ignore[arg-type]
     assert any("14 % of the radius" in note for note in thing.notes)
+
+
+def lying(axis: list[float], degrees: float) -> trimesh.Trimesh:
+    mesh = tube()
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(math.radians(degrees), axis))
+    return mesh
+
+
+@pytest.mark.parametrize(
+    ("axis", "degrees", "said"),
+    [
+        ([0, 1, 0], 90, r"runs along \(1, 0, 0\), 90 degrees from the height axis.*turn it with --up x"),
+        ([1, 0, 0], -90, r"runs along \(0, 1, 0\), 90 degrees.*--up y or --up -y"),
+        ([0, 1, 0], 35, "35 degrees from the height axis, and it stands on an edge at .*turn it upright"),
+    ],
+)
+def test_what_does_not_stand_is_refused(axis: list[float], degrees: float, said: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=said):
+        import_object(write(lying(axis, degrees), tmp_path / "t.stl"))
+
+
+def test_what_is_told_to_be_up_is_up(tmp_path: Path, reference: float) -> None:
+    assert middle_stiffness(write(lying([0, 1, 0], 90), tmp_path / "t.stl"), up="x") == pytest.approx(
+        reference, rel=1e-3
+    )
+
+
+def test_trays_and_pouches_stand(tmp_path: Path) -> None:
+    """Longer than high, but with a foot as long and wide as they are."""
+    for sides in ((0.2, 0.08, 0.05), (0.09, 0.02, 0.08), (0.04, 0.2, 0.06)):
+        thing = import_object(write(trimesh.creation.box(sides), tmp_path / "t.stl"))
+        assert thing.height_m == pytest.approx(sides[2], rel=0.02)
+
+
+def test_two_shells_inside_each_other_are_refused(tmp_path: Path) -> None:
+    inner, close = tube(radius=0.025), tube(radius=0.0335)
+    with pytest.raises(InputError, match=r"two shells inside each other, 10 mm apart around height 0\.1"):
+        import_object(write(trimesh.util.concatenate([tube(), inner]), tmp_path / "far.stl"))
+    # Close ones are the two sides of one wall.
+    thing = import_object(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
+    assert any("1.5 mm apart" in note for note in thing.notes)
+    assert any("the thickness taken is 0.5 mm" in note for note in thing.notes)
+
+
+def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None:
+    handle = trimesh.creation.torus(0.03, 0.005)
+    handle.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [1, 0, 0]))
+    handle.apply_translation([0.055, 0, 0.08])
+    path = write(trimesh.util.concatenate([tube(), handle]), tmp_path / "mug.stl")
+    thing = import_object(path)
+    assert any("(a handle?) is left out" in note and "from x towards y" in note for note in thing.notes)
+    assert middle_stiffness(path) == pytest.approx(reference, rel=0.02)

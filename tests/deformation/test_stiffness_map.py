@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.deformation import (
+    DualTips,
     IsotropicMaterial,
     RevolutionShell,
     ShellMesh,
@@ -17,6 +18,7 @@ from visuohaptic.deformation import (
     tip_loads,
     tube_mesh,
 )
+from visuohaptic.deformation.stiffness_map import bent_loads
 from visuohaptic.errors import InputError
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)
@@ -48,7 +50,7 @@ def test_the_map_equals_one_solve_per_pinch():
     model = ShellModel(mesh, PLASTIC, range(23))
     tips = opposing_points(mesh, axis_point_m=(0.0, 0.0))
     found = dual_tip_map(model, tips)
-    loads = tip_loads(model.nodes, tips).toarray()
+    loads = tip_loads(model.nodes, tips, model.mesh.vertices_m).toarray()
     for which in range(25, len(tips), 17):
         load = loads[:, which].reshape(-1, 6)
         expected = 2 / np.sum(load * model.solve(load))
@@ -84,7 +86,7 @@ def test_gas_is_one_rank_one_term():
     mesh = ellipse_tube(24)
     model = ShellModel(mesh, PLASTIC, range(24))
     tips = opposing_points(mesh, np.arange(24, len(mesh.vertices_m), 31))
-    loads = tip_loads(model.nodes, tips).toarray()
+    loads = tip_loads(model.nodes, tips, model.mesh.vertices_m).toarray()
     a = model.volume_gradient()
     kappa = 1e5 / 3e-4
     w = model.solve(a).ravel()
@@ -105,3 +107,32 @@ def test_points_without_anything_opposite_are_marked():
     assert not tips.valid.any()
     with pytest.raises(InputError, match="no point has a wall across the height axis"):
         dual_tip_map(ShellModel(mesh, PLASTIC, [0]), tips)
+
+
+def test_loads_inside_a_face_do_the_work_of_any_rigid_motion() -> None:
+    """Moments and forces of the cubic add up to the force at its place."""
+    mesh = tube_mesh(0.03, 0.1, 0.0005, around=12, along=8)
+    tips = opposing_points(mesh, np.arange(36, 48), axis_point_m=(0.002, -0.003))
+    assert (tips.weights.max(axis=1) < 0.99).any()
+    rng = np.random.default_rng(8)
+    motion, spin = rng.normal(size=(2, 3))
+    moved = np.zeros((len(mesh.vertices_m), 6))
+    moved[:, :3] = motion + np.cross(spin, mesh.vertices_m)
+    moved[:, 3:] = spin
+    loads = tip_loads(len(moved), tips, mesh.vertices_m)
+    places = np.einsum("mk,mki->mi", tips.weights, mesh.vertices_m[tips.second])
+    wanted = np.einsum(
+        "mi,mi->m", tips.direction, np.cross(spin, mesh.vertices_m[tips.first]) - np.cross(spin, places)
+    )
+    np.testing.assert_allclose(loads.T @ moved.ravel(), wanted, atol=1e-12)
+    # On an edge of a face it is the cubic of Hermite: at the middle the slopes count by an eighth.
+    face = mesh.faces[40]
+    half = DualTips(
+        np.array([0]), face[None], np.array([[0.5, 0.5, 0.0]]), np.array([[1.0, 0.0, 0.0]]), np.array([True])
+    )
+    bent = bent_loads(half, mesh.vertices_m)[0]
+    a, b, c = mesh.vertices_m[face]
+    normal = np.cross(b - a, c - a) / np.linalg.norm(np.cross(b - a, c - a))
+    np.testing.assert_allclose(bent[0, 3:], normal[0] * np.cross(b - a, normal) / 8, atol=1e-15)
+    np.testing.assert_allclose(bent[1, 3:], normal[0] * np.cross(a - b, normal) / 8, atol=1e-15)
+    np.testing.assert_allclose(bent[2], 0.0, atol=1e-15)

@@ -19,7 +19,7 @@ from .corotational import CorotationalShell, PressureLaw
 from .mesher import ShellObject
 from .nonlinear import EquilibriumPath, pinch_curve
 from .shell import ShellModel, enclosed_volume, volume_gradient
-from .stiffness_map import DualTips, tip_loads
+from .stiffness_map import DualTips, bent_loads, tip_loads
 from .touching import TouchGuard
 
 __all__ = [
@@ -108,7 +108,7 @@ def closed_compliance(
     """
     a = enclosed_gradient(thing, model)
     w = model.solve(a)
-    along = tip_approach(tips, w)
+    along = tip_approach(tips, w, model.mesh.vertices_m)
     stiff = float(np.sum(a * w))
     out = np.empty((len(contents), len(compliance)))
     for row, what in zip(out, contents, strict=True):
@@ -117,12 +117,15 @@ def closed_compliance(
     return out
 
 
-def tip_approach(tips: DualTips, displacement: Float[np.ndarray, "v 6"]) -> Float[np.ndarray, "m"]:
-    """f . u: how far the tips of each pair have come closer to each other [m]."""
-    moved = displacement[:, :3]
-    second = np.einsum("mk,mki->mi", tips.weights, moved[tips.second])
-    out: np.ndarray = np.einsum("mi,mi->m", tips.direction, moved[tips.first] - second)
-    return out
+def tip_approach(
+    tips: DualTips,
+    displacement: Float[np.ndarray, "v 6"],
+    vertices_m: Float[np.ndarray, "v 3"] | None = None,
+) -> Float[np.ndarray, "m"]:
+    """f . u: how far the tips of each pair have come closer to each other [m], as in :func:`.tip_loads`."""
+    first = np.einsum("mi,mi->m", tips.direction, displacement[tips.first, :3])
+    second = np.einsum("mki,mki->m", bent_loads(tips, vertices_m), displacement[tips.second])
+    return first - second
 
 
 def contained_curve(
@@ -240,5 +243,5 @@ def damped_iteration(
 
 def pinch_load(model: ShellModel, tips: DualTips, which: int) -> Float[np.ndarray, "v 6"]:
     """The load of 1 N on both tips of one pair."""
-    out: np.ndarray = tip_loads(model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
+    out: np.ndarray = tip_loads(model.nodes, tips, model.mesh.vertices_m)[:, [which]].toarray().reshape(-1, 6)
     return out

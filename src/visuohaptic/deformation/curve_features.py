@@ -42,6 +42,8 @@ __all__ = ["nonlinear_features"]
 MOST_ITERATIONS = 100
 #: Root mean square distance of a curve from its parabola, by that of its forces, above which II says little.
 MOST_RESIDUAL = 0.2
+#: Cells of the curves' mesh to what holds the wall, below which II is that of the mesh.
+FEWEST_CELLS = 2.0
 #: Why nothing is known where no curve was asked for.
 NO_CURVE = "no curve was computed here"
 
@@ -85,6 +87,7 @@ def nonlinear_features(
     at_m, reached = np.full((2, HEIGHTS, len(SIDES)), np.nan)
     valid = np.zeros(departure.shape, dtype=bool)
     reason = np.full((HEIGHTS, len(SIDES)), NO_CURVE, dtype=object)
+    close = _close_to_an_end(body)
     round_ = detect_symmetry(body).round
     for axis in range(1 if round_ else 2):
         plane = PinchPlane(body, axis * np.pi / 2, one_way=True)
@@ -98,6 +101,8 @@ def nonlinear_features(
             departure[row, both], reached[row, both], valid[row, both], reason[row, both] = _departure(
                 plane, vertex, deformation_m, contents
             )
+            if valid[row, column, 2] and close[vertex]:
+                valid[row, both, 2], reason[row, both] = False, close[vertex]
             at_m[row, both] = body.mesh.vertices_m[vertex, 2]
     if round_:
         for grid in (departure, at_m, reached, valid, reason):
@@ -109,6 +114,27 @@ def nonlinear_features(
     return StiffnessFeatures(
         values, linear.points_m, valid & np.isfinite(values), reason.astype(np.str_), reached
     )
+
+
+def _close_to_an_end(body: ShellObject) -> Shaped[np.ndarray, "v"]:
+    """Says for each vertex what holds the wall within two cells of it, or nothing.
+
+    The wall stiffens steeply there, and cells that are as large as the way to the foot don't show how.
+    """
+    points, faces = body.mesh.vertices_m, body.surface_faces
+    sides = points[faces[:, 1:]] - points[faces[:, :1]]
+    reach = FEWEST_CELLS * float(
+        np.sqrt(np.median(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
+    )
+    low, high = points[faces, 2].min(), points[faces, 2].max()
+    out = np.full(len(points), "", dtype=object)
+    out[points[:, 2] < low + reach] = "within two cells of the foot: II is that of the mesh"
+    used = np.unique(faces)
+    away = np.linalg.norm(points[used, :2] - np.array(body.axis_point_m), axis=1)
+    top = points[used, 2] > high - 0.01 * (high - low)
+    if away[top].min() < 0.3 * away[top].max():
+        out[points[:, 2] > high - reach] = "within two cells of the cap: II is that of the mesh"
+    return out
 
 
 def _departure(

@@ -174,7 +174,7 @@ def _own(
     # The gas takes the same pressure at both tips; each tip moves back by its own share of w.
     a = enclosed_gradient(thing, model)
     w = model.solve(a)
-    along = tip_approach(tips, w)
+    along = tip_approach(tips, w, model.mesh.vertices_m)
     first = np.einsum("mi,mi->m", tips.direction, w[tips.first, :3])
     less = pinch - closed_compliance(thing, model, tips, pinch, [contents])[0]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from ..errors import InputError
 from .shell import ShellModel
@@ -49,7 +49,7 @@ def contact_loads(
     A tip of radius r presses with ``1 - (d / r)^2`` at distance d, as a soft finger does; with
     r = 0 it is a point. Vertices on the far side of the wall are out of its reach.
     """
-    points = tip_loads(model.nodes, tips)
+    points = tip_loads(model.nodes, tips, model.mesh.vertices_m)
     if not tip_radius_m >= 0:
         raise InputError("contact_loads", f"found {tip_radius_m} m, expected >= 0", field="tip_radius_m")
     if tip_radius_m == 0:
@@ -94,22 +94,13 @@ def own_compliance(
     With unit loads a and b of the tips, ``a^T K^-1 (a - b) = (c_a - c_b + c) / 2``: two more
     compliances instead of a displacement field for each pinch.
     """
-    from scipy.sparse import coo_array
-
-    count = len(tips)
-    column = np.arange(count)
+    first = np.repeat(tips.first[:, None], 3, axis=1)
     alone = []
-    for nodes, weights in ((tips.first[:, None], np.ones((count, 1))), (tips.second, tips.weights)):
-        rows: list[Int[np.ndarray, "_"]] = []
-        columns, values = [], []
-        for axis in range(3):
-            for corner in range(nodes.shape[1]):
-                use = tips.valid & (weights[:, corner] != 0)
-                rows.append((6 * nodes[:, corner] + axis)[use])
-                columns.append(column[use])
-                values.append((weights[:, corner] * tips.direction[:, axis])[use])
-        entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
-        loads = coo_array(entries, shape=(6 * model.nodes, count)).tocsc()
+    both = tip_loads(model.nodes, tips, model.mesh.vertices_m)
+    # The same pair with its second tip on the first: the loads of the first alone, twice.
+    here = DualTips(tips.first, first, np.tile([-1.0, 0.0, 0.0], (len(tips), 1)), tips.direction, tips.valid)
+    one = tip_loads(model.nodes, here) / 2
+    for loads in (one, one - both):
         alone.append(model.factor().compliance(_free(model, loads)))
     out: np.ndarray = (alone[0] - alone[1] + pinch_compliance) / 2
     return out

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from ..objects.model import Material
 from ..recording.mesh import load_mesh
 from .material import IsotropicMaterial, material
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
-from .resample import find_wall
+from .resample import Wall, find_wall
 from .shell import ShellMesh, enclosed_volume
 
 __all__ = ["MeshState", "import_object", "inspect_mesh"]
@@ -27,10 +27,14 @@ __all__ = ["MeshState", "import_object", "inspect_mesh"]
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
 #: Largest extent of a container that a hand holds [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
+#: Ratio of the two smallest shares of the normals from which a mesh runs along an axis, and how far it may lean.
+RUNS_ALONG, MOST_LEAN_DEGREES = 1.6, 15.0
+#: Separate surfaces farther apart than this share of the radius are two shells, not two sides of one wall.
+NESTED_SHARE = 0.1
 #: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
 THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 #: Triangles that suit a shell: how many, smallest angle, and how many edges round.
-FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 40
+FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 32
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +114,7 @@ def import_object(
     points = _turned_up(raw.vertices, up)
     scale, notes = _scale(points[raw.faces.ravel()], unit, where)
     state = inspect_mesh(points * scale, raw.faces, where)
+    _check_upright(state, where)
     notes += state.defects
     entry = material(wall_material) if isinstance(wall_material, str) else wall_material
     spread = 0.0
@@ -139,7 +144,8 @@ def import_object(
     # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
-    middle = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
+    middle, axis_notes = _foot_centre(used, used[:, 2] <= low + 0.01 * (high - low))
+    notes += axis_notes
     level = np.linspace(low, high, THICK_LEVELS + 1)
     slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
     reach = np.zeros(THICK_LEVELS)
@@ -150,7 +156,7 @@ def import_object(
         mesh,
         state.vertices[:, 2] <= low + 0.01 * (high - low),
         np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64),
-        (float(middle[0]), float(middle[1])),
+        middle,
         constants,
         spread,
         wall_spread,
@@ -274,6 +280,88 @@ def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[
     )
 
 
+def _foot_centre(
+    points: Float[np.ndarray, "v 3"], foot: Bool[np.ndarray, "v"]
+) -> tuple[tuple[float, float], list[str]]:
+    """The height axis goes through the middle of the foot, as that of a description does.
+
+    Where there is next to no foot it goes through the middle of all.
+    """
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    whole, size = 0.5 * (low + high), high - low
+    some = points[foot, :2]
+    if not len(some) or (np.ptp(some, axis=0) < 0.2 * size).any():
+        return (float(whole[0]), float(whole[1])), []
+    centre = 0.5 * (some.min(axis=0) + some.max(axis=0))
+    notes = []
+    if (np.abs(centre - whole) > 0.05 * size).any():
+        notes.append(
+            f"the height axis goes through the foot's middle ({centre[0]:.4g}, {centre[1]:.4g}) m, "
+            f"{1e3 * np.linalg.norm(centre - whole):.2g} mm from that of the whole"
+        )
+    return (float(centre[0]), float(centre[1])), notes
+
+
+def _check_upright(state: MeshState, where: str) -> None:
+    """Refuse what lies on its side or leans: its wall runs along another axis, and it has no foot to stand on.
+
+    The normals of a wall are across its axis. Trays and pouches may also be longer than high, but their
+    foot is about as long and as wide as they are.
+    """
+    a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    share, axes = np.linalg.eigh(np.einsum("fi,fj->ij", normal / np.maximum(size, 1e-300)[:, None], normal))
+    lean = float(np.degrees(np.arccos(min(1.0, abs(axes[2, 0])))))
+    if share[1] < RUNS_ALONG * share[0] or lean < MOST_LEAN_DEGREES:
+        return
+    used = state.vertices[np.unique(state.faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    foot = used[used[:, 2] <= low[2] + 0.02 * (high[2] - low[2])]
+    stands = np.ptp(foot[:, :2], axis=0) / (high - low)[:2]
+    if stands.min() > 0.5:
+        return
+    axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+    along = ", ".join(f"{value:.2g}" for value in axis.round(2) + 0.0)
+    middle = ", ".join(f"{value:.4g}" for value in foot.mean(axis=0))
+    nearest = "xyz"[int(np.abs(axes[:, 0]).argmax())]
+    raise InputError(
+        where,
+        f"its wall runs along ({along}), {lean:.0f} degrees from the height axis, and it stands on an edge at "
+        f"({middle}) m",
+        field="mesh",
+        remedy=f"turn it with --up {nearest} or --up -{nearest}" if nearest != "z" else "turn it upright",
+    )
+
+
+def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
+    """Refuse two shells inside each other: their middle is the wall of neither."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    middle = 0.5 * (wall.low_m + wall.high_m)
+    around = float(np.median(wall.radius_m(np.array([middle]), 48)))
+    if not wall.double or wall.wall_m < NESTED_SHARE * around:
+        return
+    pairs = state.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(state.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][state.faces[:, 0]]
+    boxes = [
+        (state.vertices[state.faces[label == name]].min(axis=(0, 1)),
+         state.vertices[state.faces[label == name]].max(axis=(0, 1)))
+        for name in np.unique(label)
+    ]  # fmt: skip
+    for one, (low, high) in enumerate(boxes):
+        for other, (least, most) in enumerate(boxes):
+            if one != other and (low[:2] > least[:2]).all() and (high[:2] < most[:2]).all():
+                raise InputError(
+                    where,
+                    f"two shells inside each other, {1e3 * wall.wall_m:.2g} mm apart around height {middle:.4g} m",
+                    field="mesh",
+                    remedy="leave one of them out",
+                )
+
+
 def _why_not_as_it_is(state: MeshState) -> str:
     """The first reason against using the triangles as they are, or nothing."""
     vertices, faces = state.vertices, state.faces
@@ -347,6 +435,7 @@ def _resampled(
     notes: tuple[str, ...],
 ) -> ShellObject:
     wall = find_wall(state.vertices, state.faces, where)
+    _check_one_shell(state, wall, where)
     closed = not open_top and _has_top(state, wall.axis_point_m, wall.high_m)
     fine = np.linspace(wall.low_m, wall.high_m, 241)
     mean = wall.radius_m(fine, around).mean(axis=1)
@@ -381,17 +470,25 @@ def _resampled(
         points, np.full(len(heights) - 1, thickness_m), cap_m=thickness_m if closed else None
     )
     floor = ring_lid(np.arange(around)[::-1])
+    foot = np.arange(len(mesh.vertices_m)) < around
+    middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
     return ShellObject(
         mesh,
-        np.arange(len(mesh.vertices_m)) < around,
+        foot,
         np.concatenate([lid, floor]),
-        wall.axis_point_m,
+        middle,
         constants,
         spread,
         wall_spread,
         Path(where).stem,
-        (*notes, *wall.notes, *thick),
+        (*notes, *wall.notes, *_measured(wall, thickness_m), *thick, *axis_notes),
     )
+
+
+def _measured(wall: Wall, thickness_m: float) -> tuple[str, ...]:
+    if wall.double and not 0.5 < wall.wall_m / thickness_m < 2:
+        return (f"the thickness taken is {1e3 * thickness_m:.2g} mm; give that of the mesh with --thickness",)
+    return ()
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: float, where: str) -> list[str]:

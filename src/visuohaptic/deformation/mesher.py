@@ -81,7 +81,7 @@ class ShellObject:
 
 
 def mesh_container(
-    container: ContainerDescription, *, around: int = 64, even: bool = False, levels: int = 0
+    container: ContainerDescription, *, around: int = 72, even: bool = False, levels: int = 0
 ) -> ShellObject:
     """Shell of a container without ranges.
 

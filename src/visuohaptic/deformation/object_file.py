@@ -88,7 +88,7 @@ def load_object(
         if wall_spread is not None:
             changes["wall_spread"] = (wall_spread, wall_spread)
         container = container.model_copy(update=changes)
-        found = mesh_container(container, around=64 if around is None else around)
+        found = mesh_container(container, around=72 if around is None else around)
     else:
         known = ", ".join((".yaml", *FORMATS))
         raise InputError(

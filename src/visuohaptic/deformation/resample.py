@@ -116,6 +116,15 @@ def find_wall(
         if solid.any() and not solid[-1]:
             bottom += int(np.flatnonzero(solid)[-1]) + 1
             notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
+    # A ragged end, or a lid with folds, is no wall: a ring there would go through the axis.
+    clear = first > 0.3 * np.median(first, axis=1, keepdims=True)
+    thin = np.flatnonzero((~clear & seen).any(axis=1))
+    short = int(0.04 * LEVELS)
+    for end in thin[(thin >= bottom) & (thin <= bottom + short)]:
+        bottom = int(end) + 1
+    for end in thin[(thin <= top) & (thin >= top - short)][::-1]:
+        top = int(end) - 1
+    notes += _outside(first, pair if double else first, about, faces, heights, bottom, top)
     found = Wall(
         (float(centre[0]), float(centre[1])),
         float(heights[bottom]),
@@ -129,6 +138,40 @@ def find_wall(
     )
     found.radius_m(heights[bottom : top + 1], ANGLES)  # refuses large holes here
     return found
+
+
+def _outside(
+    first: np.ndarray,
+    last: np.ndarray,
+    points: np.ndarray,
+    faces: np.ndarray,
+    heights: np.ndarray,
+    bottom: int,
+    top: int,
+) -> list[str]:
+    """Say what is farther out than the wall, like a handle."""
+    radius = np.full((*first.shape, MOST), np.inf)
+    count = np.zeros(first.shape, dtype=np.int64)
+    kernels.ring_crossings(
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(faces, dtype=np.int64),
+        np.ascontiguousarray(heights, dtype=float),
+        first.shape[1],
+        radius,
+        count,
+    )
+    radius[~np.isfinite(radius)] = 0.0
+    reach = radius.max(axis=2)
+    beyond = (reach > (1 + THICKEST_SHARE) * np.where(np.isfinite(last), last, first))[bottom : top + 1]
+    if beyond.mean() < 1e-3:
+        return []
+    places = np.argwhere(beyond)
+    row, column = places[len(places) // 2]
+    angle = 360 * column / first.shape[1]
+    return [
+        f"what is outside the wall (a handle?) is left out: {100 * beyond.mean():.1f} % of the directions, as at "
+        f"height {heights[bottom + row]:.4g} m, {angle:.0f} degrees from x towards y"
+    ]
 
 
 def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:

@@ -75,7 +75,7 @@ class FeasibilityMap:
 def spill_of(thing: ShellObject, model: ShellModel, scores: GraspScores, fill: float) -> Spill:
     """What each pinch presses out of an open container: one solve for all, by reciprocity."""
     w = model.solve(enclosed_gradient(thing, model))
-    return Spill((1 - fill) * thing.volume_m3, -tip_approach(scores.tips, w))
+    return Spill((1 - fill) * thing.volume_m3, -tip_approach(scores.tips, w, model.mesh.vertices_m))
 
 
 def feasibility_map(

@@ -327,7 +327,7 @@ def _gas(thing: ShellObject, model: ShellModel, tips: DualTips, fill: float) -> 
     """What enclosed gas takes off each entry: Sherman and Morrison, as in :func:`.closed_compliance`."""
     a = enclosed_gradient(thing, model)
     w = model.solve(a)
-    along = tip_approach(tips, w)
+    along = tip_approach(tips, w, model.mesh.vertices_m)
     kappa = Contents(fill=fill).bulk_stiffness(thing.volume_m3)
     out: np.ndarray = np.outer(along, along) / (1 / kappa + float(np.sum(a * w)))
     return out
