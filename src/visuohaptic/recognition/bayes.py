@@ -262,6 +262,7 @@ def explore(
     rng: np.random.Generator | None = None,
     samples: int = 64,
     without: Bool[np.ndarray, "v"] | None = None,
+    follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
 ) -> Exploration:
     """Touch where it tells most per second until the answer is sure.
 
@@ -282,6 +283,9 @@ def explore(
         Drawn outcomes of each touch.
     without
         Training objects to leave out.
+    follow
+        Called before each touch with what was read so far and the touch that is wanted, and at the end with
+        None; see :mod:`.steps`.
     """
     if not 0 < confidence <= 1 or not 1 <= least_touches <= most_touches <= len(TOUCHES):
         raise InputError(
@@ -295,10 +299,14 @@ def explore(
         gains = touch_gains(model, readings, samples=samples, rng=rng, without=without)
         best = max(gains, key=lambda one: gains[one][0] / gains[one][1])
         seconds += gains[best][1]
+        if follow is not None:
+            follow(readings, best)
         readings = (*readings, touch(*best))
         belief = believe(model, readings, without=without)
         sure = bool(belief.probability.max() >= confidence) and len(readings) >= least_touches
         if sure or len(readings) >= most_touches:
+            if follow is not None:
+                follow(readings, None)
             return Exploration(belief.answer, belief, readings, seconds, sure)
 
 
