@@ -21,7 +21,8 @@ def run() -> list[dict[str, Any]]:
     """Rows of the table."""
     rows, agreed, confirmed = [], 0, 0
     for case in CASES:
-        votes, safe, deep = [], [], []
+        votes, safe, deep, thin = [], [], [], []
+        middle_m = 0.0
         for variant in (None, *range(VARIANTS)):
             thing = load_object(case.thing, variant=variant, seed=3)
             plan = plan_grasps(thing, GraspTask(force_N=case.force_N), count=1)
@@ -29,6 +30,10 @@ def run() -> list[dict[str, Any]]:
             score = float(plan.scores.pair[vertex])
             right = (score >= plan.task.least_score) == case.good
             votes.append(right)
+            wall_m = float(np.median(thing.mesh.thickness_m))
+            middle_m = wall_m if variant is None else middle_m
+            if wall_m <= middle_m:
+                thin.append(right)
             safe.append(
                 (bool(plan.feasibility.feasible[vertex]) and score >= plan.task.least_score) == case.good
             )
@@ -55,8 +60,9 @@ def run() -> list[dict[str, Any]]:
                 "name": f"{case.name}: variants of the class where the map says so",
                 "ours": float(np.mean(votes)),
                 "unit": "share",
-                "note": f"{len(votes)} variants, walls of all thicknesses; with the limit that holds with 95 %: "
-                f"{np.mean(safe):.2f}; nonlinear simulation {sum(deep)} of {len(deep)}",
+                "note": f"{len(votes)} variants, walls of all thicknesses; of the {len(thin)} with walls up to the "
+                f"middle one {np.mean(thin):.2f}; with the limit that holds with 95 %: {np.mean(safe):.2f}; "
+                f"nonlinear simulation {sum(deep)} of {len(deep)}",
             }
         )
     head = [

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import visuohaptic.viewer
 from visuohaptic.cli.main import main
 from visuohaptic.recognition import FeatureSet, save_feature_set
 
@@ -66,9 +67,41 @@ def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monk
     assert found["probabilities"]["soft"] > 0.9
     assert found["touches"] == ["x8", "y8", "x15"]
     assert sum(found["probabilities"].values()) == pytest.approx(1)
+    walked = tmp_path / "walk.json"
+    run("run", tree, str(curves), "--steps", str(walked))
+    steps = json.loads(walked.read_text())
+    assert steps["steps"][0][0] == "touch x8 for the scale"
+    assert (steps["result"] or None) == found["tree"]["answer"]
+    assert visuohaptic.viewer.open_views([walked])[0].steps == tuple(map(tuple, steps["steps"]))
     monkeypatch.setattr("sys.stdin", io.StringIO("8000 8000 0.06\n" * 10))
     asked = run("run", tree, "--ask", "--most", "2")
     assert 1 <= len(asked["touches"]) <= 2
+
+
+def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) -> None:
+    pytest.importorskip("viser", reason="the browser page is an extra")
+    data = _objects(tmp_path / "set.npz")
+    tree = str(tmp_path / "tree.json")
+    assert main(["classify", "train", "--objects", str(tmp_path / "set.npz"), "--out", tree]) == 0
+    shown = {}
+    draw = visuohaptic.viewer.BrowsePage.close
+
+    def closed(page) -> None:
+        shown.update({view.title: view for view in page._views.values()})
+        draw(page)
+
+    monkeypatch.setattr(visuohaptic.viewer.BrowsePage, "close", closed)
+    soft = data.features[0, 7, 0, 0]
+    monkeypatch.setattr("sys.stdin", io.StringIO(f"{soft} {soft} 0.06\n" * 10))
+    words = ["run", tree, "--ask", "--most", "3", "--view", "--seconds", "0", "--port", "0", "--json"]
+    capsys.readouterr()
+    assert main(["classify", *words]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(shown) == {"tree", "planner"}
+    asked = [question for question, _ in shown["planner"].steps]
+    assert asked == [f"touch {touch}" for touch in found["touches"]]
+    assert all(answer for _, answer in shown["planner"].steps)
+    assert f"It is: {found['answer']}" in shown["planner"].text()
 
 
 @pytest.mark.parametrize(
@@ -80,6 +113,10 @@ def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monk
         (["train", "--objects", "set.npz", "--out", "tree.json", "--classes", "soft,mug"], "found 'mug'"),
         (["plan", "nowhere.json"], "cannot be read"),
         (["run", "nowhere.json"], "either a file of curves or --ask"),
+        (["train", "--states", "mug", "--out", "state.json"], "mug"),
+        (["train", "--states", "cup", "--places", "z9", "--out", "state.json"], "found 'z9'"),
+        (["train", "--states", "cup", "--fill", "1.5", "--out", "state.json"], "0 to 1"),
+        (["train", "--out", "tree.json"], "either --objects or --states"),
     ],
 )
 def test_one_line_for_a_mistake(

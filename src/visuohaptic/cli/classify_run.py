@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +20,11 @@ reads   a tree of classify train with its .npz, and a CSV file of curves with th
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m]
         or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
         and perhaps the width [m], as: 5200 5150 0.071
-writes  the probabilities of the classes to stdout
+writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
+        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
 
 example: visuohaptic classify run tree.json curves.csv --json
+         visuohaptic classify run tree.json --ask --view
 """
 
 
@@ -37,11 +42,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--prior", action="append", default=[], metavar="CLASS=SHARE", help="of vision; may be repeated"
     )
     parser.add_argument("--state", type=Path, help="state.json of this object: say its state, too")
+    parser.add_argument("--view", action="store_true", help="show the touches on a page in the browser")
+    parser.add_argument("--port", type=int, default=8080, help="of --view on 127.0.0.1")
+    parser.add_argument("--seconds", type=float, help="close the page after this time; without, at Ctrl-C")
+    parser.add_argument("--steps", type=Path, help="file for the steps of the tree, .json")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Classify; the mapping is what ``--json`` prints."""
-    from ..recognition import believe, next_touch, read_curves, stiffness_grid, touch_gains
+    from ..files import write_text
+    from ..recognition import read_curves, stiffness_grid, tree_steps
     from ..recognition.classifier_file import load_classifier
     from ..recognition.readings import SensorNoise
 
@@ -56,10 +66,29 @@ def run(args: Any) -> dict[str, Any]:
     found = load_classifier(args.tree)
     prior = dict(_prior(text) for text in args.prior) or None
     model = found.model(use_width=not args.no_width, prior=prior)
-    if args.ask:
-        readings = _asked(args, model)
-    else:
-        readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
+    if args.steps and args.steps.suffix != ".json":
+        raise InputError("--steps", f"found {args.steps.name!r}, expected a name with .json")
+    with _page(args, found.tree, model) as follow:
+        if args.ask:
+            readings = _asked(args, model, follow)
+        else:
+            readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
+            for count in range(1, len(readings) + 1):
+                # As if the touches came one after the other.
+                follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))
+        result = _result(args, found, model, readings)
+        if args.steps:
+            steps, answer = tree_steps(found.tree, stiffness_grid(readings))
+            walked = {"steps": [list(step) for step in steps], "result": answer}
+            write_text(args.steps, json.dumps(walked, indent=1) + "\n")
+        if args.view:
+            args.report(f"{result['answer']}: {result['confidence']:.3f}")
+    return result
+
+
+def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
+    from ..recognition import believe, next_touch, stiffness_grid, touch_gains
+
     belief = believe(model, readings)
     wanted, node = next_touch(found.tree, stiffness_grid(readings))
     gains = touch_gains(model, readings)
@@ -88,7 +117,39 @@ def run(args: Any) -> dict[str, Any]:
     return result
 
 
-def _asked(args: Any, model: Any) -> tuple[Any, ...]:
+@contextmanager
+def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
+    """What is told of each touch; with --view a page that shows it, and stays after the last."""
+    if not args.view:
+        yield lambda readings, wanted: None
+        return
+    from ..recognition import planner_follower, stiffness_grid, tree_follower
+    from ..viewer import BrowsePage, StepsView
+    from .view import wait
+
+    if not 0 <= args.port <= 65535:
+        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
+    if args.seconds is not None and not args.seconds >= 0:
+        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    by_tree, by_planner = StepsView("tree"), StepsView("planner")
+    tell_tree, tell_planner = tree_follower(tree, by_tree), planner_follower(model, by_planner)
+
+    def follow(readings: Any, wanted: Any) -> None:
+        tell_tree(stiffness_grid(readings))
+        tell_planner(readings, wanted)
+
+    with BrowsePage([by_tree, by_planner], args.port) as page:
+        args.report(f"{page.url} shows the touches; Ctrl-C ends it")
+        page.show()
+        yield follow
+        wait(args)
+
+
+def _place_of(reading: Any) -> tuple[int, str]:
+    return reading.height, reading.axis
+
+
+def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
     from ..recognition.bayes import explore
     from ..recognition.readings import CurveFit, TouchReading
 
@@ -113,7 +174,12 @@ def _asked(args: Any, model: Any) -> tuple[Any, ...]:
         return TouchReading(height, axis, (sides[0], sides[1]), width)
 
     return explore(
-        model, touch, confidence=args.confidence, most_touches=args.most, least_touches=min(2, args.most)
+        model,
+        touch,
+        confidence=args.confidence,
+        most_touches=args.most,
+        least_touches=min(2, args.most),
+        follow=follow,
     ).readings
 
 

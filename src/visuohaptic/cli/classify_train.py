@@ -10,20 +10,25 @@ from ..errors import InputError
 
 __all__ = ["EPILOG", "HELP", "add_arguments", "run"]
 
-HELP = "Train a classification tree, which is an exploration plan, and a planner of touches."
+HELP = "Train a classification tree, which is an exploration plan, and a planner of touches; or states."
 EPILOG = """\
 reads   a folder of objects build, or the .npz file of an earlier training
+        or, with --states, a container: a shipped class or a .yaml file
 writes  the tree as JSON, and beside it the training objects as NPZ; with --plot figure 6.7
+        or, with --states, what the container feels like open, closed and filled, for classify run --state;
+        large deformations are simulated, which takes about a second for each variant, state and place
 
 example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
          visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
+         visuohaptic classify train --states isana --fill 0.5 --out state.json
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--objects", type=Path, required=True, help="folder of objects build, or .npz")
-    parser.add_argument("--out", type=Path, required=True, help="tree to write, .json")
+    parser.add_argument("--objects", type=Path, help="folder of objects build, or .npz")
+    parser.add_argument("--states", metavar="CONTAINER", help="learn the states of this container instead")
+    parser.add_argument("--out", type=Path, required=True, help="tree or states to write, .json")
     parser.add_argument("--classes", help="candidates, with commas; all by default")
     parser.add_argument(
         "--group",
@@ -38,10 +43,49 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--seed", type=int, default=0, help="of folds and calibration")
     parser.add_argument("--plot", type=Path, help="picture of the tree and the features")
+    states = parser.add_argument_group("with --states")
+    states.add_argument(
+        "--fill", type=float, action="append", default=[], help="a state closed and so full, 0..1; repeatable"
+    )
+    states.add_argument(
+        "--places", default="y+4,y+6,y+8,y+10", help="candidates, side and height (y+4,y+6,y+8,y+10)"
+    )
+    states.add_argument("--variants", type=int, default=8, help="draws of wall and modulus, each 10 %% (8)")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Train and write; the mapping is what ``--json`` prints."""
+    if args.out.suffix != ".json":
+        raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
+    if (args.objects is None) == (args.states is None):
+        raise InputError("classify train", "expected either --objects or --states")
+    return _objects(args) if args.states is None else _states(args)
+
+
+def _states(args: Any) -> dict[str, Any]:
+    import numpy as np
+
+    from ..deformation import Contents, load_container
+    from ..recognition.state import fit_state_model, save_state_model, simulate_state_curves
+
+    if bad := [fill for fill in args.fill if not 0 < fill <= 1]:
+        raise InputError("--fill", f"found {bad[0]:g}, expected more than 0 to 1")
+    if not 3 <= args.variants <= 1000:
+        raise InputError("--variants", f"found {args.variants}, expected 3 to 1000")
+    states: dict[str, Contents | None] = {"open": None, "closed": Contents()}
+    states |= {f"closed, {100 * fill:g} % full": Contents(fill=fill) for fill in args.fill}
+    places = [place.strip() for place in args.places.split(",")]
+    curves = simulate_state_curves(
+        load_container(args.states).middle(), states, places, variants=args.variants, seed=args.seed
+    )
+    model = fit_state_model(curves, np.random.default_rng(args.seed))
+    save_state_model(args.out, model)
+    ranked = dict(zip(model.places, model.accuracy.tolist(), strict=True))
+    args.report("\n".join(f"{place}: right {100 * share:.0f} %" for place, share in ranked.items()))
+    return {"out": str(args.out), "states": list(model.states), "places": ranked}
+
+
+def _objects(args: Any) -> dict[str, Any]:
     import time
 
     import numpy as np
@@ -53,8 +97,6 @@ def run(args: Any) -> dict[str, Any]:
     from ..recognition.tree import feature_name
     from ..recognition.tree_plots import plot_tree
 
-    if args.out.suffix != ".json":
-        raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
     groups = dict(_group(text) for text in args.group)
     data = load_feature_set(args.objects)
     named = {member: name for name, members in groups.items() for member in members}

@@ -6,7 +6,7 @@ import argparse
 import time
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "add_arguments", "run", "wait"]
 
 HELP = "Show objects, maps with plans, surfaces and classifications in the browser."
 EPILOG = """\
@@ -48,10 +48,15 @@ def run(args: Any) -> dict[str, Any]:
         url, names = page.url, page.names
         args.report(f"{url} shows {', '.join(names)}; Ctrl-C ends it")
         page.show()
-        try:
-            end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
-            while (left_s := end_s - time.monotonic()) > 0:
-                time.sleep(min(left_s, 0.5))
-        except KeyboardInterrupt:
-            args.report("stopped")
+        wait(args)
     return {"url": url, "views": list(names)}
+
+
+def wait(args: Any) -> None:
+    """Until ``--seconds`` have passed, or Ctrl-C."""
+    try:
+        end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
+        while (left_s := end_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, 0.5))
+    except KeyboardInterrupt:
+        args.report("stopped")

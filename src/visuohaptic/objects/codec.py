@@ -42,7 +42,7 @@ def encode(obj: VisuoHapticObject) -> tuple[dict[str, Any], Arrays]:
 
 
 def _encode(value: Any, place: str, arrays: Arrays) -> Any:
-    kind = type(value)
+    kind: type = type(value)
     if kind is str or kind is int or kind is bool:
         return value  # most values: asked for by name, an import is a tenth faster
     if value is None or isinstance(value, (bool, np.bool_)):

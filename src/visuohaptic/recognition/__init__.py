@@ -19,6 +19,7 @@ from .prior import Candidate, Example, PriorSettings, VisualPrior, calibrate_pri
 from .prior_file import load_prior, save_prior
 from .protocol import TouchProtocol, travel_seconds
 from .readings import CurveFit, SensorNoise, TouchReading, fit_curve, read_curves, stiffness_grid
+from .steps import Listener, planner_follower, planner_steps, tree_follower, tree_steps
 from .tree import (
     SCHEMES,
     ClassificationTree,
@@ -51,6 +52,7 @@ __all__ = [
     "Exploration",
     "FeatureSet",
     "HapticModel",
+    "Listener",
     "ModelSettings",
     "PriorSettings",
     "SensorNoise",
@@ -75,6 +77,8 @@ __all__ = [
     "model_probabilities",
     "next_touch",
     "noisy_copies",
+    "planner_follower",
+    "planner_steps",
     "predict",
     "read_build",
     "read_curves",
@@ -88,6 +92,8 @@ __all__ = [
     "touch_gains",
     "train_tree",
     "travel_seconds",
+    "tree_follower",
+    "tree_steps",
     "tree_text",
     "walk",
 ]

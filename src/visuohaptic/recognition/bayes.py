@@ -43,7 +43,6 @@ UNKNOWN = "unknown"
 _WIDTH0 = HEIGHTS * 4  # first width among the features
 _ALL = HEIGHTS * 6
 _PLACE_m = 0.01  # between two of the 16 heights
-_GROOVES = 0.2  # standard deviation of log stiffness by height, of unknown containers
 TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS + 1) for axis in "xy")
 
 
@@ -51,8 +50,10 @@ TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS
 class ModelSettings:
     """What is assumed beyond the training data."""
 
-    bandwidth: float = 0.55  #: h of the kernel, of the class's own spread
-    discrepancy: float = 0.06  #: relative error of simulated stiffness, by place
+    #: h of the kernel, of the class's own spread. Objects that are left out are most likely under wider ones;
+    #: this is narrow enough that strangers between the known objects are not taken for them.
+    bandwidth: float = 0.35
+    discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
     pose_m: float = 0.002  #: wrong height of a touch
     tilt_rad: float = 0.05  #: wrong tilt of the gripper against the object, 3 degrees
@@ -158,16 +159,15 @@ def fit_model(
     log_prior = np.empty(len(data))
     total = sum(given.get(name, 0.0) for name in answers)
     known = 1 - given.get(UNKNOWN, settings.unknown_prior)
-    h2 = settings.bandwidth**2
+    own, h2 = np.diag(_discrepancy(settings)), settings.bandwidth**2
     for k, part in enumerate(parts):
         rows = component == k
         if np.count_nonzero(rows) < 3:
             raise InputError("fit_model", f"class {part!r} has fewer than 3 objects")
+        pose[k] = _pose(data.take(rows), features[rows], settings)
         middle = features[rows].mean(axis=0)
         mean[rows] = middle + np.sqrt(1 - h2) * (features[rows] - middle)
-        pose[k] = _pose(data.take(rows), features[rows], settings)
-        covariance[k] = h2 * np.cov(features[rows].T) + pose[k]
-        covariance[k] += np.diag(_discrepancy(settings))
+        covariance[k] = h2 * np.cov(features[rows].T) + pose[k] + own
         share = given.get(name_of[part], 0.0) / total / sum(name_of[p] == name_of[part] for p in parts)
         with np.errstate(divide="ignore"):
             log_prior[rows] = np.log(known * share / np.count_nonzero(rows))
@@ -176,7 +176,7 @@ def fit_model(
         (*answers, UNKNOWN),
         np.array([answers.index(name_of[part]) for part in parts]),
         mean, component, covariance, log_prior, average,
-        _unknown(features, component) + pose.mean(axis=0) + np.diag(_discrepancy(settings)), settings,
+        _unknown(features, component) + pose.mean(axis=0) + own, settings,
         TouchProtocol() if protocol is None else protocol,
     )  # fmt: skip
 
@@ -262,6 +262,7 @@ def explore(
     rng: np.random.Generator | None = None,
     samples: int = 64,
     without: Bool[np.ndarray, "v"] | None = None,
+    follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
 ) -> Exploration:
     """Touch where it tells most per second until the answer is sure.
 
@@ -282,6 +283,9 @@ def explore(
         Drawn outcomes of each touch.
     without
         Training objects to leave out.
+    follow
+        Called before each touch with what was read so far and the touch that is wanted, and at the end with
+        None; see :mod:`.steps`.
     """
     if not 0 < confidence <= 1 or not 1 <= least_touches <= most_touches <= len(TOUCHES):
         raise InputError(
@@ -295,10 +299,14 @@ def explore(
         gains = touch_gains(model, readings, samples=samples, rng=rng, without=without)
         best = max(gains, key=lambda one: gains[one][0] / gains[one][1])
         seconds += gains[best][1]
+        if follow is not None:
+            follow(readings, best)
         readings = (*readings, touch(*best))
         belief = believe(model, readings, without=without)
         sure = bool(belief.probability.max() >= confidence) and len(readings) >= least_touches
         if sure or len(readings) >= most_touches:
+            if follow is not None:
+                follow(readings, None)
             return Exploration(belief.answer, belief, readings, seconds, sure)
 
 
@@ -355,10 +363,10 @@ def _pose(
 def _unknown(
     features: Float[np.ndarray, "v p"], component: Int[np.ndarray, "v"]
 ) -> Float[np.ndarray, "u p p"]:
-    """Covariances of containers that nobody has seen, of two kinds.
+    """Covariances of containers that nobody has seen, of three kinds.
 
-    One is of the size and stiffness of what is known, and another profile: what is mistaken most easily. The
-    other is anything, as glass and paper are.
+    Two are of the size and stiffness of what is known, and of another profile, with grooves and smooth: what is
+    mistaken most easily. The third is anything, as glass and paper are.
     """
     middle = np.stack([features[component == k].mean(axis=0) for k in np.unique(component)]).mean(axis=0)
     away = features - middle
@@ -371,20 +379,28 @@ def _unknown(
         max(1.2 * wide.std(), 0.15),
         max(1.2 * (away[:, _WIDTH0:] - wide[:, None]).std(), 0.1),
     )
-    return np.stack([_any_profile(*own), _any_profile(1.5, 0.8, 0.29, 0.2)])
+    return np.stack(
+        [
+            _any_profile(*own),
+            _any_profile(*own, grooves=0.0, reach=5.0),
+            _any_profile(1.5, 0.8, 0.29, 0.2),
+        ]
+    )
 
 
-def _any_profile(level: float, bend: float, size: float, shape: float) -> Float[np.ndarray, "p p"]:
-    """Smooth along the height; standard deviations of logarithms, in common and by place."""
+def _any_profile(
+    level: float, bend: float, size: float, shape: float, *, grooves: float = 0.2, reach: float = 3.0
+) -> Float[np.ndarray, "p p"]:
+    """Smooth over ``reach`` places; standard deviations of logarithms, in common and by place."""
     height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :4])
-    near = np.exp(-0.5 * ((height[:, None] - height) / 3.0) ** 2)
+    near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
     axis = np.where(side[:, None] // 2 == side // 2, 1.0, 0.7)
     out = np.zeros((_ALL, _ALL))
     # Grooves and shoulders run all around.
-    ring = _GROOVES**2 * (height[:, None] == height)
+    ring = grooves**2 * (height[:, None] == height)
     out[:_WIDTH0, :_WIDTH0] = level**2 + (bend**2 * near + ring) * axis
     height, side = (part.ravel() for part in np.mgrid[:HEIGHTS, :2])
-    near = np.exp(-0.5 * ((height[:, None] - height) / 3.0) ** 2)
+    near = np.exp(-0.5 * ((height[:, None] - height) / reach) ** 2)
     same = side[:, None] == side
     out[_WIDTH0:, _WIDTH0:] = size**2 * np.where(same, 1.4, 1.0) + shape**2 * near * np.where(same, 1.0, 0.5)
     return out

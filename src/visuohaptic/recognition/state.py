@@ -90,6 +90,8 @@ def simulate_state_curves(
         Of the draws.
     """
     rng = np.random.default_rng(seed)
+    for place in places:
+        _place(place)  # before minutes of simulation
     out = []
     for variant in range(variants):
         thicker, stiffer = 1 + rng.uniform(-wall, wall), 1 + rng.uniform(-modulus, modulus)

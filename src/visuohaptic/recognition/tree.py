@@ -205,12 +205,20 @@ def next_touch(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) ->
 
 
 def walk(
-    tree: ClassificationTree, touch: Callable[[int, str], tuple[float, float]]
+    tree: ClassificationTree,
+    touch: Callable[[int, str], tuple[float, float]],
+    *,
+    follow: Callable[[Float[np.ndarray, "16 4"]], object] | None = None,
 ) -> tuple[str, tuple[Touch, ...]]:
-    """Explore: ``touch(height, axis)`` measures both sides [N/m]; the class and what was touched."""
+    """Explore: ``touch(height, axis)`` measures both sides [N/m]; the class and what was touched.
+
+    ``follow`` is called before each touch, and at the end, with what was measured; see :mod:`.steps`.
+    """
     measured = np.full((HEIGHTS, 4), np.nan)
     touched: list[Touch] = []
     while True:
+        if follow is not None:
+            follow(measured.copy())
         wanted, node = next_touch(tree, measured)
         if wanted is None:
             return tree.classes[int(tree.answer[node])], tuple(touched)
