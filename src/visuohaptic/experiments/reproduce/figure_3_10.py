@@ -26,9 +26,9 @@ __all__ = ["CAPTION", "TITLE", "run"]
 TITLE = "Contacts seen by the platform's camera, with fitted primitives"
 CAPTION = (
     "Image gradients in the lower half, the image in the upper half; contours and contacts of the foam and the "
-    "fitted primitive: (a) line, (b) line segment, (c) corner, (d-f) circles (simulated camera, foam and objects). The "
-    "corner is turned by 30 deg. At 45 deg, in the table only, the two contour points at its tip are taken for outliers "
-    "and bridged, and what is left may look like a short face."
+    "fitted primitive: (a) line, (b) line segment, (c) corner, (d-f) circles (simulated camera, foam and objects). Of "
+    "the corner, turned by 30 deg, the edge that touches is drawn. At 45 deg, in the table only, the two contour points "
+    "at its tip are taken for outliers and bridged, and what is left may look like a short face."
 )
 #: Of the foam's front at rest, ahead of the platform's centre [m], and the gap that is driven first.
 FRONT_m, GAP_m = 0.19, 0.01
@@ -138,6 +138,11 @@ def _touched(
     outlines = []
     if fitted is not None:
         points = primitive_outline(fitted, reach_m=0.12)
+        if fitted.kind is PrimitiveKind.CORNER and found.fit is not None:
+            # The direction of an edge that does not touch is not seen: only what touches is drawn.
+            left, right = found.fit.candidate(PrimitiveKind.CORNER).observed
+            half = len(points) // 2
+            points = points if left == right else points[:half] if left else points[half:]
         outlines.append(camera.project(pose.apply(np.column_stack([points, np.zeros(len(points))]))))
     notes = FrameNotes(
         reference_px=strip.reference_points_px,

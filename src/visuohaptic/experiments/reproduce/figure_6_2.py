@@ -44,7 +44,7 @@ def run(out: Output) -> None:
         mesh = replace(thing.mesh, vertices_m=said.shape_m)
         shaded(axis, _Surface(mesh.vertices_m, thing.surface_faces), amount / max(float(amount.max()), 1e-9))
         low, high = points.min(axis=0), points.max(axis=0)
-        frame_3d(axis, low, high, elev=20)
+        frame_3d(axis, low, high, elev=20, zoom=1.05)
         axis.set_title(f"{letter}  {name}: {1e3 * moved[name]:.1f} mm at {FORCE_N:g} N", fontsize=10)
         _scale(figure, axis, "viridis", Normalize(0.0, 1e3 * float(amount.max())), "moved by [mm]")
     found = object_map(thing, band=False)
@@ -53,7 +53,7 @@ def run(out: Output) -> None:
 
     corners = 1e3 * found.vertices_m[found.faces]
     axes[0, 2].add_collection3d(Poly3DCollection(corners, facecolors=shade, edgecolors="none"))
-    frame_3d(axes[0, 2], low, high, elev=20)
+    frame_3d(axes[0, 2], low, high, elev=20, zoom=1.05)
     axes[0, 2].set_title("c  local stiffness of b", fontsize=10)
     used = np.isfinite(found.stiffness_N_per_m)
     # The scale of `colours`: logarithmic, from the 2nd to the 98th percentile.
@@ -74,7 +74,7 @@ def _scale(figure: Any, axis: Any, colours: str, norm: Any, label: str) -> None:
     from matplotlib.cm import ScalarMappable
 
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axis, shrink=0.6, pad=0.02, label=label)
-    bar.ax.tick_params(labelsize=8)
+    bar.ax.tick_params(which="both", labelsize=8)
 
 
 class _Surface:

@@ -69,6 +69,6 @@ def run(out: Output) -> None:
                 yerr=bars,
             )
         axes.set(xlabel="tree", ylabel="loss [%]", xticks=rows["tree"])
-        axes.legend()
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
 
     out.picture("losses", draw_axes(1, 1, draw, size=(7.0, 3.8)))
