@@ -154,5 +154,5 @@ def test_a_map_with_negative_stiffness_is_refused(found: StiffnessMap, tmp_path:
         stiffness_N_per_m=-np.abs(found.stiffness_N_per_m),
         stiffness_sigma_N_per_m=found.stiffness_sigma_N_per_m,
     )
-    with pytest.raises(InputError, match="stiffness_N_per_m: found -.*, expected no number below 0"):
+    with pytest.raises(InputError, match=r"stiffness_N_per_m: found -.*, expected no number below 0"):
         load_map(path)

@@ -233,5 +233,5 @@ def test_a_plan_never_pushes_where_the_way_round_is_cheaper():
 
 def test_an_object_wider_than_the_map_is_not_in_metres():
     problem = office()
-    with pytest.raises(InputError, match="350 m wide on a map of .* expected metres"):
+    with pytest.raises(InputError, match=r"350 m wide on a map of .* expected metres"):
         replace(problem, objects=(MovableObject("stool", 1000 * box(2.0, 1.0, 0.35), STOOL),))
