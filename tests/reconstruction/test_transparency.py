@@ -245,6 +245,17 @@ def test_refined_poses_are_better(sequence):
     assert np.mean(step_errors_m(refine_poses(noisy))) < 0.6 * np.mean(step_errors_m(noisy))
 
 
+def test_right_poses_stay_where_they_are(sequence):
+    """No common drift: the surface must not move because its views were fitted to each other."""
+    scene, frames = sequence
+    told = [replace(f, pose_world_camera=p) for f, p in zip(frames, scene.poses, strict=True)][:24]
+    moved_m = [
+        f.pose_world_camera.translation_m - p.translation_m
+        for f, p in zip(refine_poses(told), scene.poses, strict=False)
+    ]
+    assert np.linalg.norm(np.mean(moved_m, axis=0)) < 2e-4  # half a millimetre without the anchor
+
+
 def test_glass_is_found_and_opaque_twins_are_not(sequence):
     scene, frames = sequence
     grid = SpaceGrid.around((-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), 0.01)

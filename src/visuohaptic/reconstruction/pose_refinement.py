@@ -68,7 +68,20 @@ def refine_poses(
                 ideal_depth(frame), target, frame.camera.matrix, prior, noise, sigma_m, sigma_rad, step_px
             )
             poses[i] = poses[i] @ motion
+    poses = _anchored(poses, told)
     return [replace(frame, pose_world_camera=pose) for frame, pose in zip(frames, poses, strict=True)]
+
+
+def _anchored(poses: Sequence[Pose], told: Sequence[Pose]) -> list[Pose]:
+    """Fitted poses, laid as one body on the told ones.
+
+    Views say where they are to each other, not to the world. The expected surface is the nearest of
+    what falls into a pixel, a part of a pixel too near: without this all views would back off together.
+    """
+    away = [there @ here.inverse() for here, there in zip(poses, told, strict=True)]
+    turn = np.mean([_rotation_vector(pose.rotation) for pose in away], axis=0)
+    back = Pose.from_rotation_vector(turn, np.mean([pose.translation_m for pose in away], axis=0))
+    return [back @ pose for pose in poses]
 
 
 def alignment_step(
