@@ -371,6 +371,13 @@ def _ctrl_c() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def _answers() -> Iterator[None]:
+    """A person who says the same of every touch, looks at the page, and ends it."""
+    with _ctrl_c(), mock.patch("sys.stdin", io.StringIO("5200 5150 0.071\n" * 100)):
+        yield
+
+
+@contextlib.contextmanager
 def _server() -> Iterator[None]:
     """The shared database of the example's address is a folder: no server runs here."""
     from visuohaptic.objects import database
@@ -499,9 +506,10 @@ def _classify_train(folder: Path, results: list[Any]) -> None:
 
 
 def _classify_run(folder: Path, results: list[Any]) -> None:
-    (found,) = results
+    found, asked = results
     assert sum(found["probabilities"].values()) == pytest.approx(1)
     assert found["answer"] == "elliptic"  # the group that isana is in
+    assert asked["touches"]
 
 
 def _said(**expected: Any) -> Check:
@@ -551,7 +559,7 @@ STORIES: dict[str, Story] = {
     "reproduce": Story(lambda f, r: _reproduced(f)),
     "classify train": Story(_classify_train, _build, "classify"),
     "classify plan": Story(lambda f, r: _planned(r), room="classify", needs=("classify train",)),
-    "classify run": Story(_classify_run, _curves, "classify", ("classify train",)),
+    "classify run": Story(_classify_run, _curves, "classify", ("classify train",), around=_answers),
     "recording info": Story(lambda f, r: _recorded(r), _recording),
     "recording import": Story(_said(frames=5), _robot_arm),
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
