@@ -50,7 +50,7 @@ def shapes(variants: int = 6, looks: int = 160, seed: int = 3) -> list[dict[str,
     return [{**row, "note": note} for row in rows]
 
 
-def pictures(count: int = 150, looks: int = 300, seed: int = 4) -> list[dict[str, Any]]:
+def pictures(count: int = 150, looks: int = 600, seed: int = 4) -> list[dict[str, Any]]:
     """Labels in scenes; some are unknown."""
     rng = np.random.default_rng(seed)
     prior = VisualPrior()

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from visuohaptic.experiments import virtual_containers as world
 from visuohaptic.recognition import FeatureSet, feature_name, load_feature_set, mean_touches, train_tree
 
-from . import _recog_world as world
 from .harness import cpu_seconds
 
 #: The elliptic bottles of the table are one class where they are not told apart.

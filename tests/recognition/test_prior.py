@@ -212,3 +212,19 @@ def test_benchmark_of_pictures_in_small() -> None:
     rows = {row["name"]: row["ours"] for row in bench.pictures(count=12, looks=24)}
     assert rows["picture: top 1"] > 0.75
     assert rows["picture: unknown and called so"] > 0.4
+
+
+def test_no_match_is_another_thing_than_few() -> None:
+    """A look that is too blurred for any match is judged by its own weight, not by the curve of the counts."""
+    from visuohaptic.recognition.prior import PriorSettings, _Evidence, _probabilities
+
+    def unknown(matches: list[float], settings: PriorSettings) -> float:
+        nothing = np.full(len(matches), np.nan)
+        look = _Evidence(np.log(np.full(len(matches), 0.1)), np.log1p(matches), 1.0, nothing, {})
+        return float(_probabilities(look, settings)[-1])
+
+    settings = PriorSettings(none_against=1.0)
+    none, few, many = (unknown([best] + [0.0] * 9, settings) for best in (0.0, 6.0, 40.0))
+    # 0.9 known by e^-1 against 0.1.
+    assert none == pytest.approx(0.1 / (0.1 + 0.9 * np.exp(-1)))
+    assert many < 1e-3 < few < none

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -65,14 +66,18 @@ def run(args: Any) -> dict[str, Any]:
         )
     found = load_classifier(args.tree)
     prior = dict(_prior(text) for text in args.prior) or None
-    model = found.model(use_width=not args.no_width, prior=prior)
+    readings: Any = ()
+    if not args.ask:
+        readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
+    # Without a width in the file, what is certain enough is another matter, too.
+    wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
+    model = found.model(use_width=wide and not args.no_width, prior=prior)
     if args.steps and args.steps.suffix != ".json":
         raise InputError("--steps", f"found {args.steps.name!r}, expected a name with .json")
     with _page(args, found.tree, model) as follow:
         if args.ask:
             readings = _asked(args, model, follow)
         else:
-            readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
             for count in range(1, len(readings) + 1):
                 # As if the touches came one after the other.
                 follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))

@@ -91,7 +91,7 @@ def _objects(args: Any) -> dict[str, Any]:
     import numpy as np
 
     from ..recognition import load_feature_set, mean_touches, train_tree, tree_text
-    from ..recognition.bayes import fit_model
+    from ..recognition.bayes import ModelSettings, fit_model
     from ..recognition.calibration import calibrate
     from ..recognition.classifier_file import Classifier, save_classifier
     from ..recognition.tree import feature_name
@@ -120,8 +120,19 @@ def _objects(args: Any) -> dict[str, Any]:
         folds=min(10, fewest),
         rng=np.random.default_rng(args.seed),
     )
-    model = calibrate(fit_model(used, groups), used, np.random.default_rng(args.seed), explorations=150)
-    save_classifier(args.out, Classifier(tree, used, groups, model.temperature, model.unknown_from))
+    model, plain = (
+        calibrate(
+            fit_model(used, groups, settings=ModelSettings(use_width=width)),
+            used,
+            np.random.default_rng(args.seed),
+            explorations=150,
+        )
+        for width in (True, False)
+    )
+    by_stiffness = plain.temperature, plain.unknown_from
+    save_classifier(
+        args.out, Classifier(tree, used, groups, model.temperature, model.unknown_from, by_stiffness)
+    )
     if args.plot:
         plot_tree(args.plot, tree, candidates)
     args.report(tree_text(tree))

@@ -25,12 +25,15 @@ class Classifier:
     groups: Mapping[str, Sequence[str]]  #: name -> classes that are answered by this name
     temperature: float = 1.0
     unknown_from: float = 0.5
+    #: Temperature and threshold of "unknown" by stiffness alone, which says less; None: the same as with widths.
+    plain: tuple[float, float] | None = None
 
     def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
         """The Bayesian planner of the same objects."""
         settings = ModelSettings(use_width=use_width)
         fitted = fit_model(self.data, self.groups, settings=settings, prior=prior)
-        return calibrated(fitted, self.temperature, self.unknown_from)
+        with_width = self.temperature, self.unknown_from
+        return calibrated(fitted, *(with_width if use_width or self.plain is None else self.plain))
 
 
 def save_classifier(path: Path | str, found: Classifier) -> None:
@@ -43,6 +46,7 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
         "groups": {name: list(members) for name, members in found.groups.items()},
         "temperature": found.temperature,
         "unknown_from": found.unknown_from,
+        "plain": None if found.plain is None else list(found.plain),
     }
     write_text(path, json.dumps(content, indent=1) + "\n")
 
@@ -56,13 +60,17 @@ def load_classifier(path: Path | str) -> Classifier:
         content = json.loads(path.read_text(encoding="utf-8"))
         groups = {str(name): tuple(map(str, members)) for name, members in content["groups"].items()}
         temperature, unknown_from = float(content["temperature"]), float(content["unknown_from"])
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        # Files of earlier versions do not have it.
+        pair = content.get("plain")
+        plain = None if pair is None else (float(pair[0]), float(pair[1]))
+    except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
             path, f"is no classifier ({error})", remedy="make one with classify train"
         ) from error
-    if not (0 < temperature < 1e3 and 0 < unknown_from <= 1):
-        raise InputError(path, f"found temperature {temperature} and unknown_from {unknown_from}")
+    for warm, threshold in ((temperature, unknown_from), *([plain] if plain else [])):
+        if not (0 < warm < 1e3 and 0 < threshold <= 1):
+            raise InputError(path, f"found temperature {warm} and unknown_from {threshold}")
     named = {member: name for name, members in groups.items() for member in members}
     if not set(tree.classes) <= {named.get(label, label) for label in data.classes}:
         raise InputError(path.with_suffix(".npz"), "has other classes than the tree beside it")
-    return Classifier(tree, data, groups, temperature, unknown_from)
+    return Classifier(tree, data, groups, temperature, unknown_from, plain)

@@ -8,8 +8,10 @@ shape on the cloud, the odds against an object that is not stored are
 
     pi_i / pi_unknown * ((1 + n) / (1 + n_0)) ** a * (r_0 / r) ** b * prod_w P(w | i) / P(w)
 
-over the words w of the scene's context. The exponents a, b and the neutral points n_0, r_0 are fitted on
-examples by their log loss (:func:`calibrate_prior`), so that probabilities mean what they say. Evidence that is
+over the words w of the scene's context; without agreeing matches, exp(-c) stands for the first power: blur and
+cover take all matches at once, so that none is no smaller number of the same kind. The exponents a, b, the neutral
+points n_0, r_0 and c are fitted on examples by their log loss (:func:`calibrate_prior`), so that probabilities mean
+what they say. Evidence that is
 not there, as no picture of an object, leaves its odds as they are.
 """
 
@@ -49,8 +51,9 @@ class PriorSettings:
     shapes_checked: int = 12  #: the best by descriptor, that ICP is tried on
     views_checked: int = 2  #: of each of these
     unknown_prior: float = 0.1  #: probability that an object is not stored, before anything is seen
-    matches_exponent: float = 4.0  #: a
-    matches_neutral: float = 1.5  #: n_0; fewer than 6 matches are counted as none
+    matches_exponent: float = 7.0  #: a
+    matches_neutral: float = 4.7  #: n_0; fewer than 6 matches are counted as none
+    none_against: float = 2.2  #: c
     residual_exponent: float = 6.0  #: b
     residual_neutral_m: float = 0.002  #: r_0
     most_evidence: float = 14.0  #: of picture or shape alone, either way; logarithm of odds
@@ -383,7 +386,7 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     with_shape = any(np.isfinite(look.log_residual).any() for look in looks)
     strangers = sum(one.truth == UNKNOWN for one in examples)
     old = replace(prior.settings, unknown_prior=(strangers + 1) / (len(examples) + 2))
-    names_free = ["matches_exponent", "matches_neutral"] * with_image
+    names_free = ["matches_exponent", "matches_neutral", "none_against"] * with_image
     names_free += ["residual_exponent", "residual_neutral_m"] * with_shape
     if not names_free:
         raise InputError("examples", "found no picture and no cloud that says anything")
@@ -411,6 +414,7 @@ def _probabilities(evidence: _Evidence, settings: PriorSettings) -> Float[np.nda
     """Of each stored object and, last, of unknown."""
     most = settings.most_evidence
     picture = settings.matches_exponent * (evidence.log_matches - np.log1p(settings.matches_neutral))
+    picture = np.where(evidence.log_matches == 0, -settings.none_against, picture)
     picture = np.where(picture < 0, evidence.matches_weight * picture, picture)
     shape = settings.residual_exponent * (np.log(settings.residual_neutral_m) - evidence.log_residual)
     odds = evidence.log_prior + np.log1p(-settings.unknown_prior)
