@@ -137,9 +137,7 @@ def _from_outside(
     for back_m in BACK_M:
         begin = path[:1] - np.array([*(back_m * ahead), 0.0])
         try:
-            return simulate_push(
-                model, object_m, np.concatenate([begin, path]) if back_m else path, radius_m
-            )
+            return simulate_push(model, object_m, np.concatenate([begin, path]) if back_m else path, radius_m)
         except InputError:
             continue
     return None

@@ -18,8 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import StrEnum
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -30,86 +29,18 @@ from ..navigation.grid import SpeedLimits, grid_layers
 from ..navigation.plan import Plan, Task
 from ..navigation.problem import PlanningProblem
 from ..navigation.strategies import make_plan
-from ..navigation.turning_push import TurningPush, plan_turning_pushes
+from ..navigation.turning_push import TurningPush
 from ..objects import Estimate, HapticTag
 from ..robots import BaseState, MobileBase
 from .steered_push import PushEnd, PushSettings, SteeredPush
 from .travel_memory import TravelMemory
+from .travel_plans import TravelPlans
 from .travel_trace import TravelRecord
+from .travel_words import TravelOutcome, TravelSenses, TravelSettings, TravelState
 
 __all__ = ["Travel", "TravelOutcome", "TravelSenses", "TravelSettings", "TravelState", "travel"]
 
 PERIOD_S = 0.02
-
-
-@runtime_checkable
-class TravelSenses(Protocol):
-    """What is perceived on the way."""
-
-    def pose(self) -> tuple[float, float, float]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
-
-    def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim [N], and where it acts in the map [m]; 0 and ``None`` without touch."""
-
-    def look(self, id: str) -> tuple[float, float, float] | None:
-        """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
-
-        ``None`` when it can't be seen now.
-        """
-
-
-class TravelState(StrEnum):
-    """Of the machine."""
-
-    PLAN = "plan"
-    DRIVE = "drive"
-    PUSH = "push"
-    EXPLORE = "explore"
-    TURN = "turn"
-    BACK_OFF = "back off"
-    ARRIVED = "arrived"
-    FAILED = "failed"
-
-
-class TravelOutcome(StrEnum):
-    """How the travel ended."""
-
-    ARRIVED = "arrived"
-    NO_PLAN = "no plan"
-    TIMED_OUT = "timed out"
-    GAVE_UP = "gave up"  #: after too many plans
-
-
-@dataclass(frozen=True, slots=True)
-class TravelSettings:
-    """What the text leaves open."""
-
-    #: Room that plans keep beside the robot and beside what it pushes, tried in order [m]: cells, tracking
-    #: and drift take some of it
-    margins_m: tuple[tuple[float, float], ...] = (
-        (0.045, 0.03),
-        (0.045, 0.0),
-        (0.025, 0.0),
-        (0.01, 0.0),
-        (0.0, 0.0),
-    )
-    bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
-    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
-    plans: int = 40  #: at most
-    drive_stall_s: float = 5.0  #: without getting on
-    bump_N: float = 3.0  #: force that ends a drive, when it lasts
-    bump_s: float = 0.4
-    back_off_m: float = 0.10
-    leave_m: float = 0.03  #: away from a wall that was touched
-    turns: int = 6  #: pushes beside the centre of an object, where no straight one helps
-    turn_margins_m: tuple[float, ...] = (0.025, 0.0)  #: room that they keep, tried in order [m]
-    explore_m: float = 0.06  #: length of the push that explores
-    moved_m: float = 0.015  #: an object that went less has not moved
-    failures: int = 4  #: pushes of one object that may fail before it counts as fixed
-    look_s: float = 0.1  #: between looks during a push
-    near_m: float = 0.03  #: an object that ends so near to its goal, and turned so little, needs no new plan
-    near_rad: float = 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,6 +98,7 @@ class _Machine:
     settings: TravelSettings
     planner: Callable[[PlanningProblem], Plan]
     memory: TravelMemory = field(init=False)
+    plans: TravelPlans = field(init=False)
     trace: list[TravelRecord] = field(default_factory=list)
     tasks: list[Task] = field(default_factory=list)
     state: TravelState = TravelState.PLAN
@@ -175,10 +107,7 @@ class _Machine:
     margin_m: float = 0.0
     clearance: Callable[[Float[np.ndarray, "2"]], float] = field(default=lambda _: math.inf)
     pushes: int = 0
-    plans: int = 0
-    bumps: dict[float, int] = field(default_factory=dict)  #: into known walls, by margin
     turning: TurningPush | None = None  #: what follows the tasks
-    turns: int = 0
     length_m: float = 0.0
     as_planned: bool = False  #: the last push did what the plan said
     deadline_s: float = math.inf
@@ -187,6 +116,7 @@ class _Machine:
 
     def __post_init__(self) -> None:
         self.memory = TravelMemory(self.problem)
+        self.plans = TravelPlans(self.memory, self.settings, self.planner, self._planned)
 
     def run(self) -> Travel:
         """From state to state until the end."""
@@ -215,7 +145,7 @@ class _Machine:
             end_s - begin_s,
             self.length_m,
             self.pushes,
-            self.plans,
+            self.plans.asked,
             self.reason,
         )
 
@@ -227,71 +157,26 @@ class _Machine:
 
     def _plan(self) -> TravelState:
         """Look around, and ask the planner with the largest margin that lets it find something."""
-        if self.plans >= self.settings.plans:
-            return self._end(TravelOutcome.GAVE_UP, f"after {self.plans} plans")
+        if self.plans.asked >= self.settings.plans:
+            return self._end(TravelOutcome.GAVE_UP, f"after {self.plans.asked} plans")
         self._look_around()
-        best, last = self._with_room()
-        if best is None:
-            if self._plan_turn():
-                return self._next()
-            if self.memory.forgive() or self.bumps:
-                self._note("forgiven")
-                self.bumps.clear()
-                return TravelState.PLAN
+        best, last = self.plans.with_room(self._pose())
+        turn = self.plans.turning(self._pose()) if best is None else None
+        if best is not None:
+            self.margin_m, problem, plan = best
+            self.tasks, self.turning = list(plan.tasks), None
+        elif turn is not None:
+            self.margin_m, problem, self.turning = turn
+            way = tuple((float(x), float(y)) for x, y in self.turning.approach_m)
+            length_m = float(np.hypot(*np.diff(self.turning.approach_m, axis=0).T).sum())
+            self.tasks = [Task("navigate", self.turning.cost_s, length_m, way)] if len(way) > 1 else []
+        elif self.plans.forgive():
+            self._note("forgiven")
+            return TravelState.PLAN
+        else:
             return self._end(TravelOutcome.NO_PLAN, last.reason)
-        margin_m, problem, plan = best
-        self.margin_m, self.tasks, self.turning = margin_m, list(plan.tasks), None
         self.clearance = _clearance(problem)
         return self._next()
-
-    def _with_room(self) -> tuple[tuple[float, PlanningProblem, Plan] | None, Plan]:
-        """The plan that keeps most room, its margin and problem; and the last answer, where there is none."""
-        first, *rest = [pair for pair in self.settings.margins_m if self._trusted(pair[0])] or (
-            self.settings.margins_m[:1]
-        )
-        best = None
-        # What has no plan with the least room has none with more: ask for that before those between.
-        for margin_m, push_margin_m in (first, *rest[-1:], *rest[:-1]):
-            problem = self.memory.problem(self._pose(), margin_m, push_margin_m=push_margin_m)
-            found = self.planner(problem)
-            self.plans += 1
-            self._note(
-                "planned", margin_m=margin_m, push_margin_m=push_margin_m, reachable=found.reachable,
-                cost_s=_finite(found.cost_s), reason=found.reason,
-                tasks=[f"{task.kind} {task.object}".strip() for task in found.tasks],
-            )  # fmt: skip
-            if found.reachable:
-                tightest = best is None and rest and (margin_m, push_margin_m) == rest[-1] and len(rest) > 1
-                best = margin_m, problem, found
-                if not tightest:
-                    break
-            elif best is None and (margin_m, push_margin_m) != first:
-                break
-        return best, found
-
-    def _trusted(self, margin_m: float) -> bool:
-        """Whether plans with a margin have not led into walls too often."""
-        return all(margin_m > m or count < self.settings.bumps for m, count in self.bumps.items())
-
-    def _plan_turn(self) -> bool:
-        """A push that turns an object, where there is no plan of straight ones; whether there is one."""
-        if self.turns >= self.settings.turns:
-            return False
-        for margin_m in self.settings.turn_margins_m:
-            if not self._trusted(margin_m):
-                continue
-            problem = self.memory.problem(self._pose(), margin_m)
-            found = plan_turning_pushes(problem, self.planner, margin_m=margin_m)
-            self._note("planned turns", margin_m=margin_m, found=len(found))
-            if found:
-                push = self.turning = found[0]
-                self.margin_m, self.turns = margin_m, self.turns + 1
-                self.clearance = _clearance(problem)
-                length_m = float(np.hypot(*np.diff(push.approach_m, axis=0).T).sum())
-                way = tuple((float(x), float(y)) for x, y in push.approach_m)
-                self.tasks = [Task("navigate", push.cost_s, length_m, way)] if len(way) > 1 else []
-                return True
-        return False
 
     def _next(self) -> TravelState:
         """State of the next task."""
@@ -350,8 +235,10 @@ class _Machine:
         self._look_around()
         new = point is not None and self.memory.touched(np.array(point))
         self._note(event, force_N=force_N, point_m=list(point) if point else [], new=new)
-        if not new:
-            self.bumps[self.margin_m] = self.bumps.get(self.margin_m, 0) + 1
+        if new:
+            self.plans.changed()
+        else:
+            self.plans.bumped(self.margin_m)
         self.behind_m, self.as_planned = self.settings.back_off_m, False
         if point is not None and not self.memory.near(np.array(point)):
             self._leave(np.array(point))
@@ -392,6 +279,7 @@ class _Machine:
 
     def _push(self) -> TravelState:
         task = self.tasks[0]
+        self.plans.changed()
         assert task.displacement_m is not None
         length_m = float(np.hypot(*task.displacement_m))
         push = self._pushed(task, length_m)
@@ -427,6 +315,7 @@ class _Machine:
     def _explore(self) -> TravelState:
         """Touch, push a little, and take down a tag; the next plan decides."""
         task = self.tasks[0]
+        self.plans.changed()
         after = next((t for t in self.tasks[1:] if t.kind == "push" and t.object == task.object), None)
         if after is None:
             return TravelState.PLAN
@@ -451,6 +340,7 @@ class _Machine:
     def _turn(self) -> TravelState:
         """Drive straight against an object beside its centre."""
         wanted, self.turning = self.turning, None
+        self.plans.changed()
         assert wanted is not None
         before = self._look(wanted.object)
         way_m = max(wanted.length_m - wanted.free_m, 0.01)
@@ -559,7 +449,11 @@ class _Machine:
         for item in self.problem.objects:
             seen = self._look(item.id)
             if seen is not None and self.memory.seen(item.id, seen):
+                self.plans.changed()
                 self._note("looked", item.id, place_m=[float(value) for value in seen])
+
+    def _planned(self, event: str, **values: Any) -> None:
+        self._note(event, **values)
 
     def _note(self, event: str, object: str = "", **values: Any) -> None:
         x, y, heading = (float(value) for value in self._pose())

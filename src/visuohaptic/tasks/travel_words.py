@@ -1,0 +1,79 @@
+"""What a travel is told with: what is perceived, states, outcomes, settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol, runtime_checkable
+
+__all__ = ["TravelOutcome", "TravelSenses", "TravelSettings", "TravelState"]
+
+
+@runtime_checkable
+class TravelSenses(Protocol):
+    """What is perceived on the way."""
+
+    def pose(self) -> tuple[float, float, float]:
+        """Where the robot is in the map: x, y [m], heading [rad]."""
+
+    def touch(self) -> tuple[float, tuple[float, float] | None]:
+        """Force on the rim [N], and where it acts in the map [m]; 0 and ``None`` without touch."""
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
+
+        ``None`` when it can't be seen now.
+        """
+
+
+class TravelState(StrEnum):
+    """Of the machine."""
+
+    PLAN = "plan"
+    DRIVE = "drive"
+    PUSH = "push"
+    EXPLORE = "explore"
+    TURN = "turn"
+    BACK_OFF = "back off"
+    ARRIVED = "arrived"
+    FAILED = "failed"
+
+
+class TravelOutcome(StrEnum):
+    """How the travel ended."""
+
+    ARRIVED = "arrived"
+    NO_PLAN = "no plan"
+    TIMED_OUT = "timed out"
+    GAVE_UP = "gave up"  #: after too many plans
+
+
+@dataclass(frozen=True, slots=True)
+class TravelSettings:
+    """What the text leaves open."""
+
+    #: Room that plans keep beside the robot and beside what it pushes, tried in order [m]: cells, tracking
+    #: and drift take some of it
+    margins_m: tuple[tuple[float, float], ...] = (
+        (0.045, 0.03),
+        (0.045, 0.0),
+        (0.025, 0.0),
+        (0.01, 0.0),
+        (0.0, 0.0),
+    )
+    bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
+    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
+    plans: int = 40  #: at most
+    drive_stall_s: float = 5.0  #: without getting on
+    bump_N: float = 3.0  #: force that ends a drive, when it lasts
+    bump_s: float = 0.4
+    back_off_m: float = 0.10
+    leave_m: float = 0.03  #: away from a wall that was touched
+    turns: int = 6  #: pushes beside the centre of an object, where no straight one helps
+    turn_margins_m: tuple[float, ...] = (0.025, 0.0)  #: room that they keep, tried in order [m]
+    explore_m: float = 0.06  #: length of the push that explores
+    moved_m: float = 0.015  #: an object that went less has not moved
+    failures: int = 4  #: pushes of one object that may fail before it counts as fixed
+    look_s: float = 0.1  #: between looks during a push
+    near_m: float = 0.03  #: an object that ends so near to its goal, and turned so little, needs no new plan
+    near_rad: float = 0.12
