@@ -25,7 +25,7 @@ import numpy as np
 
 from visuohaptic.experiments.virtual_glass import VOXEL_M, detected, disturbed, judged, rendered
 from visuohaptic.reconstruction.background import background_model, ideal_depth
-from visuohaptic.reconstruction.consistency import ConsistencyDetector, ConsistencySettings, ray_image
+from visuohaptic.reconstruction.consistency import ConsistencyDetector, ray_image
 from visuohaptic.reconstruction.pose_refinement import refine_poses
 from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE
 from visuohaptic.reconstruction.transparency import TransparencyDetector, TransparencySettings, error_image
@@ -216,8 +216,7 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
             counted = (model.reliability > 0) & np.isfinite(depth_m)
             expected_m = model.mean_m
         else:
-            settings = ConsistencySettings(tracking_m=0.01, strict=True)
-            found = ray_image(frame, others, noise, settings)
+            found = ray_image(frame, others, noise)
             bad = found.label == 2
             counted = (bad | (found.label == 1)) & np.isfinite(depth_m)
             expected_m = np.where(found.predicted_m > 0, found.predicted_m, depth_m)

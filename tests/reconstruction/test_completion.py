@@ -336,3 +336,63 @@ def test_tables_of_touches_are_read(files):
     assert touches[0].start_m is not None
     assert touches[0].start_m.tolist() == [0.1, 0, 0.1]
     assert len(load_hole_regions(files / "regions.json")) == 1
+
+
+def test_hulls_hold_the_points_whose_distance_says_so():
+    rng = np.random.default_rng(3)
+    region = HoleRegion.of_points(rng.normal(0.0, 0.05, (60, 3)))
+    points = rng.uniform(-0.2, 0.2, (2000, 3))
+    plain = (points @ region.planes[:, :3].T + region.planes[:, 3]).max(axis=1)
+    assert np.allclose(region.distance_m(points), plain, atol=1e-12)
+    for reach_m in (0.0, 0.03):
+        assert np.array_equal(region.within(points, reach_m), plain <= reach_m)
+
+
+def hidden_wall(bottle, contacts_at, rng):
+    """A model of a bottle's wall from its bands and contacts at heights, and the region's size."""
+    visible, region, _ = scene(bottle)
+    band = support_band(visible, region)
+    prior = fit_prior(band.points_m, band.normals, bottle.height_m / 2)
+    contacts = []
+    for z in contacts_at:
+        theta = rng.uniform(-np.pi, np.pi)
+        rho = float(bottle.radius_m(np.array(theta), np.array(z)))
+        contacts.append((np.array([rho * np.cos(theta), rho * np.sin(theta), z]), SIGMA_M))
+    return prior, band, contacts, region.size_m
+
+
+def test_the_variance_is_scaled_by_contacts_left_out():
+    rng = np.random.default_rng(5)
+    prior, band, contacts, size_m = hidden_wall(bellied("elliptic"), np.linspace(0.06, 0.14, 6), rng)
+    model = fit_radial_model(prior, band, contacts, size_m)
+    # Leaving one out by hand: the same parameters, one row and column less.
+    squares = []
+    count = len(model.theta)
+    covariance = model.lower @ model.lower.T
+    known = model.lower @ model.whitened
+    for out in range(count - len(contacts), count):
+        rest = np.delete(np.arange(count), out)
+        weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, out])
+        variance = covariance[out, out] - weights @ covariance[rest, out]
+        squares.append((known[out] - weights @ known[rest]) ** 2 / variance)
+    scale = (4.0 * 0.6 + np.minimum(squares, 9.0).sum()) / (4.0 + len(contacts))
+    assert model.scale == pytest.approx(scale, rel=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["round", "elliptic", "flattened"])
+def test_the_deviation_of_the_wall_is_that_of_the_process(kind):
+    """Over many bottles the mean of the process is off by what it says, within a factor of the few bottles."""
+    squares = []
+    for seed in range(8):
+        rng = np.random.default_rng([31, seed])
+        bottle = random_bottle(rng, kind)
+        heights = bottle.height_m * rng.uniform(0.29, 0.71, 6)
+        model = fit_radial_model(*hidden_wall(bottle, heights, rng))
+        theta, z = rng.uniform(-np.pi, np.pi, 300), bottle.height_m * rng.uniform(0.29, 0.71, 300)
+        wall_m = bottle.radius_m(theta, z)
+        expected_m, sigma_m = model.expected(
+            np.column_stack([wall_m * np.cos(theta), wall_m * np.sin(theta), z])
+        )
+        squares.append(np.mean(((wall_m - expected_m) / sigma_m) ** 2))
+    # The heights are the contacts' own chance: 8 objects leave a factor of two.
+    assert 0.3 < np.sqrt(np.median(squares)) < 1.7

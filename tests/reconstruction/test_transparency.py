@@ -24,7 +24,7 @@ from visuohaptic.reconstruction.background import (
     background_model,
     intrinsics,
 )
-from visuohaptic.reconstruction.consistency import ConsistencyDetector
+from visuohaptic.reconstruction.consistency import ConsistencyDetector, ConsistencySettings, ray_image
 from visuohaptic.reconstruction.pose_refinement import refine_poses
 from visuohaptic.reconstruction.regions import find_regions
 from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE, sensor_noise
@@ -275,6 +275,28 @@ def test_glass_is_found_and_opaque_twins_are_not(sequence):
     opaque = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
     opaque.run(painted)
     assert opaque.regions() == ()
+
+
+def test_depths_near_edges_say_nothing_within_the_cameras_margin():
+    camera = Camera.simple(160, 120, 300.0)
+    depth_m = np.full((120, 160), 1.0, np.float32)
+    depth_m[40:80, 60:100] = 0.8  # a box on a wall, edges at columns 60 and 100
+    wrong_m = depth_m.copy()
+    wrong_m[50:70, 60:100] = 0.9  # contradicts what the other views say, up to the edge
+    pose = Pose.identity()
+    others = [DepthFrame(0.1 * i, depth_m, None, pose, camera) for i in range(4)]
+    frame = DepthFrame(1.0, wrong_m, None, pose, camera)
+    noise = replace(SENSOR_NOISE["kinect"], edge_rad=5 / 300)
+    free = ray_image(frame, others, noise, ConsistencySettings(erosion_px=0)).label
+    held = ray_image(frame, others, noise).label
+    assert (free[50:70, 60:100] == 2).all()
+    assert (free[1:40, 1:-1] == 1).all()
+    # A step is seen by the pixels on both sides of it: 1 + 5 of each lose their voice.
+    assert (held[50:70, 66:94] == 2).all()
+    assert (held[50:70, 60:66] == 0).all()
+    assert (held[50:70, 94:100] == 0).all()
+    assert (held[55, 54:60] == 0).all()
+    assert (held[55, 1:54] == 1).all()
 
 
 def test_space_of_interest_is_where_the_axes_meet(sequence):

@@ -30,6 +30,8 @@ __all__ = ["ConsistencyDetector", "ConsistencySettings", "RayImage", "ray_image"
 _log = logging.getLogger(__name__)
 
 _BRICK = 8  #: edge of a brick of voxels, and of a tile of pixels
+#: Tangent of the angle of incidence beyond which nothing is read.
+_GRAZING_SLOPE = 4.0
 _UNKNOWN, _CLEAN, _CONTRADICTED, _DROPPED = range(4)
 
 
@@ -47,7 +49,9 @@ class ConsistencySettings:
     strong_share: float = 0.85  #: and of the voxels that found a region
     least_bad: int = 5  #: bad rays that a voxel needs
     prior_rays: float = 3.0  #: clean rays that every voxel is given beforehand
-    strict: bool = False  #: drop contradictions at expected edges and those narrower than 3 px
+    #: Margin around expected edges and the unknown in which depths mean nothing; that of the camera's edges by
+    #: default [px].
+    erosion_px: int | None = None
     least_voxels: int = 20  #: voxels of ``strong_share`` that a region needs
 
 
@@ -99,24 +103,40 @@ def ray_image(
         predicted_m, frame.camera.focal_px, noise.baseline_m, edge_px=settings.edge_px
     )
     label[(label == _DROPPED) & explained] = _UNKNOWN
-    if settings.strict:
-        label[(label == _CONTRADICTED) & ~_firm(label, predicted_m)] = _UNKNOWN
+    margin_px = settings.erosion_px
+    if margin_px is None:
+        margin_px = noise.edge_px(frame.camera.focal_px)
+    if margin_px > 0:
+        least_m = 2 * settings.width * noise.with_tracking(settings.tracking_m).sigma_m(predicted_m)
+        unclear = _near_edges(predicted_m, least_m, frame.camera.focal_px, margin_px)
+        label[((label == _CONTRADICTED) | (label == _CLEAN)) & unclear] = _UNKNOWN
     return RayImage(label, limit_m, predicted_m)
 
 
-def _firm(label: UInt8[np.ndarray, "h w"], predicted_m: Float32[np.ndarray, "h w"]) -> np.ndarray:
-    """Contradictions that are 3 px wide and away from edges of the expected surface and of what is known of it."""
+def _near_edges(
+    predicted_m: Float32[np.ndarray, "h w"],
+    least_m: Float[np.ndarray, "h w"],
+    focal_px: float,
+    margin_px: int,
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels within a margin of a step of the expected surface, or of where it is not known.
+
+    There a camera mixes depths: stereo fattens what is in front by half of its matching window. Beside the unknown an
+    edge may be hidden, as a cable on a table has a seam without depths around it. A step is larger than ``least_m``,
+    in which depths agree, and steeper than any surface that is seen.
+    """
     import cv2
 
-    wide = cv2.morphologyEx(
-        (label == _CONTRADICTED).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
-    )
-    known = np.where(predicted_m > 0, predicted_m, np.float32(1e3))
-    window = np.ones((9, 9), np.uint8)
-    step_m = cv2.dilate(predicted_m, window) - cv2.erode(known, window)
-    # Beside the unknown an edge may be hidden: a cable on a table has a seam without depths around it.
-    everywhere_m = cv2.erode(predicted_m, window)
-    return (wide > 0) & ~(step_m > 0.06) & (everywhere_m > 0)
+    known = predicted_m > 0
+    window = np.ones((3, 3), np.uint8)
+    nearest_m = cv2.erode(np.where(known, predicted_m, np.float32(1e3)), window)
+    step_m = cv2.dilate(predicted_m, window) - nearest_m
+    steep_m = 2 * _GRAZING_SLOPE / focal_px * nearest_m
+    # A speck narrower than three pixels hides no edge.
+    unknown = cv2.morphologyEx((~known).astype(np.uint8), cv2.MORPH_OPEN, window) > 0
+    failing = unknown | (step_m > np.maximum(least_m, steep_m))
+    edge = 2 * margin_px + 1
+    return cv2.dilate(failing.astype(np.uint8), np.ones((edge, edge), np.uint8)) > 0
 
 
 @dataclass(slots=True)

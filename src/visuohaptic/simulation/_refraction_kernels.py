@@ -77,6 +77,7 @@ def _nearest(origin, direction, solids, segments, boxes, t_least):  # type: igno
         # The upright bounding cylinder: does the ray pass its axis near enough, and inside its heights?
         flat = dx * dx + dy * dy
         radius = solids[i, 6]
+        z_low, z_high = -1e9, 1e9
         if flat < 1e-14:
             if px * px + py * py > radius * radius:
                 continue
@@ -89,10 +90,15 @@ def _nearest(origin, direction, solids, segments, boxes, t_least):  # type: igno
             enter, leave = middle - reach, middle + reach
             if leave < 0.0 or enter > t_best:
                 continue
-            z_enter, z_leave = pz + enter * dz, pz + leave * dz
-            if max(z_enter, z_leave) < -1e-6 or min(z_enter, z_leave) > solids[i, 7] + 1e-6:
+            z_enter, z_leave = pz + max(enter, t_least) * dz, pz + min(leave, t_best) * dz
+            z_low, z_high = min(z_enter, z_leave) - 1e-6, max(z_enter, z_leave) + 1e-6
+            if z_high < 0.0 or z_low > solids[i, 7]:
                 continue
         for segment in range(int(solids[i, 8]), int(solids[i, 9])):
+            # Most rings are above or below the part of the ray that is in the cylinder.
+            z0, z1 = segments[segment, 1], segments[segment, 3]
+            if (z0 < z_low and z1 < z_low) or (z0 > z_high and z1 > z_high):
+                continue
             t = _segment_hit(segments, segment, px, py, pz, dx, dy, dz, t_least, t_best)
             if t < t_best:
                 t_best, best_solid, best_segment = t, i, segment
