@@ -51,6 +51,8 @@ def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
         (["add", "a", "--estimate", "material.youngs_modulus_Pa=0+-1"], "expected more than 0"),
         (["add", "../a"], "found the id"),
         (["add", "a", "--state", "open"], "expected NAME=VALUE"),
+        (["add", "a", "--state", "fill=5"], "expected a share of 0..1"),
+        (["add", "a", "--state", "fill=nan"], "expected a share of 0..1"),
         (["import", "nowhere"], "no card.yaml"),
         (["add", "a", "--estimate", "material.wall_thickness_m=1+-0"], "expected more than 0"),
     ],
@@ -75,6 +77,15 @@ def test_sync_with_neither_database_there(tmp_path: Path, capsys: pytest.Capture
     assert str(here) in error
     assert not here.exists()
     assert not there.exists()
+
+
+def test_an_empty_file_of_features_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    db = ["--db", str(tmp_path / "db")]
+    assert main(["objects", "add", "cup-1", *db]) == 0
+    (tmp_path / "empty.npy").touch()
+    capsys.readouterr()
+    assert main(["objects", "search", "--features", str(tmp_path / "empty.npy"), *db]) == 2
+    assert "is not a .npy file of numbers" in capsys.readouterr().err
 
 
 def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -63,6 +63,7 @@ def run(args: Any) -> dict[str, Any]:
     if args.register:
         known = [touch.contact_m for touch in read_touches(args.register) if touch.contact_m is not None]
         pose, rms_m = register_touches(np.array(known).reshape(-1, 3), model)
+    _check_reach(touches, args.touches, model.vertices_m, regions[number].hull_m, pose)
     settings = CompletionSettings(use_priors=not args.no_priors)
     completion = Completion(model, regions[number], settings, pose_visual_haptic=pose)
     for touch in touches:
@@ -101,3 +102,25 @@ def run(args: Any) -> dict[str, Any]:
             "sigma_m": plan.sigma_m,
         }
     return found
+
+
+def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any) -> None:
+    """Refuse contacts that cannot be of this object: another unit, or another frame."""
+    import numpy as np
+
+    from ..errors import InputError
+
+    centre = region_m.mean(axis=0)
+    reach_m = float(np.linalg.norm(np.ptp(model_m, axis=0)) + np.linalg.norm(np.ptp(region_m, axis=0)))
+    for index, touch in enumerate(touches):
+        if touch.contact_m is None:
+            continue
+        point = touch.contact_m if pose is None else pose.apply(touch.contact_m)
+        away_m = float(np.linalg.norm(point - centre))
+        if away_m > reach_m:
+            raise InputError(
+                path,
+                f"found a contact {away_m:.3g} m from the region, expected at most {reach_m:.3g} m",
+                field=f"touch {index + 1}",
+                remedy="give metres in the frame of the surface, or --register",
+            )

@@ -128,6 +128,9 @@ def _state(text: str) -> tuple[str, str | float]:
     if not separator or not name:
         raise InputError("--state", f"found {text!r}, expected NAME=VALUE")
     try:
-        return name, float(value)
+        number = float(value)
     except ValueError:
         return name, value
+    if name == "fill" and not 0.0 <= number <= 1.0:
+        raise InputError("--state", f"found {text!r}, expected a share of 0..1", field="fill")
+    return name, number

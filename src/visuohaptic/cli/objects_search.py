@@ -44,7 +44,7 @@ def run(args: Any) -> dict[str, Any]:
         else:
             try:
                 query = np.load(args.features, allow_pickle=False)
-            except ValueError as error:
+            except (ValueError, EOFError) as error:
                 raise InputError(args.features, f"is not a .npy file of numbers ({error})") from error
         found = index_of(database, args.kind).nearest(query, args.count)
     for one in found:
