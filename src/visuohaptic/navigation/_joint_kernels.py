@@ -50,8 +50,14 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
     """
     rows, columns = occupied.shape
     near = np.zeros((rows, columns), np.bool_)
-    for r in range(rows):
-        for c in range(columns):
+    # Cells whose centre is farther than this from the outline's box are neither met nor near.
+    reach = CRUMB_REACH + 1.0
+    top = max(0, int(polygon[:, 1].min() - reach) - row0)
+    bottom = min(rows, int(polygon[:, 1].max() + reach) + 1 - row0)
+    left = max(0, int(polygon[:, 0].min() - reach) - column0)
+    right = min(columns, int(polygon[:, 0].max() + reach) + 1 - column0)
+    for r in range(top, bottom):
+        for c in range(left, right):
             if not occupied[r, c]:
                 continue
             if cell_meets_polygon(r + row0, c + column0, polygon):
@@ -60,8 +66,8 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
                 near[r, c] = polygon_distance(c + column0 + 0.5, r + row0 + 0.5, polygon) <= CRUMB_REACH
     seen = np.zeros((rows, columns), np.bool_)
     stack = np.empty((rows * columns, 2), np.int32)
-    for r in range(rows):
-        for c in range(columns):
+    for r in range(top, bottom):
+        for c in range(left, right):
             if not near[r, c] or seen[r, c]:
                 continue
             used, first = 1, 0

@@ -6,6 +6,7 @@ class: see :class:`NodeType`, and ``node_types.py`` for those that there are.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -13,11 +14,11 @@ from itertools import groupby, pairwise
 from typing import Protocol
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Int32
+from jaxtyping import Float, Int, Int32
 
 from ..errors import InputError
 from .graph import NavigationGraph
-from .grid import OBSTACLE_FROM, window_distance
+from .grid import OBSTACLE_FROM
 from .plan import Plan
 from .problem import RobotModel
 from .push_world import grid_from_world
@@ -292,88 +293,39 @@ class _Builder:
         """Steps 1 to 7 for one object."""
         if not kind.in_map:
             return self._safety(kind, number)
-        import cv2
-
-        from ._joint_kernels import border_costs, free_object, place_node, region_of_node
-        from ._push_search_kernels import FAR, travel_field
+        from ._node_kernels import node_in_window, useful_neighbours
 
         outline = grid_from_world(self.map, kind.outline_m)
         # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
         margin = self.radius + 3.0
-        (r0, r1), (c0, c1) = self._window(outline, margin + 3.0 * self.radius)
-        nothing = JointNode(
-            kind, number, (-1, -1), np.zeros(0, np.int32), np.zeros(0), kind.task_s(self.robot),
-            np.zeros(0, np.int32), np.zeros(0, np.int32),
-        )  # fmt: skip
-        if r1 <= r0 or c1 <= c0:
+        low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
+        wide = self._window(low, high, margin + 3.0 * self.radius)
+        task_s = kind.task_s(self.robot)
+        none = np.zeros(0, np.int32)
+        nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
+        if wide[1] <= wide[0] or wide[3] <= wide[2]:
             return nothing
-        around = self.map.cells[r0:r1, c0:c1]
-        occupied = around >= OBSTACLE_FROM
-        if not self.regions.layers.unknown_is_free:
-            occupied |= around < 0
-        free_object(occupied, outline, r0, c0)  # 1
-        unknown_is_free = self.regions.layers.unknown_is_free
-        window = slice(r0, r1), slice(c0, c1)
-        clearance = window_distance(occupied, window, self.map.shape, outside_blocks=not unknown_is_free)  # 2
-        centre = 0.5 * (outline.min(axis=0) + outline.max(axis=0))
-        seed, potential = self.regions.seed, self.regions.potential
-        (i0, i1), (j0, j1) = self._window(outline, margin)
-        inner = np.ascontiguousarray(clearance[i0 - r0 : i1 - r0, j0 - c0 : j1 - c0])
-        start = place_node(inner, self.radius, seed, i0, j0, centre[0], centre[1])  # 3
+        narrow = self._window(low, high, margin)
+        start, region, names, costs = node_in_window(  # 1 to 6
+            self.map.cells, OBSTACLE_FROM, not self.regions.layers.unknown_is_free, outline, wide, narrow,
+            self.radius, self.slow, self.regions.seed, self.regions.potential,
+            self.regions.unit_s / self.unit_s, MOST_NEIGHBOURS,
+        )  # fmt: skip
         if start < 0:
             return nothing
-        mine = region_of_node(inner, self.radius, seed, i0, j0, start)  # 4
-        empty = np.zeros((0, 0), np.int32)
-        none = np.zeros(0, np.int32)
-        # The way to a neighbour leads through the node's own region and over the border, not along it.
-        own = cv2.dilate(mine.reshape(inner.shape).view(np.uint8), np.ones((3, 3), np.uint8))
-        cost, _, _ = travel_field(
-            np.where(own > 0, inner, np.float32(0.0)), self.radius, self.slow, np.array([start], np.int32), np.zeros(1, np.int32),
-            empty, none, none, 0,
-        )  # fmt: skip
-        names, costs = border_costs(  # 5, 6
-            cost, mine, inner, self.radius, potential, seed, i0, j0, self.regions.unit_s / self.unit_s,
-            int(FAR), MOST_NEIGHBOURS,
-        )  # fmt: skip
         neighbours = np.searchsorted(self.seeds, names)
         drive_s = costs * self.unit_s
-        kept = self._significant(neighbours, drive_s)  # 7
-        columns = self.map.shape[1]
-        width = inner.shape[1]
-        rows, cols = np.divmod(np.flatnonzero(mine), width)
+        # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
+        # shows nodes whose edges no plan would take.
+        kept = useful_neighbours(
+            self.first, self.ends, self.edges, self.visual.edge_cost_s, neighbours, drive_s, SIGNIFICANT,
+            self.best, self.heap_cost, self.heap_node,
+        )  # fmt: skip
+        row, column = divmod(int(start), narrow[3] - narrow[2])
         return JointNode(
-            kind,
-            number,
-            (start // width + i0, start % width + j0),
-            neighbours[kept].astype(np.int32),
-            drive_s[kept],
-            kind.task_s(self.robot),
-            ((rows + i0) * columns + cols + j0).astype(np.int32),
-            np.zeros(0, np.int32),
-        )
-
-    def _significant(
-        self, neighbours: Int[np.ndarray, "k"], drive_s: Float[np.ndarray, "k"]
-    ) -> Bool[np.ndarray, "k"]:
-        """Step 7: edges on some way that is significantly shorter than without the node.
-
-        Of driving alone: what the task costs is for the search to weigh, and
-        the figure of the text shows nodes whose edges no plan would take.
-        """
-        from ._joint_kernels import bounded_ways
-
-        kept = np.zeros(len(neighbours), dtype=bool)
-        for i, source in enumerate(neighbours):
-            via_s = drive_s[i] + drive_s
-            around_s = bounded_ways(
-                self.first, self.ends, self.edges, self.visual.edge_cost_s, int(source), neighbours,
-                float(via_s.max()) * (1.0 + SIGNIFICANT), self.best, self.heap_cost, self.heap_node,
-            )  # fmt: skip
-            useful = via_s < (1.0 - SIGNIFICANT) * around_s
-            useful[i] = False
-            kept |= useful
-            kept[i] |= bool(useful.any())
-        return kept
+            kind, number, (row + narrow[0], column + narrow[2]), neighbours[kept].astype(np.int32),
+            drive_s[kept], task_s, region, none,
+        )  # fmt: skip
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
@@ -410,11 +362,12 @@ class _Builder:
             kind, number, (int(centre[1]), int(centre[0])), touching, drive_s, task_s, cells, closed
         )
 
-    def _window(
-        self, outline: Float[np.ndarray, "p 2"], margin: float
-    ) -> tuple[tuple[int, int], tuple[int, int]]:
-        low = np.floor(outline.min(axis=0) - margin).astype(int)
-        high = np.ceil(outline.max(axis=0) + margin).astype(int) + 1
+    def _window(self, low: list[float], high: list[float], margin: float) -> tuple[int, int, int, int]:
+        """First and past-the-last row, first and past-the-last column of a window about a box (x, y)."""
         rows, columns = self.map.shape
-        c0, r0 = max(int(low[0]), 0), max(int(low[1]), 0)
-        return (r0, min(int(high[1]), rows)), (c0, min(int(high[0]), columns))
+        return (
+            max(math.floor(low[1] - margin), 0),
+            min(math.ceil(high[1] + margin) + 1, rows),
+            max(math.floor(low[0] - margin), 0),
+            min(math.ceil(high[0] + margin) + 1, columns),
+        )
