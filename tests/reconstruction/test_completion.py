@@ -375,7 +375,7 @@ def test_the_variance_is_scaled_by_contacts_left_out():
         weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, out])
         variance = covariance[out, out] - weights @ covariance[rest, out]
         squares.append((known[out] - weights @ known[rest]) ** 2 / variance)
-    scale = (4.0 * 0.6 + np.minimum(squares, 9.0).sum()) / (4.0 + len(contacts))
+    scale = (4.0 * 0.4 + np.minimum(squares, 9.0).sum()) / (4.0 + len(contacts))
     assert model.scale == pytest.approx(scale, rel=1e-6)
 
 

@@ -44,7 +44,7 @@ _HEIGHTS, _ANGLES = 5, 8
 #: Correlation of g: length in sizes of the region, and over the angle [rad].
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
 #: Scale of the variance before contacts tell (on 30 bottles the likeliest process was too rough by this), in contacts.
-_SCALE, _SCALE_WEIGHT = 0.6, 4.0
+_SCALE, _SCALE_WEIGHT = 0.4, 4.0
 #: Squared standardised misses above this count as this: one contact with something else must not rule.
 _LARGEST_MISS = 9.0
 
