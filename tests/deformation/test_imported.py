@@ -248,3 +248,18 @@ def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None
     thing = import_object(path)
     assert any("(a handle?) is left out" in note and "from x towards y" in note for note in thing.notes)
     assert middle_stiffness(path) == pytest.approx(reference, rel=0.02)
+
+
+def test_where_a_handle_joins_the_wall_goes_on(tmp_path: Path) -> None:
+    """The wall is open where a hollow handle begins, so that rays see the inside of the handle."""
+    mesh = tube()
+    centre = mesh.triangles_center
+    behind = (centre[:, 0] > 0) & (np.abs(centre[:, 1]) < 0.006) & (np.abs(centre[:, 2] - 0.1) < 0.01)
+    open_wall = trimesh.Trimesh(mesh.vertices, mesh.faces[~behind], process=False)
+    shell = trimesh.creation.box((0.03, 0.013, 0.02))
+    shell.apply_translation([0.046, 0, 0.1])
+    shell.update_faces(shell.face_normals[:, 0] > -0.5)  # open towards the container
+    thing = import_object(write(trimesh.util.concatenate([open_wall, shell]), tmp_path / "t.stl"), remesh="always")
+    radius = np.hypot(*(thing.mesh.vertices_m[:, :2] - np.array(thing.axis_point_m)).T)
+    assert radius.max() < 0.036
+    assert any("bridged behind what joins it" in note for note in thing.notes)

@@ -22,6 +22,10 @@ LEVELS, ANGLES = 160, 96
 MOST = 8
 #: A second surface within this share of the radius is the other side of one wall.
 THICKEST_SHARE = 0.25
+#: A ray this much longer than those above and below it has missed the wall.
+SPIKE = 1.15
+#: Share of a ring that may be missing.
+WIDEST_HOLE = 1 / 6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,8 +49,12 @@ class Wall:
             # One surface only: the foot below the inner floor, or a solid stem.
             outer = first - np.minimum(self.wall_m / 2, first / 2)
             near = _thin(first, pair)
+            # Where a handle joins, what is behind the inner side is not the outer one: as elsewhere in the ring.
+            gap = np.where(near, pair - first, np.nan)
+            usual = _row_median(gap)
+            pair = np.where(near & (gap > 1.8 * usual), first + usual, pair)
             first = np.where(near, (first + np.where(near, pair, first)) / 2, outer)
-        return _bridged(first, heights_m, self.where)
+        return _bridged(_without_spikes(first)[0], heights_m, self.where)
 
 
 def find_wall(
@@ -124,6 +132,11 @@ def find_wall(
         bottom = int(end) + 1
     for end in thin[(thin <= top) & (thin >= top - short)][::-1]:
         top = int(end) - 1
+    missed = _without_spikes(first[bottom : top + 1])[1]
+    if missed:
+        notes.append(
+            f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
+        )
     notes += _outside(first, pair if double else first, about, faces, heights, bottom, top)
     found = Wall(
         (float(centre[0]), float(centre[1])),
@@ -174,6 +187,34 @@ def _outside(
     ]
 
 
+def _row_median(values: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h 1"]:
+    """Of each row without NaN; NaN for a row of those."""
+    out = np.full((len(values), 1), np.nan)
+    some = np.isfinite(values).any(axis=1)
+    out[some, 0] = np.nanmedian(values[some], axis=1)
+    return out
+
+
+def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray, "h a"], float]:
+    """Rays that pass the wall where a handle or spout joins it see that instead: they count as holes.
+
+    They are farther out than what is above and below them at the same angle, in a small part of the ring
+    only; where all of a ring is, it is the shape. Returns the share of such rays as well.
+    """
+    from scipy.ndimage import median_filter
+
+    rows = len(radius)
+    if rows < 8:
+        return radius, 0.0
+    usual = median_filter(radius, size=(2 * (rows // 4) + 1, 1), mode="nearest")
+    with np.errstate(invalid="ignore"):
+        spike = np.isfinite(radius) & (radius > SPIKE * usual)
+    spike &= spike.mean(axis=1, keepdims=True) < WIDEST_HOLE
+    # What is beside a spike is its flank.
+    flank = spike | np.roll(spike, 1, axis=1) | np.roll(spike, -1, axis=1)
+    return np.where(flank, np.inf, radius), float(spike.mean())
+
+
 def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
     """Where the second surface is the other side of the same wall: near, or seen all round.
 
@@ -216,7 +257,7 @@ def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.nd
         good = ~missing[row]
         place = angle[good]
         gap = int(np.diff(np.append(place, place[0] + around)).max()) - 1
-        if gap > around / 6:
+        if gap > around * WIDEST_HOLE:
             start = int(place[np.argmax(np.diff(np.append(place, place[0] + around)))]) + 1
             raise InputError(
                 where,
