@@ -569,7 +569,7 @@ STORIES: dict[str, Story] = {
 
 #: Verbs whose examples are run elsewhere, and where.
 ELSEWHERE = {
-    "demo": "make demo; each of its runs takes longer than all examples here together may",
+    "demo": "make demo; the part that takes seconds below, the others longer than all examples here may",
     "ros bridge": "tests/ros, with frames and listeners at the other end of a session",
     "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
 }
@@ -643,3 +643,13 @@ def test_the_examples_run_and_their_numbers_hold(world: World, verb: str) -> Non
     folder, results = world.run(verb)
     assert len(results) == len(examples(verb))
     STORIES[verb].check(folder, results)
+
+
+def test_the_short_example_of_the_demo_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the demo's examples the one that tells a part of a few seconds: the bottle."""
+    monkeypatch.chdir(tmp_path)
+    (words,) = (words for words in examples("demo") if words[:2] == ["demo", "bottle"])
+    found = _call(words)
+    assert found["complete"]
+    assert [one["claim_is_true"] for one in found["chapters"]] == [True, True]
+    assert (tmp_path / found["report"]).stat().st_size > 10_000

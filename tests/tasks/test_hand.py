@@ -159,6 +159,15 @@ def test_a_grasp_lifts() -> None:
     assert replay(found.trace, GraspTask(plan), HandMoment) == found.ending
 
 
+def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:
+    """On the way up the fingers stay at the same height of the wall, however fast the arm is."""
+    kitchen, hand = table(container((1500.0, 6000.0, 1500.0), mass_kg=0.05))
+    grasp_and_lift(hand, GraspPlan(Place(0.08), force_N=4.0, arm_m_s=0.3))
+    assert kitchen.lifted_m == pytest.approx(0.1, abs=1e-3)
+    # The wall becomes stiffer upwards: a height that lags by a frame's way (1 cm) would change the force.
+    assert kitchen.force_N == pytest.approx(4.1, abs=0.3)
+
+
 @pytest.mark.parametrize(
     ("world", "plan", "outcome"),
     [

@@ -20,6 +20,7 @@ from ..errors import InputError
 from ..navigation.haptic_map import HapticContact, HapticMap
 from ..objects import Contact, Primitive, PrimitiveKind
 from ..robots import BaseState, FrameSource, MobileBase
+from ._straight_walls import StraightWalls
 from .explore import Exploration, ExploreSettings, Outcome, explore_obstacle
 from .machine import Machine, Rule
 from .trace import Ending, Trace
@@ -90,6 +91,9 @@ class MapSettings:
     frees: int = 12  #: how often to come free in a row without a contact
     free_m: float = 0.12  #: way to come free
     free_rad: float = 0.6  #: and turn to the left after it
+    square_rad: float = math.radians(
+        4.0
+    )  #: walls are straight and square to each other within; tiny: odometry alone
     least_N: float = 0.3  #: force of a contact for the map: less is a graze
     timeout_s: float = 1800.0
 
@@ -279,12 +283,14 @@ def map_by_touch(
 ) -> TouchMapping:
     """Go around a room and write every contact into a haptic map.
 
+    Contacts are placed by odometry, and by the walls touched before: their direction and place hold the drift.
+
     Parameters
     ----------
     sensor
         With its zero reference taken.
     haptic_map
-        Empty or from before; its frame is that of the odometry. It is changed.
+        Empty or from before; its frame is that of the odometry at the begin. It is changed.
     explore
         How each contact is made; by default faster than for a haptic tag.
     on_contact
@@ -292,6 +298,7 @@ def map_by_touch(
     """
     settings, explore = settings or MapSettings(), explore or _exploration()
     task = TouchMapTask(settings)
+    walls = StraightWalls(settings.square_rad)
     contacts: list[HapticContact] = []
     explorations: list[Exploration] = []
     frames = iter(source)
@@ -304,7 +311,9 @@ def map_by_touch(
                 found = explore_obstacle(base, source, sensor, explore)
                 explorations.append(found)
                 contact = contact_of(found, settings)
+                face = _face_rad(contact) if contact is not None else math.nan
                 if contact is not None:
+                    contact = walls.corrected(contact)
                     haptic_map.add(contact)
                     contacts.append(contact)
                     if on_contact is not None:
@@ -314,7 +323,6 @@ def map_by_touch(
                 if found.outcome is Outcome.SOURCE_ENDED:
                     task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
                     break
-                face = _face_rad(contact) if contact is not None else math.nan
                 command = task.step(
                     replace(moment, explored=found.outcome.value, contact=contact is not None, face_rad=face)
                 )
