@@ -64,4 +64,31 @@ def test_a_doubtful_point_is_used_between_its_neighbours_only() -> None:
     good[[20, 40]] = False
     delta = PLATE.copy()
     delta[40] += 0.002
-    assert np.flatnonzero(plausible(delta, SIGMA, good, ~good)).tolist() == [20]
+    assert np.flatnonzero(plausible(S, delta, SIGMA, good, ~good)).tolist() == [20]
+
+
+#: An edge of 90 degrees that comes in by 15 mm at point 30, and a circle of 5 cm by 8 mm, in free foam.
+EDGE = np.maximum(0.015 - np.abs(S - S[30]), 0.0)
+CIRCLE = np.maximum(0.008 - 0.05 + np.sqrt(np.maximum(0.05**2 - (S - S[30]) ** 2, 0.0)), 0.0)
+
+
+@pytest.mark.parametrize("front", [EDGE, CIRCLE])
+@pytest.mark.parametrize("missing", [(30,), (30, 31), (29, 30)])
+def test_a_tip_that_was_not_seen_is_not_cut_off(front: np.ndarray, missing: tuple[int, ...]) -> None:
+    seen = np.ones(K, dtype=bool)
+    seen[list(missing)] = False
+    value, _, doubt, gap = bridged(S, np.where(seen, front, np.nan), SIGMA, seen)
+    assert not gap
+    at = list(missing)
+    line = np.interp(S[at], S[seen], front[seen])
+    assert (np.abs(value[at] - front[at]) <= doubt[at]).all()
+    assert (np.abs(value[at] - front[at]) < 0.6 * np.abs(line - front[at]) + 2e-5).all(), "better than a line"
+
+
+def test_a_doubtful_tip_is_used_where_its_flanks_lead_to() -> None:
+    good = np.ones(K, dtype=bool)
+    good[[29, 30]] = False
+    higher = EDGE.copy()
+    higher[30] += 0.003
+    assert plausible(S, EDGE, SIGMA, good, ~good)[29:31].all()
+    assert plausible(S, higher, SIGMA, good, ~good)[29:31].tolist() == [True, False]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 __all__ = ["bridged", "plausible"]
 
@@ -26,6 +26,7 @@ _STEEPEST = 8.0
 
 
 def plausible(
+    s: Float[np.ndarray, "K"],
     delta: Float[np.ndarray, "K"],
     sigma: Float[np.ndarray, "K"],
     good: Bool[np.ndarray, "K"],
@@ -35,18 +36,45 @@ def plausible(
 
     At the edge of a plate the front is a kink, which is no blurred step; its fit is
     still ten times closer than a line between the neighbours. What lies outside of
-    its neighbours is something else, and is not used.
+    its neighbours is something else, and is not used. The tip of an edge is above both: between flanks
+    that rise towards each other a point may lie as high as where these would meet.
     """
     usable = np.zeros_like(good)
     known = np.flatnonzero(good)
+    tips = _tips(s, delta, known)
     for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
         after = int(np.searchsorted(known, k))
         if after == 0 or after == len(known) or known[after] - known[after - 1] > _DOUBTFUL_POINTS + 1:
             continue
         ends = delta[known[after - 1 : after + 1]]
-        margin = _DOUBTFUL_MARGIN * abs(ends[1] - ends[0]) + 5.0 * float(sigma[k])
-        usable[k] = ends.min() - margin <= delta[k] <= ends.max() + margin
+        top = max(float(ends.max()), float(tips[k]))
+        margin = _DOUBTFUL_MARGIN * (top - float(ends.min())) + 5.0 * float(sigma[k])
+        usable[k] = ends.min() - margin <= delta[k] <= top + margin
     return usable
+
+
+def _tips(
+    s: Float[np.ndarray, "K"], value: Float[np.ndarray, "K"], known: Int[np.ndarray, "k"]
+) -> Float[np.ndarray, "K"]:
+    """How high the front may be in gaps that bulge: where the lines through both flanks meet; -inf elsewhere.
+
+    A flank is the last known point before the gap and its neighbour. The gap bulges where
+    the line between its ends is less steep than the flank on the left and steeper than that on the right.
+    """
+    tips = np.full(len(s), -np.inf)
+    for i in np.flatnonzero(np.diff(known) > 1):
+        a, b = known[i], known[i + 1]
+        if i == 0 or i + 2 == len(known) or known[i - 1] < a - 2 or known[i + 2] > b + 2:
+            continue
+        before, after = known[i - 1], known[i + 2]
+        left = (value[a] - value[before]) / (s[a] - s[before])
+        right = (value[after] - value[b]) / (s[after] - s[b])
+        if left > (value[b] - value[a]) / (s[b] - s[a]) > right:
+            inside = slice(a + 1, b)
+            tips[inside] = np.minimum(
+                value[a] + left * (s[inside] - s[a]), value[b] + right * (s[inside] - s[b])
+            )
+    return tips
 
 
 def bridged(
@@ -79,9 +107,13 @@ def bridged(
     a, b = before[missing], after[missing]
     filled[missing] = np.interp(s[missing], s[known], value[known])
     filled_sigma[missing] = np.maximum(sigma[a], sigma[b])
-    # Between two neighbours the contour may do what it does from one to the other.
+    # Between two neighbours the contour may do what it does from one to the other, and where it bulges it lies
+    # between the straight line and the tip: half way for a circle, at the tip for an edge.
+    bulge = 0.5 * np.maximum(_tips(s, value, known)[missing] - filled[missing], 0.0)
+    filled[missing] += bulge
     doubt = np.zeros_like(sigma)
     doubt[missing] = np.hypot(2.0 * filled_sigma[missing], 0.5 * np.abs(value[b] - value[a]))
+    doubt[missing] = np.hypot(doubt[missing], bulge)
     for k, first, last in zip(missing, a, b, strict=True):
         if first < k < last and _on_flank(value, first, last):
             # Free foam beside a contact falls off exponentially; a straight line is far above it.

@@ -213,7 +213,7 @@ class FoamSensor:
         doubtful = strip.doubtful & ~covered & ~faint
         # The error of the zero is the same in every frame: no noise of this image.
         doubt = scale * np.hypot(np.where(doubtful, _doubt(strip), 0.0), zero_sigma)
-        seen = good | plausible(delta, np.hypot(sigma, doubt), good, doubtful)
+        seen = good | plausible(geometry.s_m, delta, np.hypot(sigma, doubt), good, doubtful)
         total = np.hypot(sigma, doubt)
         steps = stepped_points(geometry.s_m, delta, total, seen, geometry.width_m, geometry.end_cells_m)
         jumped = self._onset.check(strip.t_s, delta, total, seen, steps)
