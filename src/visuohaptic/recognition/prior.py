@@ -9,8 +9,8 @@ shape on the cloud, the odds against an object that is not stored are
     pi_i / pi_unknown * ((1 + n) / (1 + n_0)) ** a * (r_0 / r) ** b * prod_w P(w | i) / P(w)
 
 over the words w of the scene's context; without agreeing matches, exp(-c) stands for the first power: blur and
-cover take all matches at once, so that none is no smaller number of the same kind. The exponents a, b, the neutral
-points n_0, r_0 and c are fitted on examples by their log loss (:func:`calibrate_prior`), so that probabilities mean
+cover take all matches at once, so that none is no smaller number of the same kind. The second power is at least
+exp(-d): now and then ICP fails on the right object. The exponents a, b, the neutral points n_0, r_0, c and d are fitted on examples by their log loss (:func:`calibrate_prior`), so that probabilities mean
 what they say. Evidence that is
 not there, as no picture of an object, leaves its odds as they are.
 """
@@ -56,6 +56,7 @@ class PriorSettings:
     none_against: float = 2.2  #: c
     residual_exponent: float = 6.0  #: b
     residual_neutral_m: float = 0.002  #: r_0
+    misfit_against: float = 14.0  #: d; how often a fit fails is known from examples only
     most_evidence: float = 14.0  #: of picture or shape alone, either way; logarithm of odds
     context_weight: float = 2.0  #: sightings that the average of all objects counts for
 
@@ -386,8 +387,11 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     with_shape = any(np.isfinite(look.log_residual).any() for look in looks)
     strangers = sum(one.truth == UNKNOWN for one in examples)
     old = replace(prior.settings, unknown_prior=(strangers + 1) / (len(examples) + 2))
+    if with_shape:
+        # From 14 on nothing is ever cut off, and the search would not find the way down.
+        old = replace(old, misfit_against=min(old.misfit_against, 3.0))
     names_free = ["matches_exponent", "matches_neutral", "none_against"] * with_image
-    names_free += ["residual_exponent", "residual_neutral_m"] * with_shape
+    names_free += ["residual_exponent", "residual_neutral_m", "misfit_against"] * with_shape
     if not names_free:
         raise InputError("examples", "found no picture and no cloud that says anything")
 
@@ -417,6 +421,7 @@ def _probabilities(evidence: _Evidence, settings: PriorSettings) -> Float[np.nda
     picture = np.where(evidence.log_matches == 0, -settings.none_against, picture)
     picture = np.where(picture < 0, evidence.matches_weight * picture, picture)
     shape = settings.residual_exponent * (np.log(settings.residual_neutral_m) - evidence.log_residual)
+    shape = np.maximum(shape, -settings.misfit_against)
     odds = evidence.log_prior + np.log1p(-settings.unknown_prior)
     for part in (picture, shape):
         odds = odds + np.clip(np.nan_to_num(part, nan=0.0), -most, most)
