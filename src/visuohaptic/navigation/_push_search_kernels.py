@@ -378,35 +378,30 @@ def free_push_steps(
 
 @njit(cache=True)
 def segment_cost(
-    clearance: np.ndarray, radius: float, slow: float, x0: float, y0: float, x1: float, y1: float
+    clearance: np.ndarray,
+    radius: float,
+    slow: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    forced: bool,
 ) -> float:
-    """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it touches."""
+    """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it touches.
+
+    ``forced`` counts what is nearer than the radius as at the radius.
+    """
     length = math.hypot(x1 - x0, y1 - y0)
     count = max(1, int(math.ceil(length * 2.0)))
     total = 0.0
     for i in range(count + 1):
         t = i / count
         d = clearance_at(clearance, x0 + t * (x1 - x0), y0 + t * (y1 - y0))
-        if d < radius - 1e-4:
+        if d < radius - 1e-4 and not forced:
             return np.inf
         share = min((d / radius - 1.0) * 0.5, 1.0)
-        weight = 0.5 if i == 0 or i == count else 1.0
-        total += weight * (slow + share * (1.0 - slow))
-    return total * length / count
-
-
-@njit(cache=True)
-def forced_cost(
-    clearance: np.ndarray, radius: float, slow: float, x0: float, y0: float, x1: float, y1: float
-) -> float:
-    """As :func:`segment_cost`, counting what is nearer than the radius as at the radius."""
-    length = math.hypot(x1 - x0, y1 - y0)
-    count = max(1, int(math.ceil(length * 2.0)))
-    total = 0.0
-    for i in range(count + 1):
-        t = i / count
-        d = clearance_at(clearance, x0 + t * (x1 - x0), y0 + t * (y1 - y0))
-        share = min(max((d / radius - 1.0) * 0.5, 0.0), 1.0)
+        if forced:
+            share = max(share, 0.0)
         weight = 0.5 if i == 0 or i == count else 1.0
         total += weight * (slow + share * (1.0 - slow))
     return total * length / count
@@ -434,9 +429,10 @@ def pull_taut(
             length = math.hypot(path[j, 0] - path[i, 0], path[j, 1] - path[i, 1])
             if best[i] + length >= best[j]:
                 continue
-            cost = segment_cost(clearance, radius, slow, path[i, 0], path[i, 1], path[j, 0], path[j, 1])
+            x0, y0, x1, y1 = path[i, 0], path[i, 1], path[j, 0], path[j, 1]
+            cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False)
             if not cost < np.inf and i == j - 1:
-                cost = forced_cost(clearance, radius, slow, path[i, 0], path[i, 1], path[j, 0], path[j, 1])
+                cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True)
             # 1e-9 per kept point: of equal paths the one with fewer corners.
             if best[i] + cost + 1e-9 < best[j]:
                 best[j] = best[i] + cost + 1e-9
