@@ -141,3 +141,10 @@ def test_a_map_where_the_robot_does_not_fit_has_an_empty_graph():
 def test_a_spacing_below_zero_is_refused():
     with pytest.raises(InputError, match="spacing_m"):
         build_graph(grid_layers(rectangle(9, 9), SpeedLimits(0.1)), spacing_m=-1.0)
+
+
+def test_a_spacing_finer_than_the_cells_ends_with_a_node_on_each():
+    layers = grid_layers(rectangle(9, 30), SpeedLimits(0.1))
+    fine = build_graph(layers, spacing_m=1e-12)  # never came to an end
+    once = build_graph(layers, spacing_m=layers.map.resolution_m / 2)
+    assert (fine.node_cells == once.node_cells).all()

@@ -194,7 +194,9 @@ def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decision
     pieces = []
     for edge in range(len(before.ends)):
         cells = path[path_start[edge] : path_start[edge + 1]]
-        count = round(before.measures[edge, 0] / spacing_m)
+        # No finer than the cells: a spacing of nanometres would never come to an end.
+        most, length_m = len(cells) - 1, float(before.measures[edge, 0])
+        count = most if length_m >= most * spacing_m else round(length_m / spacing_m)
         cuts = [0]
         if count > 1:
             rows, cols = np.divmod(cells, columns)
