@@ -251,7 +251,9 @@ def test_where_a_handle_joins_the_wall_goes_on(tmp_path: Path) -> None:
     shell = trimesh.creation.box((0.03, 0.013, 0.02))
     shell.apply_translation([0.046, 0, 0.1])
     shell.update_faces(shell.face_normals[:, 0] > -0.5)  # open towards the container
-    thing = import_object(write(trimesh.util.concatenate([open_wall, shell]), tmp_path / "t.stl"), remesh="always")
+    thing = import_object(
+        write(trimesh.util.concatenate([open_wall, shell]), tmp_path / "t.stl"), remesh="always"
+    )
     radius = np.hypot(*(thing.mesh.vertices_m[:, :2] - np.array(thing.axis_point_m)).T)
     assert radius.max() < 0.036
     assert any("bridged behind what joins it" in note for note in thing.notes)
