@@ -62,7 +62,8 @@ def pinched_cylinder(n: int) -> float:
 def scordelis_lo(n: int) -> float:
     """Sag of the free edge's middle under its own weight, over 0.3024.
 
-    A converged deep shell gives 0.3006, 0.6 % below the reference that everyone quotes.
+    The elements converge to 0.3005, 0.6 % below the reference that everyone quotes; the solid roof of
+    :func:`solid_scordelis_lo` tends to 0.3012. Two thirds of the distance are the reference's.
     """
     radius, length, angle = 25.0, 50.0, np.radians(40)
     mesh = grid_mesh(
@@ -77,6 +78,38 @@ def scordelis_lo(n: int) -> float:
     for k in range(3):
         np.add.at(load[:, Z], mesh.faces[:, k], -weight)
     return float(-model.solve(load)[n, Z] / 0.3024)
+
+
+def solid_scordelis_lo(n: int = 18) -> float:
+    """The same roof as a solid of n x n quadratic bricks with 27 nodes, over 0.3024: no shell theory."""
+    import skfem  # type: ignore[import-untyped, unused-ignore]
+    from scipy.sparse.linalg import splu
+    from skfem.helpers import ddot, sym_grad  # type: ignore[import-untyped, unused-ignore]
+
+    radius, half, angle, thickness = 25.0, 25.0, np.radians(40), 0.25
+    grid = np.linspace(0, 1, n + 1)
+    mesh = skfem.MeshHex2.from_mesh(skfem.MeshHex.init_tensor(grid, grid, np.array([-0.5, 0.5])))
+    u, v, w = mesh.p
+    out = radius + thickness * w
+    mesh = skfem.MeshHex2(np.stack([out * np.sin(u * angle), half * v, out * np.cos(u * angle)]), mesh.t)
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementHex2()), intorder=4)
+    # Without lateral contraction the stress is E times the strain; 90 per area is 360 per volume.
+    stiffness = skfem.BilinearForm(lambda a, b, _: 4.32e8 * ddot(sym_grad(a), sym_grad(b))).assemble(basis)
+    weight = skfem.LinearForm(lambda b, _: -360.0 * b.value[2]).assemble(basis)
+    x, y, z = basis.doflocs
+    axis = np.zeros(len(x), dtype=int)
+    everywhere = basis.get_dofs(elements=np.arange(mesh.nelements))
+    for k in range(3):
+        axis[everywhere.all(f"u^{k + 1}")] = k
+    fixed = (near(y, half) & (axis != Y)) | (near(y, 0) & (axis == Y)) | (near(x, 0) & (axis == X))
+    free = np.flatnonzero(~fixed)
+    moved = np.zeros(len(x))
+    factor = splu(
+        stiffness[free][:, free].tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+    )
+    moved[free] = factor.solve(weight[free])
+    edge = np.hypot(x - radius * np.sin(angle), z - radius * np.cos(angle)) + y
+    return float(-moved[(axis == Z) & (edge < 1e-6)][0] / 0.3024)
 
 
 def hemisphere_mesh(n: int, thickness: float = 0.04) -> ShellMesh:
