@@ -25,7 +25,7 @@ CAPTION = (
 def run(out: Output) -> None:
     """One scene of each kind, by the published detector and by ours."""
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
-    figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 7.6))
+    figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))
     rows: dict[str, list[Any]] = {"kind": [], "method": [], "objects": [], "found": [], "false": [], "f1": []}
     for number, (kind, axis) in enumerate(zip(kinds, axes.ravel(), strict=True)):
         scene = glass_scene(
@@ -75,4 +75,4 @@ def _draw(axis: Any, frames: list[DepthFrame], scene: Any, regions: Any) -> None
         axis.plot(*(1e3 * (ring + np.asarray(solid.foot_m))).T, ".", ms=0.8, color="#0072b2")
     for region in regions:
         shaded(axis, SurfaceMesh(region.hull_m, region.faces), "#f0d21e", alpha=0.8)
-    frame_3d(axis, (-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), elev=28, zoom=1.5)
+    frame_3d(axis, (-0.4, -0.4, 0.0), (0.4, 0.4, 0.3), elev=28)
