@@ -79,6 +79,19 @@ def test_sync_with_neither_database_there(tmp_path: Path, capsys: pytest.Capture
     assert not there.exists()
 
 
+@pytest.mark.parametrize("other", ["db", "mysql://here/there"])
+def test_sync_with_itself_or_another_kind_of_server(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, other: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["objects", "add", "cup", "--db", "db"]) == 0
+    capsys.readouterr()
+    assert main(["objects", "sync", other, "--db", "./db"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert other in error
+
+
 def test_an_empty_file_of_features_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     db = ["--db", str(tmp_path / "db")]
     assert main(["objects", "add", "cup-1", *db]) == 0

@@ -191,6 +191,9 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
 def _prior(text: str) -> tuple[str, float]:
     name, _, share = text.rpartition("=")
     try:
-        return name, float(share)
+        value = float(share)
     except ValueError as error:
         raise InputError("--prior", f"found {text!r}, expected CLASS=SHARE") from error
+    if not 0 <= value <= 1:
+        raise InputError("--prior", f"found a share of {share}, expected 0 to 1", field=name)
+    return name, value

@@ -38,6 +38,8 @@ def run(args: Any) -> dict[str, Any]:
             f"is not a database of objects, and neither is {args.db}",
             remedy="check both names, or add an object first",
         )
+    if "://" not in args.db + args.shared and Path(args.db).resolve() == Path(args.shared).resolve():
+        raise InputError(args.shared, "is the database of --db itself, expected another one")
     with opened(args, create=True) as local, open_database(args.shared) as shared:
         done = synchronise(local, shared)
         return {"shared": shared.where, "sent": done.sent, "received": done.received}

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ._frames import add_part, opened_frames
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -68,9 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="zero on the first N frames, then measure (nothing is stored); with --zero: from N frames",
     )
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
-    parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
+    add_part(parser)
     parser.add_argument(
         "--view", action="store_true", help="show it live on a page of this machine (with --source)"
     )
@@ -111,23 +110,13 @@ def _from_poses(args: Any) -> dict[str, Any]:
 
 
 def _from_pictures(args: Any) -> dict[str, Any]:
-    from ..recording import open_source
     from ..sensing.beam import TrackedBeam
 
     with ExitStack() as stack:
         # A live camera must not wait for the detector; a recording must give the same result each time.
         live = args.source.startswith(("camera:", "uvc:"))
         beam = stack.enter_context(TrackedBeam.load(args.config, threaded=live))
-        source = stack.enter_context(
-            open_source(
-                args.source,
-                camera=beam.camera,
-                start_s=args.start,
-                stop_s=args.stop,
-                rate_Hz=args.rate_Hz,
-                grey=not args.view,
-            )
-        )
+        source = stack.enter_context(opened_frames(args, beam.camera, grey=not args.view))
         frames: Iterator[Frame] = iter(args.progress(source, "zeroing" if args.zero else "measuring"))
         zero_path = beam.sensor.setup.zero_path
         assert zero_path is not None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ._frames import add_part, opened_frames
 
 if TYPE_CHECKING:
     from ..recording import MeasurementWriter, TableWriter
@@ -52,8 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="zero on the first N frames of the source, then measure (nothing is stored)",
     )
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
+    add_part(parser)
     parser.add_argument(
         "--speed",
         type=float,
@@ -65,13 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ..recording import open_source
     from ..sensing.foam import load_sensor
 
     if args.zero_frames < 0:
         raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
     sensor = load_sensor(args.config)
-    with open_source(args.source, camera=sensor.setup.camera, start_s=args.start, stop_s=args.stop) as source:
+    with opened_frames(args, sensor.setup.camera) as source:
         if args.zero:
             return _zero(args, sensor, source)
         return _measure(args, sensor, source)

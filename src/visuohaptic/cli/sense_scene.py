@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ._frames import add_part, opened_frames
 
 if TYPE_CHECKING:
     from ..robots import FrameSource
@@ -53,20 +54,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="zero the foam sensor on the first N frames, then measure (nothing is stored)",
     )
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
+    add_part(parser)
     parser.add_argument("--seed", type=int, default=0, help="of the consensus search (0)")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ..recording import open_source
     from ..sensing.scene_file import SceneConfig
 
     if args.zero_frames < 0:
         raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
     setup = SceneConfig.load(args.config)
-    with open_source(args.source, camera=setup.camera, start_s=args.start, stop_s=args.stop) as source:
+    with opened_frames(args, setup.camera) as source:
         return _track(args, setup, source)
 
 

@@ -8,6 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ._frames import add_part, opened_frames
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -40,16 +42,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", required=True, type=Path, help="camera.yaml")
     parser.add_argument("--out", type=Path, help="MCAP recording to write")
     parser.add_argument("--csv", type=Path, help="table to write")
-    parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
-    parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
-    parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
+    add_part(parser)
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 
 
 def run(args: Any) -> dict[str, Any]:
     """Track through the source; the mapping is what ``--json`` prints."""
     from ..camera import Camera
-    from ..recording import MeasurementWriter, open_source
+    from ..recording import MeasurementWriter
     from ..tracking.template import load_templates
     from ..tracking.template_tracker import TemplateTracker
 
@@ -58,16 +58,7 @@ def run(args: Any) -> dict[str, Any]:
     seen: Counter[str] = Counter()
     frames = 0
     with ExitStack() as stack:
-        source = stack.enter_context(
-            open_source(
-                args.source,
-                camera=camera,
-                start_s=args.start,
-                stop_s=args.stop,
-                rate_Hz=args.rate_Hz,
-                grey=not args.view,
-            )
-        )
+        source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
         # A live camera must not wait for the detector; a recording must give the same result each time.
         live = source.frame_count is None
         tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=live))

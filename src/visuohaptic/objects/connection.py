@@ -46,6 +46,8 @@ def connect_server(url: str) -> Engine:
     MissingExtraError
         The driver is not installed.
     """
+    if "://" in url and not re.match(r"^postgres(ql)?(\+psycopg)?://", url):
+        raise InputError(url, "is no address of a PostgreSQL server, expected postgresql://...")
     url = re.sub(r"^postgres(ql)?://", "postgresql+psycopg://", url)
     try:
         return create_engine(url, pool_pre_ping=True)

@@ -134,7 +134,7 @@ class ImageFolderSource(RecordedSource):
                 folder,
                 "its images have no times",
                 remedy="add times.csv (columns file, t_s), name the files ..._<seconds>.png, "
-                "or give the frame rate (rate_Hz)",
+                "or give the frame rate (rate_Hz; --rate-Hz)",
             )
         if not (np.isfinite(rate_Hz) and rate_Hz > 0):
             raise InputError("rate_Hz", f"found {rate_Hz}, expected > 0")

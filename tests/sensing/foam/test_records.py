@@ -41,6 +41,7 @@ def test_variants_are_converted(tmp_path, text):
         ("strain,stress_Pa\n0,0\n0.1\n", "line 3: found 1 cells, expected 2"),
         ("strain,stress_Pa\n0,zero\n", "line 2: stress_pa: found 'zero', expected a number"),
         ("strain,stress_Pa\n0,nan\n", "line 2: stress_pa: found nan"),
+        ("strain,stress_Pa\n0,0\n0.3,5\n", "stress_pa: found at most 5 Pa.*name the column stress_kPa"),
         ("strain,stress_Pa\n0,0\n10,5\n", "line 3: strain: found strain 10.*name the column strain_percent"),
         ("strain,stress_Pa,direction\n0,0,left\n", "line 2: direction: found 'left'"),
         ("strain,stress_Pa,stress_kPa\n0,0,0\n", "expected one of stress, stress_pa"),

@@ -17,6 +17,8 @@ __all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
 
 #: Larger files are refused: a press log of an hour at 100 Hz is about 10 MB.
 MAX_BYTES = 64 * 1024 * 1024
+#: A foam whose stress stays below this is softer than any; kPa without their name look so [Pa].
+SOFTEST_Pa = 150.0
 
 _STRAIN = {"strain": 1.0, "strain_percent": 0.01, "strain_pct": 0.01, "strain_%": 0.01}
 _STRESS = {"stress": 1.0, "stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6}
@@ -113,6 +115,13 @@ def read_strain_stress(path: Path | str) -> StrainStress:
             f"found strain {strain_values[i]:g}, expected 0 <= strain < 1",
             field=f"line {lines[i]}: {strain_name}",
             remedy="name the column strain_percent if it is in percent" if percent else "",
+        )
+    if stress_values.size and _STRESS[stress_name] == 1.0 and 0 < stress_values.max() < SOFTEST_Pa:
+        raise CalibrationError(
+            path,
+            f"found at most {stress_values.max():g} Pa, expected more than {SOFTEST_Pa:g} Pa: no foam is so soft",
+            field=stress_name,
+            remedy="name the column stress_kPa or stress_MPa if it is in these",
         )
     if not direction_name:
         directions = direction_from_order(strain_values)
