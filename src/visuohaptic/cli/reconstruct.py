@@ -67,6 +67,9 @@ def run(args: Arguments) -> dict[str, Any]:
             noise = sensor_noise(sequence.sensor)
         except InputError:
             noise = SENSOR_NOISE["kinect"]
+            args.report(
+                f"of the sensor {sequence.sensor!r} no noise is known, that of a kinect is used (--sensor)"
+            )
     frames = list(sequence)
     if not 0 < args.voxel_m < 0.5:
         raise InputError("--voxel-m", f"found {args.voxel_m}, expected a length between 0 and 0.5 m")
