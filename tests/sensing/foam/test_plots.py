@@ -72,7 +72,9 @@ def test_sections_and_cubic(tmp_path, press, section):
 
 def test_refusals_leave_no_file(tmp_path, press):
     bad = tmp_path / "bad.csv"
-    bad.write_text("strain,stress_Pa\n" + "\n".join(f"{x},{1e3 * np.sin(5 * x)}" for x in np.linspace(0, 0.6, 50)))
+    bad.write_text(
+        "strain,stress_Pa\n" + "\n".join(f"{x},{1e3 * np.sin(5 * x)}" for x in np.linspace(0, 0.6, 50))
+    )
     with pytest.raises(CalibrationError, match="unsuitable"):
         run(bad, "--out", tmp_path / "foam.yaml")
     with pytest.raises(InputError, match=r"cannot be written as a picture"):
