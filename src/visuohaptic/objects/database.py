@@ -17,14 +17,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from sqlalchemy import Connection, func, select
 from sqlalchemy.exc import DBAPIError
 
+from ..closing import Closing
 from ..errors import DatabaseError, InputError
 from . import codec, schema
 from .connection import connect_file, connect_server
@@ -76,7 +76,7 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
     return ObjectDatabase(location, create=create)
 
 
-class ObjectDatabase:
+class ObjectDatabase(Closing):
     """Objects by id; see :func:`open_database`."""
 
     def __init__(self, location: Path | str, *, create: bool = True) -> None:
@@ -112,14 +112,6 @@ class ObjectDatabase:
         except BaseException:
             self._engine.dispose()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close all connections and files."""

@@ -10,13 +10,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float32, UInt8
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from ..errors import DeviceError, InputError, MissingExtraError
 from .depth_sequence import DepthFrame
 
@@ -37,7 +37,7 @@ class DepthPicture:
         return DepthFrame(self.t_s, self.depth_m, self.color, pose_world_camera, camera, self.index)
 
 
-class LiveDepthSource(ABC):
+class LiveDepthSource(ABC, Closing):
     """Frames of a live depth camera; implements :class:`visuohaptic.robots.FrameSource` with its colour pictures.
 
     Parameters
@@ -134,17 +134,6 @@ class LiveDepthSource(ABC):
         if self._open:
             self._open = False
             self._stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class RealSenseSource(LiveDepthSource):

@@ -7,13 +7,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import UInt8
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..errors import DeviceError, InputError, StaleFrameError
 
 __all__ = ["CameraBackend", "CameraSettings", "FoundCamera", "LiveSource", "find_cameras", "open_camera"]
@@ -55,7 +55,7 @@ class CameraBackend(Protocol):
         """Release the device; harmless when repeated."""
 
 
-class LiveSource:
+class LiveSource(Closing):
     """Frames of a live camera; implements :class:`visuohaptic.robots.FrameSource`.
 
     A thread takes every image from the driver, so that the newest one is never
@@ -167,17 +167,6 @@ class LiveSource:
         if threading.current_thread() is not self._thread:
             self._thread.join(timeout=5.0)
         self._backend.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _closed(self) -> bool:
         return not self._running

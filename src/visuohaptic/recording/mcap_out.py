@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 import os
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
+from ..closing import Closing
 from ..errors import InputError, MissingExtraError
 from . import ros_messages as ros
 from ._ros_definitions import definition
@@ -18,7 +18,7 @@ __all__ = ["MeasurementWriter"]
 _log = logging.getLogger(__name__)
 
 
-class MeasurementWriter(MeasurementSink):
+class MeasurementWriter(MeasurementSink, Closing):
     """Writes an MCAP file as it is measured.
 
     While it is written the file is called ``NAME.mcap.part``; it gets its name
@@ -112,15 +112,3 @@ class MeasurementWriter(MeasurementSink):
         os.fsync(self._stream.fileno())
         self._stream.close()
         self.part.replace(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        # What was measured before a failure is worth as much as after it.
-        self.close()

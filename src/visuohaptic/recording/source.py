@@ -5,13 +5,12 @@ from __future__ import annotations
 import logging
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..errors import InputError
 
 __all__ = ["RecordedSource", "indices_from_times"]
@@ -51,7 +50,7 @@ def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     return np.concatenate([[0], np.cumsum(steps).astype(np.int64)])
 
 
-class RecordedSource(ABC):
+class RecordedSource(ABC, Closing):
     """Frames of a recording; implements :class:`visuohaptic.robots.FrameSource`.
 
     Parameters
@@ -156,14 +155,3 @@ class RecordedSource(ABC):
     def close(self) -> None:
         """Release the file; harmless when repeated."""
         self._closed = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

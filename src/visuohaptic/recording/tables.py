@@ -9,12 +9,12 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..closing import Closing
 from ..errors import InputError, MissingExtraError
 from ..objects import ForceProfile, Reason, Wrench
 
@@ -102,7 +102,7 @@ def _unit(column: str) -> str:
     return column.rpartition("_")[2]
 
 
-class TableWriter:
+class TableWriter(Closing):
     """Writes force profiles or wrenches, one row each, to ``.csv`` or ``.parquet``.
 
     The kind of the first row fixes the columns. The file is called
@@ -184,17 +184,6 @@ class TableWriter:
             os.fsync(self._stream.fileno())
             self._stream.close()
         self.part.replace(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class _ParquetRows:

@@ -9,10 +9,10 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from ..camera import Frame
+from ..closing import Closing
 from ..errors import DeviceError, InputError
 from ..robots import BaseState
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
@@ -118,7 +118,7 @@ class _Channel:
         return self.report
 
 
-class Bridge:
+class Bridge(Closing):
     """Runs the sensors of ``bridge.yaml``; a context manager.
 
     Everything is read and checked before the node joins. Each sensor has a thread of its own. Where no image
@@ -212,17 +212,6 @@ class Bridge:
         if not self.reports:
             self.reports = tuple(channel.close() for channel in self._channels)
         self.node.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _check(section: SensorSection, reader: Reader, path: Path, kind: str) -> None:

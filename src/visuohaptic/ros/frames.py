@@ -7,13 +7,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import UInt8
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..errors import DeviceError, InputError, StaleFrameError
 from ..recording.mcap_in import camera_from_message
 from ..recording.ros_image import decode_compressed, decode_raw
@@ -28,7 +27,7 @@ _log = logging.getLogger(__name__)
 _SENSOR = Qos(reliable=False, depth=5)
 
 
-class TopicFrames:
+class TopicFrames(Closing):
     """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.robots.FrameSource`.
 
     The time of a frame is the stamp in its header, or that of sending where the stamp is zero. Its index is the
@@ -215,17 +214,6 @@ class TopicFrames:
             self._new.notify_all()
         for subscription in self._subscriptions:
             subscription.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def info_topic(image: str) -> str:

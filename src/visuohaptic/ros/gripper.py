@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
+from ..closing import Closing
 from ..errors import DeviceError, InputError
 from ..recording.ros_messages import header, stamp_ns
 from ..robots import GripperState
@@ -17,7 +17,7 @@ from .node import Received, RosNode
 __all__ = ["RosGripper"]
 
 
-class RosGripper:
+class RosGripper(Closing):
     """Implements :class:`visuohaptic.robots.Gripper`.
 
     A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the way divided by the speed.
@@ -129,14 +129,3 @@ class RosGripper:
     def close(self) -> None:
         """Give the gripper back; it stays as it is."""
         self._states.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

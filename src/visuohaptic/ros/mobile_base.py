@@ -6,9 +6,8 @@ import contextlib
 import math
 import threading
 import time
-from types import TracebackType
-from typing import Self
 
+from ..closing import Closing
 from ..errors import DeviceError, InputError
 from ..recording.ros_messages import header
 from ..robots import BaseState
@@ -19,7 +18,7 @@ from .node import Received, RosNode
 __all__ = ["RosBase"]
 
 
-class RosBase:
+class RosBase(Closing):
     """Implements :class:`visuohaptic.robots.MobileBase`.
 
     Parameters
@@ -119,17 +118,6 @@ class RosBase:
         self._odometry.close()
         with self._lock:
             self._command = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def base_state(received: Received) -> BaseState:

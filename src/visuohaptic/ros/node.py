@@ -10,9 +10,9 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
+from ..closing import Closing
 from ..errors import DeviceError, InputError, MissingExtraError, VisuohapticError
 from ._gid import publisher_gid
 from .attachment import Attachment
@@ -57,7 +57,7 @@ class Received:
     received_s: float  #: seconds since 1970
 
 
-class RosNode:
+class RosNode(Closing):
     """A node; a context manager.
 
     Parameters
@@ -204,17 +204,6 @@ class RosNode:
             except Exception as error:  # noqa: BLE001 - zenoh's errors have no common base; the rest must close, too
                 _log.debug("while closing: %s", error)
         self._session.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class RosPublisher:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float
 
 from ..camera import Pose
+from ..closing import Closing
 from ..errors import InputError
 from ..recording import ros_messages as ros
 from .frames import message_time_s
@@ -20,7 +19,7 @@ from .node import RosNode
 __all__ = ["RosArm"]
 
 
-class RosArm:
+class RosArm(Closing):
     """Implements :class:`visuohaptic.robots.ProbeArm`.
 
     The straight line is made here: ``geometry_msgs/PoseStamped`` targets along it, at a rate. Any controller
@@ -127,17 +126,6 @@ class RosArm:
             self._line = None
         self._repeater.close()
         self._pose.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 class _Line:

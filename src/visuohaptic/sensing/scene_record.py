@@ -6,12 +6,12 @@ import csv
 import math
 import os
 from pathlib import Path
-from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Self
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..camera import Frame, Pose
+from ..closing import Closing
 from ..errors import InputError
 from ..recording import ros_messages as ros
 
@@ -97,7 +97,7 @@ def write_scene(
         recording.write_frame(Frame(reading.mask, reading.t_s, 0), f"{name}_obstacles")
 
 
-class SceneTable:
+class SceneTable(Closing):
     """Writes readings to a CSV file, one row each, columns :data:`SCENE_COLUMNS`.
 
     The file is called ``NAME.part`` until it is closed; a row is with the operating system when
@@ -134,14 +134,3 @@ class SceneTable:
         self._stream.close()
         self._stream = None
         self.part.replace(self.path)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

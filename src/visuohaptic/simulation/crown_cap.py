@@ -13,13 +13,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from ..errors import InputError
 from .arm import SimulatedArm
 
@@ -107,7 +106,7 @@ class CapSeen:
 
 
 @dataclass
-class CrownCapCell:
+class CrownCapCell(Closing):
     """Arm, opener, bottle and camera; a ``robots.FrameSource`` whose every frame lets time pass.
 
     Frames carry no picture worth looking at: :meth:`feel` and :meth:`look`
@@ -169,14 +168,6 @@ class CrownCapCell:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def feel(self, frame: Frame) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
         """Wrench (N, Nm) that a beam sensor reads, axes of the tool, and its covariance."""

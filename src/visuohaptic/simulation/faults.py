@@ -11,13 +11,12 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Int8
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..errors import InputError
 from ..robots import BaseState, FrameSource, MobileBase
 
@@ -89,7 +88,7 @@ def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
     }.get(kind, FrameFaults())
 
 
-class FaultyFrames:
+class FaultyFrames(Closing):
     """A ``robots.FrameSource`` that loses, repeats, delays and spoils the frames of another one."""
 
     def __init__(self, source: FrameSource, faults: FrameFaults, rng: np.random.Generator) -> None:
@@ -136,14 +135,6 @@ class FaultyFrames:
     def close(self) -> None:
         """Release the source."""
         self.source.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _spoilt(self, frame: Frame) -> Frame:
         f, age = self.faults, frame.t_s - self._start_s

@@ -11,13 +11,12 @@ import bisect
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from ..errors import InputError
 from ..robots import GripperState
 from ._finger_tag import FingerTag, paint_tag
@@ -104,7 +103,7 @@ class GripperTruth:
         return self.front_m + np.array([self.position_m, 0.0])
 
 
-class VirtualGripper:
+class VirtualGripper(Closing):
     """The gripper and its camera; implements ``Gripper`` and ``FrameSource``.
 
     Time passes only by :meth:`advance` or by taking frames: each frame takes one frame period.
@@ -209,14 +208,6 @@ class VirtualGripper:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     # Simulation
 

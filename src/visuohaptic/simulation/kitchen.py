@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Self
 
 import numpy as np
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from ..errors import InputError
 from ..robots import GripperState
 from .arm import SimulatedArm
@@ -36,7 +36,7 @@ class FingerMoment:
 
 
 @dataclass
-class KitchenTable:
+class KitchenTable(Closing):
     """A container at a place, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
 
     The tip is the middle between the fingers; z of the base is height above the table.
@@ -114,12 +114,6 @@ class KitchenTable:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self.close()
 
     def feel(self, frame: Frame) -> FingerMoment:
         """Reading of the finger at the newest frame."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, Self
 
 import numpy as np
 from jaxtyping import Float
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from .arm import SimulatedArm
 from .bottles import Bottle
 
@@ -18,7 +18,7 @@ __all__ = ["ProbeCell"]
 
 
 @dataclass
-class ProbeCell:
+class ProbeCell(Closing):
     """A ``robots.FrameSource`` whose every frame lets the arm move; the bottle stands at a pose in the base."""
 
     arm: SimulatedArm
@@ -51,12 +51,6 @@ class ProbeCell:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self.close()
 
     def force(self) -> Float[np.ndarray, "3"]:
         """Force on the probe in the base [N]: outward by how far it is inside the wall, with noise."""

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..objects import Contact, ErrorBudget, ForceProfile, Reason
 from .platform import PlatformConfig
 from .strip import StripState
@@ -53,7 +54,7 @@ class _Setup:
     material: _Material
 
 
-class QuickFrames:
+class QuickFrames(Closing):
     """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass."""
 
     def __init__(self, world: StripWorld, frame_rate_Hz: float = 30.0) -> None:
@@ -78,12 +79,6 @@ class QuickFrames:
 
     def close(self) -> None:
         """Nothing to release."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: Any) -> None:
-        self.close()
 
 
 class QuickFoam:

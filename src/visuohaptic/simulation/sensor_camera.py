@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import UInt8
 
 from ..camera import Camera, Frame
+from ..closing import Closing
 from ..errors import InputError
 from .scene import FoamScene
 from .world import PushWorld
@@ -31,7 +31,7 @@ class Renderer(Protocol):
         """Image of a scene, with noise from ``rng``."""
 
 
-class SimulatedSensorCamera:
+class SimulatedSensorCamera(Closing):
     """A ``robots.FrameSource`` whose frames are views of the world; every frame lets time pass.
 
     The truth that belongs to the newest frame is ``world.truth``; both have the
@@ -90,11 +90,3 @@ class SimulatedSensorCamera:
     def close(self) -> None:
         """End the source."""
         self._closed = True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

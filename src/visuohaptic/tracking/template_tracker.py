@@ -11,13 +11,12 @@ import logging
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ..camera import Camera, Frame, Pose
+from ..closing import Closing
 from ..errors import InputError
 from ..objects import Reason
 from .detector import Detection, DetectorSettings, detect_templates
@@ -87,7 +86,7 @@ class _Track:
 _Place = tuple[Template, tuple[int, int, int, int] | None, np.ndarray | None]
 
 
-class TemplateTracker:
+class TemplateTracker(Closing):
     """Tracks templates through frames; one call of :meth:`update` per frame.
 
     Parameters
@@ -122,17 +121,6 @@ class TemplateTracker:
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="detector") if threaded else None
         self._pending: Future[dict[str, Detection]] | None = None
         self._last_t_s = -np.inf
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the detector's thread; harmless when repeated."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..closing import Closing
 from ..errors import DeviceError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ __all__ = ["Page", "markdown_text", "quaternion"]
 _log = logging.getLogger(__name__)
 
 
-class Page:
+class Page(Closing):
     """A viser server on 127.0.0.1, closed with the context.
 
     Parameters
@@ -67,14 +67,6 @@ class Page:
         if self._server is not None:
             server, self._server = self._server, None
             server.stop()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _start(port: int, title: str) -> viser.ViserServer:

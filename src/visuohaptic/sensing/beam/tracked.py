@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 from ...camera import Camera, Frame
+from ...closing import Closing
 from ...errors import CalibrationError, InputError
 from ...tracking.template import Template, load_templates
 from ...tracking.template_tracker import TemplatePose, TemplateTracker
@@ -30,7 +29,7 @@ class TrackedReading:
     templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons where lost
 
 
-class TrackedBeam:
+class TrackedBeam(Closing):
     """A beam sensor that looks at pictures.
 
     Parameters
@@ -132,14 +131,3 @@ class TrackedBeam:
     def close(self) -> None:
         """End the tracker's thread."""
         self.tracker.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.close()

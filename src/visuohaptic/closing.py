@@ -1,0 +1,23 @@
+"""What holds a device, a file or a thread is closed at the end of its ``with`` block."""
+
+from __future__ import annotations
+
+from typing import Self
+
+__all__ = ["Closing"]
+
+
+class Closing:
+    """Closed when its ``with`` block ends, after an error as well: what was done until then is worth as much."""
+
+    __slots__ = ()
+
+    def close(self) -> None:
+        """Give back what is held."""
+        raise NotImplementedError
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
