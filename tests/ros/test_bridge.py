@@ -66,7 +66,7 @@ def test_pictures_become_forces(sensor, robot: RosNode, endpoint: str) -> None:
     with Bridge.load(write(folder, endpoint)) as bridge:
         camera.wait_until_heard()
         # Without images it says stale: silence would be taken for no force.
-        assert until(lambda: told)
+        assert until(lambda: told and wrenches)
         assert told[0].status[0].message == "stale"
         assert np.isnan(wrenches[0].wrench.force.x)
         for number, picture in enumerate(pictures):
