@@ -82,9 +82,9 @@ def scordelis_lo(n: int) -> float:
 
 def solid_scordelis_lo(n: int = 18) -> float:
     """The same roof as a solid of n x n quadratic bricks with 27 nodes, over 0.3024: no shell theory."""
-    import skfem  # type: ignore[import-untyped, unused-ignore]
+    import skfem
     from scipy.sparse.linalg import splu
-    from skfem.helpers import ddot, sym_grad  # type: ignore[import-untyped, unused-ignore]
+    from skfem.helpers import ddot, sym_grad
 
     radius, half, angle, thickness = 25.0, 25.0, np.radians(40), 0.25
     grid = np.linspace(0, 1, n + 1)

@@ -198,7 +198,7 @@ def _cluster_build(
                 port,
                 "--no-dashboard",
             ],
-            **quiet,  # type: ignore[call-overload]
+            **quiet,
         )
         stack.callback(_end, scheduler)
 
@@ -214,7 +214,7 @@ def _cluster_build(
                     "--no-nanny",
                     "--no-dashboard",
                 ],
-                **quiet,  # type: ignore[call-overload]
+                **quiet,
             )
             stack.callback(_end, process)
             return process

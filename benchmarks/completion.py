@@ -143,9 +143,7 @@ def speeds() -> list[dict[str, Any]]:
         step = 0.12 / 63 * np.sqrt(len(isosurface(fitted, grid)[0]) / count)
         vertices, faces = isosurface(fitted, Grid.over(grid.low_m, grid.low_m + 0.12, float(step)))
         supports = cKDTree(vertices).query(centers[:300])[1]
-        spent_s = harness.cpu_seconds(
-            lambda v=vertices, f=faces, s=supports: BiharmonicMesh(v, f).score(s)  # type: ignore[misc]
-        )
+        spent_s = harness.cpu_seconds(lambda v=vertices, f=faces, s=supports: BiharmonicMesh(v, f).score(s))
         rows.append(
             {"name": f"biharmonic score, {len(vertices)} vertices, 300 supports", "ours": 1e3 * spent_s,
              "unit": "ms CPU", "floor": floor, "aim": aim}

@@ -184,7 +184,7 @@ def _limit(value: object) -> Limit | None:
         return (float(low), float(high)) if separator else float(low)
     if isinstance(value, (tuple, list)):
         return float(value[0]), float(value[1])
-    return float(value)  # type: ignore[arg-type]
+    return float(value)
 
 
 def _meets(value: float, limit: Limit | None, higher: bool) -> bool:

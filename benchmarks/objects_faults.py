@@ -129,7 +129,7 @@ def writers(folder: Path, processes: int = 8, objects: int = 40) -> dict[str, in
                 seen = Evidence("tag.stiffness_N_per_m", Estimate(1000.0 + own, 10.0), key=f"{own} {number}")
                 database.add(add_evidence(VisuoHapticObject("shared"), seen))
 
-    pids = [forked(lambda own=own: work(own)) for own in range(processes)]  # type: ignore[misc]
+    pids = [forked(lambda own=own: work(own)) for own in range(processes)]
     failed = sum(os.waitpid(pid, 0)[1] != 0 for pid in pids)
     wanted = {f"o{own * 1000 + number:07d}" for own in range(processes) for number in range(objects)}
     lost, problems = losses(folder, wanted)
@@ -191,7 +191,7 @@ def run(kill_count: int = 200, disk_count: int = 20) -> list[dict[str, Any]]:
         for start in range(0, count, block):
             size = min(block, count - start)
             rng = random.Random(f"{name} {start}")
-            part = kept(f"{name} {start}", lambda size=size, rng=rng: work(size, rng))  # type: ignore[misc]
+            part = kept(f"{name} {start}", lambda size=size, rng=rng: work(size, rng))
             if part is None:
                 return None
             for key, value in part.items():

@@ -30,7 +30,7 @@ def _controller() -> Any:
     import scipy.linalg.blas  # noqa: F401 - its library has to be loaded to be found
 
     try:
-        from threadpoolctl import ThreadpoolController  # type: ignore[import-untyped, unused-ignore]
+        from threadpoolctl import ThreadpoolController
     except ImportError:
         return None
     return ThreadpoolController()

@@ -26,7 +26,7 @@ def test_a_class_gives_ranked_grasps_and_a_picture(
     assert isinstance(grasps, list)
     assert grasps[0]["first_m"][2] > 0.09
     assert grasps[0]["deformation_m"] < 0.005
-    assert max(found["several"]["deformation_m"]) < grasps[0]["deformation_m"]  # type: ignore[index]
+    assert max(found["several"]["deformation_m"]) < grasps[0]["deformation_m"]
     assert plot.stat().st_size > 10_000
 
 
@@ -36,7 +36,7 @@ def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.Cap
     capsys.readouterr()
     one = run(capsys, str(out), "--force", "4", "--count", "2")
     other = run(capsys, "cup", "--around", "32", "--force", "4", "--count", "2")
-    for a, b in zip(one["grasps"], other["grasps"], strict=True):  # type: ignore[call-overload]
+    for a, b in zip(one["grasps"], other["grasps"], strict=True):
         assert a["score"] == pytest.approx(b["score"])
         assert a["first_m"] == pytest.approx(b["first_m"])
 
@@ -44,8 +44,8 @@ def test_a_map_gives_the_grasps_of_its_object(tmp_path: Path, capsys: pytest.Cap
 def test_contents_ask_for_more_force_and_may_spill(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["cleaner", "--around", "32", "--count", "1"]
     empty, full = run(capsys, *words), run(capsys, *words, "--state", "closed", "--fill", "0.9")
-    assert full["mass_kg"] > 10 * empty["mass_kg"]  # type: ignore[operator]
-    assert full["grasps"][0]["needed_N"] > 3 * empty["grasps"][0]["needed_N"]  # type: ignore[index]
+    assert full["mass_kg"] > 10 * empty["mass_kg"]
+    assert full["grasps"][0]["needed_N"] > 3 * empty["grasps"][0]["needed_N"]
 
 
 def test_it_says_why_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:

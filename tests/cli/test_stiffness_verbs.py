@@ -36,7 +36,7 @@ def test_a_description_becomes_a_map(tube: Path, tmp_path: Path, capsys: pytest.
         capsys, "stiffness", str(tube), "--out", str(out), "--plot", str(plot), "--at", "0.035", "0", "0.1"
     )
     # Fourier series of the Koiter shell at half height.
-    assert found["at"][0]["stiffness_N_per_m"] == pytest.approx(6164, rel=0.015)  # type: ignore[index]
+    assert found["at"][0]["stiffness_N_per_m"] == pytest.approx(6164, rel=0.015)
     assert plot.stat().st_size > 1000
     with np.load(out) as data:
         count = len(data["vertices_m"])
@@ -66,14 +66,14 @@ def test_a_mesh_gives_nearly_the_same(tube: Path, tmp_path: Path, capsys: pytest
     trimesh.Trimesh(mesh.vertices_m, mesh.faces, process=False).export(path)
     words = ["--youngs-modulus", "2.5e9", "--poisson", "0.38", "--thickness", "0.0005", "--open-top"]
     found = run(capsys, "stiffness", str(path), *words, "--at", "0.035", "0", "0.1", "--no-sigma")
-    assert found["at"][0]["stiffness_N_per_m"] == pytest.approx(6164, rel=0.02)  # type: ignore[index]
+    assert found["at"][0]["stiffness_N_per_m"] == pytest.approx(6164, rel=0.02)
     assert found["relative_sigma_median"] is None
 
 
 def test_the_state_changes_the_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     at = ["--at", "0", "0.03", "0.07", "--no-sigma", "--around", "32"]
     found = [
-        run(capsys, "stiffness", "elliptic", *more, *at)["at"][0]["stiffness_N_per_m"]  # type: ignore[index]
+        run(capsys, "stiffness", "elliptic", *more, *at)["at"][0]["stiffness_N_per_m"]
         for more in (["--open-top"], [], ["--closed"], ["--fill", "0.95"])
     ]
     assert found == sorted(found)
@@ -82,8 +82,7 @@ def test_the_state_changes_the_map(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_an_elastic_base_softens_what_is_near_it(capsys: pytest.CaptureFixture[str]) -> None:
     words = ["stiffness", "elliptic", "--at", "0", "0.03", "0.02", "--no-sigma", "--around", "32"]
     soft, clamped = (
-        run(capsys, *words, *more)["at"][0]["stiffness_N_per_m"]  # type: ignore[index]
-        for more in (["--base-stiffness", "1e4"], [])
+        run(capsys, *words, *more)["at"][0]["stiffness_N_per_m"] for more in (["--base-stiffness", "1e4"], [])
     )
     assert soft < 0.9 * clamped
 

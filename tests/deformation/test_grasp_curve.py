@@ -141,4 +141,4 @@ def test_walls_that_would_touch_end_the_curve() -> None:
 )
 def test_wrong_arguments_are_named(arguments: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        grasp_curve(shipped("bottle"), **arguments)  # type: ignore[arg-type]
+        grasp_curve(shipped("bottle"), **arguments)

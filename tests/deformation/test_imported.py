@@ -130,7 +130,7 @@ def test_a_lid_is_kept_or_taken_off(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_container_is_refused(make: object, said: str, tmp_path: Path) -> None:
-    path = write(make(), tmp_path / "bad.stl")  # type: ignore[operator]
+    path = write(make(), tmp_path / "bad.stl")
     with pytest.raises(InputError, match=said) as caught:
         import_object(path)
     assert str(path) in str(caught.value)
@@ -193,8 +193,8 @@ def test_a_wall_thicker_than_the_container_is_refused(tmp_path: Path, remesh: st
     path = write(tube(), tmp_path / "t.stl")
     for thickness in (1.0, 0.036):
         with pytest.raises(InputError, match=r"the wall is 0\.035 m from the axis .* expected more than"):
-            import_object(path, thickness_m=thickness, remesh=remesh)  # type: ignore[arg-type]
-    thing = import_object(path, thickness_m=0.005, remesh=remesh)  # type: ignore[arg-type]
+            import_object(path, thickness_m=thickness, remesh=remesh)
+    thing = import_object(path, thickness_m=0.005, remesh=remesh)
     assert any("14 % of the radius" in note for note in thing.notes)
 
 

@@ -41,7 +41,7 @@ def kitchen() -> VisualPrior:
 
 
 def _share(prior: VisualPrior, *args: object, **kwargs: object) -> dict[str, float]:
-    found = prior.candidates(*args, least=0.0, **kwargs)  # type: ignore[arg-type]
+    found = prior.candidates(*args, least=0.0, **kwargs)
     assert sum(one.probability for one in found) == pytest.approx(1.0)
     assert [one.probability for one in found] == sorted((one.probability for one in found), reverse=True)
     return {one.object_id: one.probability for one in found}

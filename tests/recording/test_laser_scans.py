@@ -101,7 +101,7 @@ def test_csv_comes_back(tmp_path: Path) -> None:
 def test_bad_csv(tmp_path: Path, change: object, problem: str) -> None:
     write_scans(tmp_path / "s.csv", [(room_scan(0.0, 0.0), (0.1, 0.2, 3.0))])
     path = tmp_path / "bad.csv"
-    path.write_text(change((tmp_path / "s.csv").read_text()))  # type: ignore[operator]
+    path.write_text(change((tmp_path / "s.csv").read_text()))
     with pytest.raises(InputError, match=problem):
         read_scans(path)
     with pytest.raises(InputError, match=r"expected \.mcap or \.csv"):

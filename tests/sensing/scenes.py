@@ -59,4 +59,4 @@ def box(
     corners = np.array([[0.0, -half], [size_m[0], -half], [size_m[0], half], [0.0, half]])
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     turned = corners @ np.array([[c, s], [-s, c]]) + np.array([x_m, y_m])
-    return SceneObject(turned, **{"top_m": 0.15, "grey": 70.0, "texture": 22.0, **look})  # type: ignore[arg-type]
+    return SceneObject(turned, **{"top_m": 0.15, "grey": 70.0, "texture": 22.0, **look})

@@ -112,8 +112,8 @@ def explore(
     assert isinstance(base, MobileBase)
     found = explore_obstacle(
         base,
-        frames(base, count),  # type: ignore[arg-type]
-        FakeSensor(base, obstacle, hidden),  # type: ignore[arg-type]
+        frames(base, count),
+        FakeSensor(base, obstacle, hidden),
         settings,
         **rest,
     )
@@ -223,10 +223,10 @@ def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:
     base, obstacle = FakeBase(), Obstacle(0.4, 4.0)
     found = explore_obstacle(
         base,
-        frames(base, 3000),  # type: ignore[arg-type]
-        FakeSensor(base, obstacle),  # type: ignore[arg-type]
+        frames(base, 3000),
+        FakeSensor(base, obstacle),
         ExploreSettings(approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.2, free_ahead_m=0.15, brake_m_s2=0.3),
-        scene=FakeScene(base, obstacle),  # type: ignore[arg-type]
+        scene=FakeScene(base, obstacle),
         on_step=lambda step: speeds.append((step.travel_m, base.speed_m_s)),
     )
     assert found.outcome is Outcome.TAGGED
@@ -246,10 +246,10 @@ def test_what_stood_in_view_at_the_begin_is_approached_slowly() -> None:
     base, obstacle, speeds = FakeBase(), Obstacle(0.06, 4.0), [0.0]
     explore_obstacle(
         base,
-        frames(base, 2000),  # type: ignore[arg-type]
-        FakeSensor(base, obstacle),  # type: ignore[arg-type]
+        frames(base, 2000),
+        FakeSensor(base, obstacle),
         ExploreSettings(approach_m_s=0.03, cruise_m_s=0.2),
-        scene=FakeScene(base, Obstacle(9.0, 4.0)),  # type: ignore[arg-type]
+        scene=FakeScene(base, Obstacle(9.0, 4.0)),
         on_step=lambda step: speeds.append(base.speed_m_s if step.phase == "approach" else 0.0),
     )
     assert max(speeds) == pytest.approx(0.03)
@@ -259,9 +259,9 @@ def test_what_falls_is_not_pushed_on() -> None:
     base, obstacle = FakeBase(), Obstacle(0.05, 4.0)
     found = explore_obstacle(
         base,
-        frames(base, 2000),  # type: ignore[arg-type]
-        FakeSensor(base, obstacle),  # type: ignore[arg-type]
-        scene=FakeScene(base, obstacle, fall_at_s=1.8),  # type: ignore[arg-type]
+        frames(base, 2000),
+        FakeSensor(base, obstacle),
+        scene=FakeScene(base, obstacle, fall_at_s=1.8),
     )
     assert found.outcome is Outcome.TAGGED
     assert found.stopped_by is StopReason.FELL

@@ -139,13 +139,13 @@ def test_files_become_views(tmp_path, cup):
     views = open_views([tmp_path / name for name in names])
     kinds = [type(view) for view in views]
     assert kinds == [ObjectView, MapView, MapView, SurfaceView, StepsView, ObjectView]
-    assert views[1].plan is not None  # type: ignore[attr-defined]
-    assert views[2].grid is views[1].grid  # type: ignore[attr-defined]
+    assert views[1].plan is not None
+    assert views[2].grid is views[1].grid
     np.testing.assert_array_equal(
         load_map(tmp_path / "cup.npz").vertices_m,
-        views[0].surface.vertices_m,  # type: ignore[attr-defined]
+        views[0].surface.vertices_m,
     )
-    assert views[3].choices[0] == "sigma_m"  # type: ignore[attr-defined]
+    assert views[3].choices[0] == "sigma_m"
     with BrowsePage(views, port=0) as page:
         for name in page.names:
             page.open(name)

@@ -311,7 +311,7 @@ def _in_processes(jobs: Sequence[BuildJob], workers: int) -> Iterator[tuple[Buil
 
 def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
     try:
-        import distributed  # type: ignore[import-not-found, import-untyped, unused-ignore]
+        import distributed
     except ImportError as error:
         raise MissingExtraError("distributed", "cluster", "building on a cluster") from error
     try:

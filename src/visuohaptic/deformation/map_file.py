@@ -92,7 +92,7 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
     check_suffix(None, Path(path))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points_mm = found.vertices_m * 1e3
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255

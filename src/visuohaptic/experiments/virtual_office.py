@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
@@ -28,12 +30,10 @@ ROBOT = RobotModel(0.17)
 
 def tag(**values: float | bool | int | None) -> HapticTag:
     """A tag from plain numbers, as in objects.yaml."""
-    return HapticTag(
-        **{
-            name: Estimate(value, 0.0) if isinstance(value, float) else value  # type: ignore[arg-type]
-            for name, value in values.items()
-        }
-    )
+    given: dict[str, Any] = {
+        name: Estimate(value, 0.0) if isinstance(value, float) else value for name, value in values.items()
+    }
+    return HapticTag(**given)
 
 
 #: Table 4.1 of the dissertation, in its roles of figure 4.6.

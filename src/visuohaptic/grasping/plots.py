@@ -55,7 +55,7 @@ def plot_plan(path: Path | str, plans: Sequence[tuple[str, GraspPlan]]) -> None:
 
 
 def _draw_object(axes: Any, title: str, plan: GraspPlan) -> None:
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points = plan.surface.vertices_m * 1e3
     faces = np.asarray(plan.surface.faces)

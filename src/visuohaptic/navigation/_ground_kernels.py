@@ -7,7 +7,7 @@ from numba import njit
 
 
 @njit(cache=True)
-def distance_at(distance, grid, x, y):  # type: ignore[no-untyped-def]
+def distance_at(distance, grid, x, y):
     """Distance to the nearest obstacle at a point [m]; 0 outside the map.
 
     ``grid`` = (origin x, origin y, cos yaw, sin yaw, cells per metre).
@@ -21,7 +21,7 @@ def distance_at(distance, grid, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):  # type: ignore[no-untyped-def]
+def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     """Whether all ``points`` of a footprint at a pose are ``least`` away from obstacles.
 
     A circle of ``inside_m`` about the reference point lies in the footprint, and one of ``reach_m`` holds it.
@@ -40,7 +40,7 @@ def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):  # type: 
 
 
 @njit(cache=True)
-def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):  # type: ignore[no-untyped-def]
+def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     """How many samples of a footprint at a pose are nearer to obstacles than ``least``."""
     if fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
         return 0
@@ -54,7 +54,7 @@ def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
 
 
 @njit(cache=True)
-def blocked_parts(distance, grid, ring, radius, x, y, yaw):  # type: ignore[no-untyped-def]
+def blocked_parts(distance, grid, ring, radius, x, y, yaw):
     """Number of runs of the closed ``ring`` where obstacles are nearer than ``radius``: Eq. (4.3)."""
     c, s = np.cos(yaw), np.sin(yaw)
     n = ring.shape[0]
@@ -74,7 +74,7 @@ def blocked_parts(distance, grid, ring, radius, x, y, yaw):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def push_goals(  # type: ignore[no-untyped-def]
+def push_goals(
     distance,
     from_path,
     grid,
@@ -116,7 +116,7 @@ def push_goals(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):  # type: ignore[no-untyped-def]
+def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):
     """First of the first ``rows`` poses at which the footprint clashes; ``rows`` when none does.
 
     An object that stands at a wall begins with samples too near to it: what
@@ -136,7 +136,7 @@ def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows): 
 
 
 @njit(cache=True)
-def least_distance(distance, grid, poses):  # type: ignore[no-untyped-def]
+def least_distance(distance, grid, poses):
     """Smallest distance from obstacles along a path [m]."""
     least = np.inf
     for i in range(poses.shape[0]):
@@ -145,7 +145,7 @@ def least_distance(distance, grid, poses):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def first_goal(  # type: ignore[no-untyped-def]
+def first_goal(
     distance, from_path, grid, points, ring, border, least, inside_m, reach_m, radius, objects, platforms
 ):
     """Row of the first pose that is a push goal when all before it are clear; -1 when there is none."""

@@ -9,7 +9,7 @@ from ._push_kernels import features
 
 
 @njit(cache=True)
-def impulse_push(outline, round_m, centroid, ratio, radius, contact_range, path, start, trace, contact):  # type: ignore[no-untyped-def]
+def impulse_push(outline, round_m, centroid, ratio, radius, contact_range, path, start, trace, contact):
     """Fill ``trace`` (k x 3 poses) and ``contact`` (k x 2); returns the last row with contact, or -1.
 
     ``ratio`` is the moment of inertia by the mass [m^2].

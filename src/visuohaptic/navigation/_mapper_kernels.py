@@ -15,7 +15,7 @@ __all__ = ["add_beams", "correlate", "nearest_lines"]
 
 
 @njit(cache=True)
-def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit, miss, bound):  # type: ignore[no-untyped-def]
+def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit, miss, bound):
     """Add one scan to the log-odds, in place; each cell changes once per scan, a hit wins.
 
     ``ends`` (n, 2): where beams end (row, column); ``hits``: whether there was
@@ -56,7 +56,7 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
 
 
 @njit(cache=True)
-def correlate(field, points, rows, columns, cosines, sines):  # type: ignore[no-untyped-def]
+def correlate(field, points, rows, columns, cosines, sines):
     """Mean of ``field`` at the points, for every shift and turn: (turns, rows, columns).
 
     ``points`` (n, 2) as (row, column) about the centre of rotation; ``rows`` and
@@ -81,7 +81,7 @@ def correlate(field, points, rows, columns, cosines, sines):  # type: ignore[no-
 
 
 @njit(cache=True)
-def nearest_lines(mean_row, mean_column, count, points, reach):  # type: ignore[no-untyped-def]
+def nearest_lines(mean_row, mean_column, count, points, reach):
     """For every point the nearest mean of a cell and the normal of the means around it.
 
     ``mean_row``, ``mean_column``: mean place of the hits in a cell where

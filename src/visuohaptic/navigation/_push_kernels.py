@@ -33,7 +33,7 @@ _CONTACTS = 4
 
 
 @njit(cache=True)
-def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):  # type: ignore[no-untyped-def]
+def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
     """Places where the rim of a disc is nearest to the outline, those nearer than ``reach``.
 
     Every local minimum of the distance is one: a foot of the perpendicular
@@ -91,7 +91,7 @@ def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):  # type: 
 
 
 @njit(cache=True)
-def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):  # type: ignore[no-untyped-def]
+def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
     """Gaps later on, when the disc has moved by ``shift`` and the object by (dx, dy, turn); the smallest."""
     least = np.inf
     c, s = np.cos(turn), np.sin(turn)
@@ -110,7 +110,7 @@ def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):  # type: i
 
 
 @njit(cache=True, fastmath=_SUMS)
-def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):  # type: ignore[no-untyped-def]
+def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):
     """Floor friction minus contact forces for an increment ``z`` = (dx, dy, rho dyaw), and derivatives.
 
     ``even`` is the derivative with the bound of the contact's friction held,
@@ -172,7 +172,7 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
 
 
 @njit(cache=True, fastmath=_SUMS)
-def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):  # type: ignore[no-untyped-def]
+def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):
     """Work against the floor, in the soft rim, and against contact friction bound by ``mu pulls``: convex."""
     total = 0.0
     for i in range(load.shape[0]):
@@ -190,7 +190,7 @@ def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
 
 
 @njit(cache=True)
-def _solve(jac, r, damp, step):  # type: ignore[no-untyped-def]
+def _solve(jac, r, damp, step):
     """``step`` = -inverse(jac + damp I) r by Cramer's rule; False where there is no inverse."""
     a, b, c = jac[0, 0] + damp, jac[0, 1], jac[0, 2]
     d, e, f = jac[1, 0], jac[1, 1] + damp, jac[1, 2]
@@ -206,7 +206,7 @@ def _solve(jac, r, damp, step):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):  # type: ignore[no-untyped-def]
+def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):
     """Find the increment ``z`` in balance; returns whether, and the contacts' force."""
     r, even, full, step, trial, bound = work[0], work[1:4], work[4:7], work[7], work[8], work[9]
     # A trace of stiffness against drifting far where nothing but friction acts.
@@ -253,7 +253,7 @@ def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
 
 
 @njit(cache=True)
-def _tilted(load, support, ox, oy, share):  # type: ignore[no-untyped-def]
+def _tilted(load, support, ox, oy, share):
     """Fill ``share``: the load when its centre is moved by (ox, oy), in the object's frame."""
     n = load.shape[0]
     mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -279,7 +279,7 @@ def _tilted(load, support, ox, oy, share):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):  # type: ignore[no-untyped-def]
+def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):
     """Drive a disc along ``path`` (k x 3: x, y, heading) and follow the object; fills ``trace`` (k x 8).
 
     Each step solves for the increment of the object's pose at which the
@@ -414,7 +414,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
 
 
 @njit(cache=True)
-def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):  # type: ignore[no-untyped-def]
+def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
     """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
 
     Steps by the gap, which is never more than the way that is left. Negative

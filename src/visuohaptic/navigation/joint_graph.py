@@ -30,6 +30,8 @@ __all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "extend_graph", "
 SIGNIFICANT = 0.05
 #: Neighbours of one node, at most.
 MOST_NEIGHBOURS = 64
+#: First entry of every node, and by entry: the other end, the edge; by edge: its cost.
+_Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class NodeType(Protocol):
@@ -94,7 +96,7 @@ class JointGraph:
     regions: Regions
     robot: RobotModel
     added: tuple[JointNode, ...] = ()
-    _scratch: list[object] = field(default_factory=list, repr=False)
+    _scratch: dict[bool, _Rows] = field(default_factory=dict, repr=False)
 
     def node(self, id: str) -> JointNode:
         """The added node of an object.
@@ -113,7 +115,7 @@ class JointGraph:
     def without(self, id: str) -> JointGraph:
         """The graph without a node: an obstacle that was not confirmed, a region that has gone."""
         self.node(id)
-        return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch=[])
+        return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch={})
 
     def failed(self, id: str) -> JointGraph:
         """After a failure: the node's edges cost infinitely much."""
@@ -138,7 +140,7 @@ class JointGraph:
         return replace(
             self,
             added=tuple(replace(node, task_s=task_s) if node.kind.id == id else node for node in self.added),
-            _scratch=[],
+            _scratch={},
         )
 
     def edges(self) -> tuple[Int32[np.ndarray, "m 2"], Float[np.ndarray, "m"]]:
@@ -183,14 +185,11 @@ class JointGraph:
         names = {node.number: node.kind.id for node in self.added}
         return JointPath(tuple(nodes), best[goal], tuple(names[n] for n in nodes if n in names))
 
-    def _csr(self, visual_only: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        if not self._scratch:
-            self._scratch.extend([None, None])
-        slot = int(visual_only)
-        if self._scratch[slot] is None:
+    def _csr(self, visual_only: bool) -> _Rows:
+        if visual_only not in self._scratch:
             ends, costs = (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
-            self._scratch[slot] = (*_rows(ends, self.visual.nodes + len(self.added)), costs)
-        return self._scratch[slot]  # type: ignore[return-value]
+            self._scratch[visual_only] = (*_rows(ends, self.visual.nodes + len(self.added)), costs)
+        return self._scratch[visual_only]
 
     def benefit_s(self, id: str) -> float:
         """Eq. (4.2), corrected: by how much the node shortens the way between any two of its neighbours.

@@ -9,7 +9,7 @@ __all__ = ["byte_distances"]
 
 
 @numba.njit(cache=True, boundscheck=False)
-def byte_distances(rows, query, known, out):  # type: ignore[no-untyped-def]
+def byte_distances(rows, query, known, out):
     """Squared distances of int8 rows (m, n) to an int16 query (n) into int32 ``out`` (m), where ``known`` is 1.
 
     All in 32 bits: wider numbers would halve what the processor does at a time. n <= 8000 cannot overflow.

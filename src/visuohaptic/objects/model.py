@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -100,9 +101,9 @@ class HapticTag:
     explored: int = 0  #: counter of explorations
     failed: int = 0  #: counter of failures
 
-    def updated(self, **changes: object) -> HapticTag:
+    def updated(self, **changes: Any) -> HapticTag:
         """A copy with some fields replaced."""
-        return replace(self, **changes)  # type: ignore[arg-type]
+        return replace(self, **changes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

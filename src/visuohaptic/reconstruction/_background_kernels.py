@@ -11,7 +11,7 @@ __all__ = ["cast_rays", "error_score", "view_moments", "warp_views"]
 
 
 @njit(cache=True, parallel=True)
-def warp_views(depths, motions, fx, fy, cx, cy, warped):  # type: ignore[no-untyped-def]
+def warp_views(depths, motions, fx, fy, cx, cy, warped):
     """Depth images of other views as this view would see their points, nearest first.
 
     ``depths`` (n, h, w) float32, NaN invalid; ``motions`` (n, 3, 4) float32, ``T_this_other``; ``warped`` (n, h,
@@ -49,7 +49,7 @@ def warp_views(depths, motions, fx, fy, cx, cy, warped):  # type: ignore[no-unty
 
 
 @njit(cache=True, parallel=True)
-def view_moments(warped, quadratic, constant, offset, tracking, weight, least_views, mean, sigma, score):  # type: ignore[no-untyped-def]  # fmt: skip
+def view_moments(warped, quadratic, constant, offset, tracking, weight, least_views, mean, sigma, score):  # fmt: skip
     """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` is corrected by n / (n - 1)."""
     views, rows, columns = warped.shape
     infinite = np.float32(np.inf)
@@ -89,7 +89,7 @@ def view_moments(warped, quadratic, constant, offset, tracking, weight, least_vi
 
 
 @njit(cache=True, parallel=True)
-def error_score(depth, mean, sigma, reliable, motions, theta, least_seen, fx, fy, cx, cy, error):  # type: ignore[no-untyped-def]  # fmt: skip
+def error_score(depth, mean, sigma, reliable, motions, theta, least_seen, fx, fy, cx, cy, error):  # fmt: skip
     """Error score of each pixel, Eq. (5.4) with the sign corrected; ``motions`` (n, 3, 4) are ``T_other_this``.
 
     The observed point must have been in the field of view of ``least_seen`` of the other views.
@@ -128,7 +128,7 @@ def error_score(depth, mean, sigma, reliable, motions, theta, least_seen, fx, fy
 
 
 @njit(cache=True, parallel=True)
-def cast_rays(origin, ends, weights, low, voxel, slabs, volume):  # type: ignore[no-untyped-def]
+def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
     """Add a weight to every voxel from the camera to the end of each ray; each thread owns a slab of the volume.
 
     ``ends`` (n, 3) points of the world; ``volume`` (x, y, z) float32 with its corner at ``low``.

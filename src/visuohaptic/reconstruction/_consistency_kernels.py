@@ -11,13 +11,13 @@ UNKNOWN, CLEAN, CONTRADICTED, DROPPED = 0, 1, 2, 3
 
 
 @njit(cache=True, inline="always")
-def _sigma(z, numbers):  # type: ignore[no-untyped-def]
+def _sigma(z, numbers):
     device = numbers[1] + numbers[0] * (z - numbers[2]) * (z - numbers[2])
     return np.sqrt(device * device + numbers[3] * numbers[3])
 
 
 @njit(cache=True)
-def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):  # type: ignore[no-untyped-def]
+def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):
     """(agreeing, seeing through): views that have a surface at the point, and views that look past it."""
     views, rows, columns = depths.shape
     half = np.float32(0.5)
@@ -50,7 +50,7 @@ def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):  # type: i
 
 
 @njit(cache=True, parallel=True)
-def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, limit, predicted, label):  # type: ignore[no-untyped-def]  # fmt: skip
+def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, limit, predicted, label):  # fmt: skip
     """Label each pixel of a view by what other views say about its ray.
 
     ``depths`` (n, h, w) of the others, ``motions`` (n, 3, 4) ``T_other_this``, ``warped`` (n, h, w) their depths
@@ -115,7 +115,7 @@ def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, lim
 
 
 @njit(cache=True)
-def projector_shadow(predicted, focal_baseline, slack, shadow):  # type: ignore[no-untyped-def]
+def projector_shadow(predicted, focal_baseline, slack, shadow):
     """Where the projector's light does not reach the predicted surface: another point of the row is before it.
 
     The projector is at +x for a positive ``focal_baseline`` [px m]: column u of depth z is lit through its column
@@ -138,7 +138,7 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):  # type: ignore[
 
 
 @njit(cache=True)
-def tile_rays(label, limit, edge, bad, known, unknown, nearest):  # type: ignore[no-untyped-def]
+def tile_rays(label, limit, edge, bad, known, unknown, nearest):
     """Per tile of the image: has it bad, known, unknown rays, and the least depth to which a ray speaks."""
     rows, columns = label.shape
     for a in range(bad.shape[0]):
@@ -157,7 +157,7 @@ def tile_rays(label, limit, edge, bad, known, unknown, nearest):  # type: ignore
 
 
 @njit(cache=True, parallel=True)
-def count_rays(label, limit, margin, edge, bad, known, unknown, nearest, motion, fx, fy, cx, cy, low, voxel, brick, contradicted, dropped, clean, clean_brick):  # type: ignore[no-untyped-def]  # fmt: skip
+def count_rays(label, limit, margin, edge, bad, known, unknown, nearest, motion, fx, fy, cx, cy, low, voxel, brick, contradicted, dropped, clean, clean_brick):  # fmt: skip
     """Count for every voxel the rays that pass it before they end, by label.
 
     Bricks of ``brick``^3 voxels whose whole picture is clean count as one, in ``clean_brick``. ``motion`` (3, 4)

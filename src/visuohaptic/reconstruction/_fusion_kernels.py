@@ -22,7 +22,7 @@ _BEHIND, _FREE, _NEAR = 0, 1, 2
 
 
 @njit(cache=True)
-def tile_ranges(depth, low, high, holes):  # type: ignore[no-untyped-def]
+def tile_ranges(depth, low, high, holes):
     """Smallest and largest depth of each tile, and whether a pixel of it has none."""
     rows, columns = depth.shape
     low[:] = np.float32(np.inf)
@@ -40,7 +40,7 @@ def tile_ranges(depth, low, high, holes):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):  # type: ignore[no-untyped-def]
+def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
     """Where a brick lies: behind all that was seen, in free space, or near the surface.
 
     ``corner`` is its first voxel in the camera frame, ``steps`` its edges.
@@ -87,7 +87,7 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):  # 
 
 
 @njit(cache=True)
-def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):  # type: ignore[no-untyped-def]
+def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):
     """Project the voxels ``start`` to ``stop`` and average what they see.
 
     ``view``: intrinsics, depth, picture, half width of the band, weight of the view, greatest weight.
@@ -133,7 +133,7 @@ def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, v
 
 
 @njit(cache=True)
-def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth, image, low, high, holes, band, gain, cap):  # type: ignore[no-untyped-def]  # fmt: skip
+def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth, image, low, high, holes, band, gain, cap):  # fmt: skip
     """All bricks of a dense grid; ``origin`` is its first voxel in the camera frame."""
     shape = distance.shape
     view = (camera, depth, image, band, gain, cap)
@@ -169,7 +169,7 @@ def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth,
 
 
 @njit(cache=True)
-def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # type: ignore[no-untyped-def]  # fmt: skip
+def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # fmt: skip
     """Chosen bricks of a sparse grid; ``bricks`` are their integer places, ``origin`` as in :func:`fuse_dense`."""
     view = (camera, depth, image, band, gain, cap)
     corner = np.zeros(3, np.float32)
@@ -185,7 +185,7 @@ def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, step
 
 
 @njit(cache=True)
-def active_cells(distance, weight, least, places):  # type: ignore[no-untyped-def]
+def active_cells(distance, weight, least, places):
     """Bricks of cells that the surface crosses; returns their number, places in ``places``.
 
     A brick holds the cells between its voxels and the first voxels of the next.
@@ -212,7 +212,7 @@ def active_cells(distance, weight, least, places):  # type: ignore[no-untyped-de
 
 
 @njit(cache=True)
-def gather_cells(distance, weight, least, places, side, tiled, known):  # type: ignore[no-untyped-def]
+def gather_cells(distance, weight, least, places, side, tiled, known):
     """Copy each brick with its upper neighbours into a cube of tiles; unseen voxels stay unknown."""
     shape = distance.shape
     edge = BRICK + 1

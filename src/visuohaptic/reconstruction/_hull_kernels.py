@@ -11,7 +11,7 @@ __all__ = ["hull_distance", "mask_through", "seen_share", "within_hull"]
 
 
 @njit(cache=True, fastmath=True)
-def hull_distance(points, planes, out):  # type: ignore[no-untyped-def]
+def hull_distance(points, planes, out):
     """Largest distance of each point (n, 3) from the planes; ``planes`` is (4, p), so that the loop is a vector one."""
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
     for r in range(points.shape[0]):
@@ -23,7 +23,7 @@ def hull_distance(points, planes, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def within_hull(points, planes, reach, out):  # type: ignore[no-untyped-def]
+def within_hull(points, planes, reach, out):
     """Whether no plane (4, p) is farther than ``reach`` inside of a point; most points fail at one of the first."""
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
     for r in range(points.shape[0]):
@@ -36,7 +36,7 @@ def within_hull(points, planes, reach, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):  # type: ignore[no-untyped-def]
+def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):
     """Drop readings whose ray was inside a hull for longer than ``least_m`` before it ended.
 
     ``depth`` (h, w) float32 is changed, NaN where dropped; ``planes`` (p, 4) float64 in the frame of the
@@ -66,7 +66,7 @@ def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):  # type
 
 
 @njit(cache=True)
-def seen_share(blocked, starts, normals, ways, share):  # type: ignore[no-untyped-def]
+def seen_share(blocked, starts, normals, ways, share):
     """Share of the ways, weighted by cosine, on which a point leaves the grid without meeting a blocked cell.
 
     ``starts`` (n, 3) in cells; ``ways`` (k, 3) unit vectors; ``share`` (n) is filled.

@@ -11,7 +11,7 @@ __all__ = ["band_nodes", "cubic_gradients", "cubic_matrix", "cubic_values"]
 
 
 @njit(cache=True, fastmath=True)
-def cubic_values(points, centers, weights, poly, out):  # type: ignore[no-untyped-def]
+def cubic_values(points, centers, weights, poly, out):
     """``out = poly(x) + sum_i w_i |x - x_i|^3``; ``centers`` is (3, n), so that the loop is a vector one.
 
     Runs in the type of its arguments, float32 on grids and float64 elsewhere.
@@ -28,7 +28,7 @@ def cubic_values(points, centers, weights, poly, out):  # type: ignore[no-untype
 
 
 @njit(cache=True, fastmath=True)
-def cubic_gradients(points, centers, weights, poly, out):  # type: ignore[no-untyped-def]
+def cubic_gradients(points, centers, weights, poly, out):
     """Gradient of :func:`cubic_values` at points."""
     xs, ys, zs = centers[0], centers[1], centers[2]
     for p in range(points.shape[0]):
@@ -44,7 +44,7 @@ def cubic_gradients(points, centers, weights, poly, out):  # type: ignore[no-unt
 
 
 @njit(cache=True)
-def cubic_matrix(a, b, out):  # type: ignore[no-untyped-def]
+def cubic_matrix(a, b, out):
     """``out[i, j] = |a_i - b_j|^3``; points are rows."""
     for i in range(a.shape[0]):
         for j in range(b.shape[0]):
@@ -54,7 +54,7 @@ def cubic_matrix(a, b, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def band_nodes(coarse, stride, band, values, wanted, nodes):  # type: ignore[no-untyped-def]
+def band_nodes(coarse, stride, band, values, wanted, nodes):
     """Trilinear guess of every fine node, and those within ``band`` of zero in wanted places.
 
     ``coarse`` are the values at every ``stride``-th node. Returns the number

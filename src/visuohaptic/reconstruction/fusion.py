@@ -8,6 +8,8 @@ volume that KinectFusion integrates, Alt 2016, Sec. 2.2.1 and 5.3).
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float, Float32
 
@@ -84,12 +86,12 @@ class TsdfVolume:
         low_m: Float[np.ndarray, "3"],
         high_m: Float[np.ndarray, "3"],
         voxel_m: float = 0.005,
-        **more: float,
+        **more: Any,
     ) -> TsdfVolume:
         """A volume that holds the box from ``low_m`` to ``high_m``."""
         low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
         shape = np.ceil((high - low) / voxel_m - 1e-9).astype(int) + 1
-        return cls(low, (int(shape[0]), int(shape[1]), int(shape[2])), voxel_m, **more)  # type: ignore[arg-type]
+        return cls(low, (int(shape[0]), int(shape[1]), int(shape[2])), voxel_m, **more)
 
     def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
         """Average a view into the grid; NaN depths say nothing."""

@@ -1,5 +1,6 @@
 """Frames and measurements in and out: video, image folders, live cameras, depth, MCAP, tables, maps."""
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from .depth_pictures import DepthEncoding, read_depth, write_depth
@@ -61,9 +62,9 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     """Depth sequences are described by pydantic models, which are heavy: imported when first used."""
     if name in {"DepthFrame", "DepthSequence"}:
-        from . import depth_sequence as module
+        module = "depth_sequence"
     elif name in {"ImportedSequence", "import_sequence"}:
-        from . import depth_import as module  # type: ignore[no-redef]
+        module = "depth_import"
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(module, name)
+    return getattr(import_module(f".{module}", __name__), name)

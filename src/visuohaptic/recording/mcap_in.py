@@ -6,7 +6,7 @@ import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Int, UInt8
@@ -168,9 +168,9 @@ class McapSource(RecordedSource):
 
 def _stamp_ns(message: McapMessage) -> int:
     """Stamp of the header, the first field of both image messages, without decoding the pixels."""
-    order = "little" if len(message.data) >= 12 and message.data[1] & 1 else "big"
-    seconds = int.from_bytes(message.data[4:8], order, signed=True)  # type: ignore[arg-type]
-    nanoseconds = int.from_bytes(message.data[8:12], order)  # type: ignore[arg-type]
+    order: Literal["little", "big"] = "little" if len(message.data) >= 12 and message.data[1] & 1 else "big"
+    seconds = int.from_bytes(message.data[4:8], order, signed=True)
+    nanoseconds = int.from_bytes(message.data[8:12], order)
     if seconds <= 0 and nanoseconds == 0:
         return message.log_time_ns
     return seconds * 1_000_000_000 + nanoseconds

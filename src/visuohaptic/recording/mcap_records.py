@@ -282,7 +282,7 @@ def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, w
             reader = zstandard.ZstdDecompressor().stream_reader(BytesIO(packed), read_across_frames=True)
             return _read_some(reader, unpacked, zstandard.ZstdError, whole)
         if compression == "lz4":
-            import lz4.frame  # type: ignore[import-untyped]
+            import lz4.frame
 
             return _read_some(lz4.frame.open(BytesIO(packed), "rb"), unpacked, RuntimeError, whole)
     except ImportError as error:

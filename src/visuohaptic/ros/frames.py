@@ -7,6 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -221,9 +222,9 @@ def info_topic(image: str) -> str:
     return image.removesuffix("/compressed").rpartition("/")[0] + "/camera_info"
 
 
-def message_time_s(received: Received, stamp: object) -> float:
+def message_time_s(received: Received, stamp: Any) -> float:
     """Time of a header's stamp [s]; where it is zero, that of sending, or of receiving."""
-    t_s = stamp.sec + 1e-9 * stamp.nanosec  # type: ignore[attr-defined]
+    t_s = stamp.sec + 1e-9 * stamp.nanosec
     if t_s > 0:
         return float(t_s)
     beside = received.attachment

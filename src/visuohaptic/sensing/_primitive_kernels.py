@@ -13,7 +13,7 @@ STRAIGHT, ROUND, BENT = 0, 1, 2
 
 
 @njit(cache=True)
-def _outline(family, theta, u):  # type: ignore[no-untyped-def]
+def _outline(family, theta, u):
     """Depth of the outline and its slope at ``u``."""
     if family == 0:
         return theta[0] + theta[1] * u, theta[1]
@@ -33,7 +33,7 @@ def _outline(family, theta, u):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _detached(family, theta, rest, u, side, log_slope, n, scale):  # type: ignore[no-untyped-def]
+def _detached(family, theta, rest, u, side, log_slope, n, scale):
     """Positive where the object falls away faster than the foam can follow."""
     depth, slope = _outline(family, theta, u)
     delta = depth - (rest[0] + (rest[1] + rest[2] * u) * u)
@@ -44,7 +44,7 @@ def _detached(family, theta, rest, u, side, log_slope, n, scale):  # type: ignor
 
 
 @njit(cache=True)
-def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):  # type: ignore[no-untyped-def]
+def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
     """Fill ``delta`` [m] and ``touched`` at the positions ``u`` [m]; return the ends of the contact.
 
     Flanks follow T delta'' = c delta^n, whose first integral gives the slope
@@ -120,9 +120,7 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):  
 
 
 @njit(cache=True)
-def profile_and_jacobian(  # type: ignore[no-untyped-def]
-    family, theta, steps, rest, scale, low, high, u, delta, touched, jacobian, ends
-):
+def profile_and_jacobian(family, theta, steps, rest, scale, low, high, u, delta, touched, jacobian, ends):
     """Profile and its derivative by ``theta`` (central differences with the given steps)."""
     ends[0], ends[1] = contact_profile(family, theta, rest, scale, low, high, u, delta, touched)
     other = np.empty(len(u))

@@ -11,7 +11,7 @@ __all__ = ["cast"]
 
 
 @njit(cache=True)
-def cast(cells, start_row, start_column, directions, longest):  # type: ignore[no-untyped-def]
+def cast(cells, start_row, start_column, directions, longest):
     """Length of every beam [cells] to the border of the first occupied cell.
 
     ``cells``: 1 occupied, 2 opaque without echo, 0 free; ``start``: grid

@@ -22,7 +22,7 @@ _TURN = 2.0 * math.pi
 
 
 @njit(cache=True, inline="always")
-def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_least, t_best):  # type: ignore[no-untyped-def]
+def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_least, t_best):
     """Nearest crossing of one ring of the profile beyond ``t_least``, or ``t_best``."""
     r0, z0, r1, z1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
     first, width = segments[s, 11], segments[s, 12]
@@ -64,7 +64,7 @@ def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_least, t_best):  # type:
 
 
 @njit(cache=True)
-def _nearest(origin, direction, solids, segments, boxes, t_least):  # type: ignore[no-untyped-def]
+def _nearest(origin, direction, solids, segments, boxes, t_least):
     """(t, solid, segment, box): the nearest surface of any kind; indices -1 where not meant."""
     t_best, best_solid, best_segment, best_box = 1e9, -1, -1, -1
     for i in range(len(solids)):
@@ -129,7 +129,7 @@ def _nearest(origin, direction, solids, segments, boxes, t_least):  # type: igno
 
 
 @njit(cache=True)
-def _normal(point, solid, segment, box, solids, segments, boxes, normal):  # type: ignore[no-untyped-def]
+def _normal(point, solid, segment, box, solids, segments, boxes, normal):
     """Unit normal of the surface at a point; of a solid, on the side that its profile calls ahead."""
     if box >= 0:
         c, s = boxes[box, 3], boxes[box, 4]
@@ -169,7 +169,7 @@ def _normal(point, solid, segment, box, solids, segments, boxes, normal):  # typ
 
 
 @njit(cache=True)
-def _trace(origin, direction, solids, segments, boxes, found, scratch):  # type: ignore[no-untyped-def]
+def _trace(origin, direction, solids, segments, boxes, found, scratch):
     """Follow one ray to a diffuse surface.
 
     ``found``: x, y, z, transmitted share, cosine at the surface, albedo, interfaces passed, then of the first
@@ -230,7 +230,7 @@ def _trace(origin, direction, solids, segments, boxes, found, scratch):  # type:
 
 
 @njit(cache=True, parallel=True)
-def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):  # type: ignore[no-untyped-def]
+def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
     """Rays of an ideal view, pixel (i, j) along R (slopes_x[j], slopes_y[i], 1).
 
     Returns ``hit`` (h, w) and ``found`` (h, w, 11), see :func:`_trace`; points in the world.
@@ -252,7 +252,7 @@ def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):  
 
 
 @njit(cache=True)
-def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_y):  # type: ignore[no-untyped-def]
+def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_y):
     """Where the projector's pixels land, as its pinhole would see them, and who lands in each of these cells.
 
     Returns ``landing`` (h, w, 2), NaN without a landing, ``bright`` (h, w), the light per area that each projector
@@ -301,7 +301,7 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
 
 
 @njit(cache=True, parallel=True)
-def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation, projector, focal_x, focal_y, first_x, centre_y, row_tolerance, least_signal):  # type: ignore[no-untyped-def]  # fmt: skip
+def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation, projector, focal_x, focal_y, first_x, centre_y, row_tolerance, least_signal):  # fmt: skip
     """Column of the projector that each camera pixel sees, NaN where the pattern fails there.
 
     ``first_x``: column of the projector's first pixel on its own image axis, negative of its principal point.

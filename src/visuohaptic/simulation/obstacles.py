@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -133,7 +134,7 @@ class Obstacle:
 
 
 def box(
-    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: object
+    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: Any
 ) -> Obstacle:
     """A box of size (along x, along y, height)."""
     length, width, height = size_m
@@ -145,20 +146,29 @@ def box(
         length_m=length,
         width_m=width,
         height_m=height,
-        **rest,  # type: ignore[arg-type]
+        **rest,
     )
 
 
 def cylinder(
-    name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: object
+    name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: Any
 ) -> Obstacle:
     """An upright cylinder."""
-    size = {"length_m": 2 * radius_m, "width_m": 2 * radius_m, "height_m": height_m}
-    return Obstacle(name, ObstacleKind.CYLINDER, x_m, y_m, **size, **rest)  # type: ignore[arg-type]
+    across_m = 2 * radius_m
+    return Obstacle(
+        name,
+        ObstacleKind.CYLINDER,
+        x_m,
+        y_m,
+        length_m=across_m,
+        width_m=across_m,
+        height_m=height_m,
+        **rest,
+    )
 
 
 def table(
-    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: object
+    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
 ) -> Obstacle:
     """A table that does not move; the foam meets its legs."""
     length, width, height = size_m
@@ -171,16 +181,25 @@ def table(
         width_m=width,
         height_m=height,
         fixed=True,
-        **rest,  # type: ignore[arg-type]
+        **rest,
     )
 
 
 def wall(
-    name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: object
+    name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: Any
 ) -> Obstacle:
     """A wall along its x."""
-    size = {"length_m": length_m, "width_m": thickness_m, "height_m": 1.0}
-    return Obstacle(name, ObstacleKind.WALL, x_m, y_m, fixed=True, **size, **rest)  # type: ignore[arg-type]
+    return Obstacle(
+        name,
+        ObstacleKind.WALL,
+        x_m,
+        y_m,
+        length_m=length_m,
+        width_m=thickness_m,
+        height_m=1.0,
+        fixed=True,
+        **rest,
+    )
 
 
 def door(
@@ -189,11 +208,20 @@ def door(
     hinge_y_m: float,
     length_m: float = 0.8,
     mass_kg: float = 12.0,
-    **rest: object,
+    **rest: Any,
 ) -> Obstacle:
     """A wing that turns about its hinge."""
-    size = {"length_m": length_m, "width_m": 0.04, "height_m": 1.0}
-    return Obstacle(name, ObstacleKind.DOOR, hinge_x_m, hinge_y_m, mass_kg=mass_kg, **size, **rest)  # type: ignore[arg-type]
+    return Obstacle(
+        name,
+        ObstacleKind.DOOR,
+        hinge_x_m,
+        hinge_y_m,
+        length_m=length_m,
+        width_m=0.04,
+        height_m=1.0,
+        mass_kg=mass_kg,
+        **rest,
+    )
 
 
 def section(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from ..robots import BaseState
@@ -45,10 +45,10 @@ class PlatformConfig:
             )
 
     @classmethod
-    def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: object) -> PlatformConfig:
+    def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
         """The dissertation's platform: round, the foam bent around its front."""
         strip = StripGeometry(radius_m=radius_m, spacing_m=0.001)
-        return cls(radius_m=radius_m, round=True, strip=strip, **rest)  # type: ignore[arg-type]
+        return cls(radius_m=radius_m, round=True, strip=strip, **rest)
 
     @property
     def foam_height_m(self) -> float:

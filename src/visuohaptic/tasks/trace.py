@@ -10,10 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import Enum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from ..errors import InputError
 from ..files import write_text
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 __all__ = ["Ending", "Step", "Trace", "decoded", "encoded"]
 
@@ -170,7 +173,7 @@ def decoded(kind: type[RecordT], row: object, *, where: object = "trace") -> Rec
     if not isinstance(row, dict):
         raise InputError(where, f"found {type(row).__name__}, expected an object")
     hints = typing.get_type_hints(kind)
-    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    names = [field.name for field in fields(typing.cast("type[DataclassInstance]", kind))]
     if set(row) != set(names):
         raise InputError(where, f"found fields {sorted(row)}, expected {sorted(names)}")
     return kind(**{name: _value(hints[name], row[name], f"{where}: {name}") for name in names})
@@ -192,8 +195,8 @@ def _value(kind: Any, value: Any, where: str) -> Any:
         if len(kinds) != len(value):
             raise InputError(where, f"found {len(value)} values, expected {len(kinds)}")
         return tuple(_value(one, item, where) for one, item in zip(kinds, value, strict=True))
-    if is_dataclass(kind):
-        return decoded(kind, value, where=where)  # type: ignore[arg-type]
+    if isinstance(kind, type) and is_dataclass(kind):
+        return decoded(kind, value, where=where)
     if kind is float:
         value = _WORDS.get(value, value) if isinstance(value, str) else value
         if isinstance(value, (int, float)) and not isinstance(value, bool):

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -178,7 +179,21 @@ class Work:
             )
         return result
 
-    def _pass(self, kernel, level, image, h, rows, k, share, cubic, cut, damping, passes, tolerance):  # type: ignore[no-untyped-def]
+    def _pass(
+        self,
+        kernel: Any,
+        level: Level,
+        image: np.ndarray,
+        h: np.ndarray,
+        rows: np.ndarray,
+        k: int,
+        share: float,
+        cubic: bool,
+        cut: float,
+        damping: float,
+        passes: int,
+        tolerance: float,
+    ) -> Any:
         offset = _NO_OFFSET
         if self.offset is not None and k == 0:
             offset = self.bent

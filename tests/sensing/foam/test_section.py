@@ -38,7 +38,7 @@ def test_shapes():
     np.testing.assert_allclose(section_height("trapezoid", y), [1, 0.75, 0.5])
     assert section_height("triangle", y)[2] < 0.05
     with pytest.raises(InputError, match="expected one of rectangle, triangle, trapezoid"):
-        section_height("circle", y)  # type: ignore[arg-type]
+        section_height("circle", y)
     with pytest.raises(InputError, match="found 0"):
         section_height("trapezoid", y, 0)
 

@@ -69,9 +69,8 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             more = f" {record.object}" if record.object else ""
             mission.say(f"  {record.t_s - begin_s:5.0f} s  {record.event}{more}")
     for path in mission.paths:
-        mission.placed[path.obstacle.name] = tuple(  # type: ignore[assignment]
-            float(v) for v in world.item_pose_m(path.obstacle.name)
-        )
+        x_m, y_m, yaw_rad = map(float, world.item_pose_m(path.obstacle.name))
+        mission.placed[path.obstacle.name] = (x_m, y_m, yaw_rad)
     true_pose = tuple(float(value) for value in world.pose_m())
     off_m = math.hypot(true_pose[0] - GOAL[0], true_pose[1] - GOAL[1])
     believed = senses.pose()

@@ -14,7 +14,7 @@ from ...recording import OccupancyMap
 from ...robots import BaseState, FrameSource
 from ...simulation.faults import FaultyFrames, frame_faults
 from ...tasks import ExploreSettings
-from ..demo import SLOWLY, DemoObject, run_demo
+from ..demo import SLOWLY, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Measure, Mission, Picture, done, failed
 from .way import ROBOT, approach_to, set_the_door
 
@@ -165,13 +165,13 @@ def _against_truth(one: DemoObject) -> list[Measure]:
     return rows
 
 
-def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: object) -> list[Picture]:
+def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Picture]:
     from ..demo_report import annotated_push
     from ..plots import force_over_time
 
     found = []
     for one in objects:
-        picture = annotated_push(result, one, split=False)  # type: ignore[arg-type]
+        picture = annotated_push(result, one, split=False)
         if picture is not None:
             found.append(
                 Picture(

@@ -30,7 +30,7 @@ def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0
     """A mesh (``vertices_m``, ``faces``) of one colour, or coloured by a value 0..1 of each vertex."""
     from matplotlib import colormaps
     from matplotlib.colors import to_rgb
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     points, faces = np.asarray(mesh.vertices_m, dtype=float), np.asarray(mesh.faces)
     if not len(faces):

@@ -49,7 +49,7 @@ def run(out: Output) -> None:
         _scale(figure, axis, "viridis", Normalize(0.0, 1e3 * float(amount.max())), "moved by [mm]")
     found = object_map(thing, band=False)
     shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     corners = 1e3 * found.vertices_m[found.faces]
     axes[0, 2].add_collection3d(Poly3DCollection(corners, facecolors=shade, edgecolors="none"))

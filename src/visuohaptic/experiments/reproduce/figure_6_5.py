@@ -20,7 +20,7 @@ def run(out: Output) -> None:
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped, unused-ignore]
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     names = NAMES[3:5] if out.quick else NAMES
     maps = {name: object_map(load_object(name, around=32 if out.quick else 48), band=False) for name in names}

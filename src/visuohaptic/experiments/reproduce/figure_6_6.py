@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...recognition.tree_plots import class_correlation, plot_correlation
@@ -20,9 +22,9 @@ def run(out: Output) -> None:
     data = data.take(np.array([label != "cut-bottle" for label in data.label]))
     values = class_correlation(data)
     out.drawn("correlation", lambda path: plot_correlation(path, data))
-    columns: dict[str, object] = {"class": list(data.classes)}
+    columns: dict[str, Any] = {"class": list(data.classes)}
     columns |= {name: values[:, k] for k, name in enumerate(data.classes)}
-    out.table("correlation", columns)  # type: ignore[arg-type]
+    out.table("correlation", columns)
     own = np.diag(values)
     out.compare("correlation within a class, mean", float(own.mean()))
     between = values[~np.eye(len(values), dtype=bool)]

@@ -27,7 +27,7 @@ _TOGETHER, _TOLERANCE_TOGETHER, _SIGMAS_TOGETHER = 5, 0.045, 6.0
 
 
 @njit("float64[:](uint8[:,::1], float64[:,::1], float64[:,::1], float64[:])", cache=True)
-def interior_grey(image, origin_px, direction_px, extent_px):  # type: ignore[no-untyped-def]
+def interior_grey(image, origin_px, direction_px, extent_px):
     """Mean grey level along each line between 20 % and 80 % of its extent; NaN outside the image."""
     rows, columns = image.shape
     count = origin_px.shape[0]
@@ -48,7 +48,7 @@ def interior_grey(image, origin_px, direction_px, extent_px):  # type: ignore[no
 
 
 @njit("float64[:](uint8[:,::1], float64[:,::1], float64[:,::1], float64[:])", cache=True)
-def front_grey(image, front_px, direction_px, extent_px):  # type: ignore[no-untyped-def]
+def front_grey(image, front_px, direction_px, extent_px):
     """Mean grey level of the last foam before the front's edge; NaN where there is none.
 
     At most the last third of ``extent_px``, the visible foam.
