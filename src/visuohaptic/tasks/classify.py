@@ -48,13 +48,17 @@ class ClassifySettings:
     """When to stop."""
 
     confidence: float = 0.9
+    least_squeezes: int = 1  #: before any class is believed, however sure it seems
     squeezes: int = 8  #: at most
     misses: int = 2  #: so many places in a row without a touch end it
     squeeze: SqueezeSettings = field(default_factory=SqueezeSettings)
 
     def __post_init__(self) -> None:
-        if not (0 < self.confidence <= 1 and self.squeezes >= 1 and self.misses >= 1):
-            raise InputError("ClassifySettings", f"found {self.confidence}, {self.squeezes}, {self.misses}")
+        if not (0 < self.confidence <= 1 and 1 <= self.least_squeezes <= self.squeezes and self.misses >= 1):
+            raise InputError(
+                "ClassifySettings",
+                f"found {self}, expected confidence in (0, 1], 1 <= least_squeezes <= squeezes, misses >= 1",
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +107,7 @@ def classify_by_squeezing(
         classifier.update(done.curves[0])
         belief = classifier.belief()
         best = max(belief, key=lambda name: belief[name])
-        if belief[best] >= settings.confidence:
+        if len(curves) >= settings.least_squeezes and belief[best] >= settings.confidence:
             why = f"{best} with {belief[best]:.2f} after {len(curves)} squeezes"
             return result(True, ClassifyOutcome.RECOGNISED, why)
     if not curves:

@@ -68,7 +68,7 @@ class TableBottle:
 
 
 def training_objects() -> FeatureSet:
-    """Features of 24 variants of six classes: ``objects build`` with seed 0, no bands, open."""
+    """Features of 100 variants of six classes: ``objects build`` with seed 0, no bands, open."""
     return load_feature_set(Path(__file__).with_name("containers.npz"))
 
 

@@ -42,7 +42,8 @@ __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 
 #: Of the mean of a level's readings: the finger's force and surface.
 NOISE = SensorNoise(0.05, 5e-5)
-CONFIDENCE = 0.9
+#: At a single place an unusual bottle can be as stiff and as wide as another class.
+CONFIDENCE, LEAST_SQUEEZES, SQUEEZES = 0.98, 2, 8
 #: A state is claimed when it is so sure; at so many places it is asked for, each level read by so many frames.
 STATE_CONFIDENCE, FIRM, STATE_FRAMES = 0.98, 6, 12
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
@@ -123,7 +124,10 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     height = float(known.outline_m[-1, 1])
     asker = BayesSqueezer(fit_model(training_objects(), GROUPS), height, mission.rng(32))
     settings = ClassifySettings(
-        confidence=CONFIDENCE, squeezes=6, squeeze=SqueezeSettings(object_m=(x, y, 0.0))
+        confidence=CONFIDENCE,
+        least_squeezes=LEAST_SQUEEZES,
+        squeezes=SQUEEZES,
+        squeeze=SqueezeSettings(object_m=(x, y, 0.0)),
     )
     found = classify_by_squeezing(hand, asker, settings)
     for curve in found.curves:
