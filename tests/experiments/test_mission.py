@@ -150,7 +150,7 @@ def test_the_wall_is_found_from_the_stiffness() -> None:
 
 def test_training_objects_are_those_of_the_build() -> None:
     data = training_objects()
-    assert len(data) == 144
+    assert len(data) == 600
     assert set(data.classes) == {"bottle", "smoothie", "cup", "cup-rim", "elliptic", "isana"}
 
 
