@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.deformation import dual_tip_map, import_object, object_map, tube_mesh
-from visuohaptic.deformation.imported import inspect_mesh
+from visuohaptic.deformation.mesh_state import inspect_mesh
 from visuohaptic.errors import InputError
 
 trimesh = pytest.importorskip("trimesh")

@@ -9,14 +9,12 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
 from visuohaptic.navigation._joint_kernels import bounded_ways, cell_meets_polygon, free_object
+from visuohaptic.navigation._outline_kernels import disc_touches_at, distance_patch, polygon_distance
 from visuohaptic.navigation._push_search_kernels import (
     FAR,
     UNITS,
-    disc_touches_at,
-    distance_patch,
     flood,
     free_push_steps,
-    polygon_distance,
     pull_taut,
     segment_cost,
     travel_field,

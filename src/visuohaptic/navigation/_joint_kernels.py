@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ._push_search_kernels import inside_polygon, polygon_distance, segment_distance
+from ._outline_kernels import inside_polygon, polygon_distance, segment_distance
 
 #: Crumbs of an object's cells are looked for so far around its outline [cells].
 CRUMB_REACH = 1.25

@@ -328,7 +328,7 @@ class _Builder:
 
     def _safety(self, kind: NodeType, number: int) -> JointNode:
         """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
-        from ._push_search_kernels import distance_patch
+        from ._outline_kernels import distance_patch
 
         rows, columns = self.map.shape
         outline = grid_from_world(self.map, kind.outline_m)

@@ -219,7 +219,7 @@ def _blocks(
     world: PushWorld, places: list[_Places], number: Int32[np.ndarray, "n"]
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "q"]]:
     """Robot cells denied by each body at each place, one body after the other, padded to equally many places."""
-    from ._push_search_kernels import distance_patch
+    from ._outline_kernels import distance_patch
 
     most = max((len(place.shifts) for place in places), default=1)
     rows, columns = world.clearance.shape
@@ -245,7 +245,8 @@ def _links(
     world: PushWorld, place: _Places, index: int, contact: Any, number: Int32[np.ndarray, "n"]
 ) -> tuple[Any, Any, Any, Any]:
     """By place: cells around the stand with costs, the next place, and whether the robot fits."""
-    from ._push_search_kernels import UNITS, clearance_at, distance_patch
+    from ._outline_kernels import distance_patch
+    from ._push_search_kernels import UNITS, clearance_at
 
     body = world.bodies[index]
     step = np.rint(contact.direction).astype(np.int32)
@@ -299,7 +300,7 @@ def _near(
     world: PushWorld, places: list[_Places]
 ) -> tuple[Float32[np.ndarray, "b r c"], Int32[np.ndarray, "b 2"], Int32[np.ndarray, "b q 2"]]:
     """Distance to each body around it, where the patch begins, and the shifts of the body's places."""
-    from ._push_search_kernels import distance_patch
+    from ._outline_kernels import distance_patch
 
     patches, lows = [], []
     for body in world.bodies:

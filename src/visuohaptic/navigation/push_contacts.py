@@ -45,7 +45,7 @@ def push_contacts(
     """
     from shapely import Point, Polygon
 
-    from ._push_search_kernels import disc_touches_at
+    from ._outline_kernels import disc_touches_at
 
     shape = np.ascontiguousarray(outline - centre)
     body = Polygon(shape)

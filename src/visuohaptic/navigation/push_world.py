@@ -95,7 +95,7 @@ class PushWorld:
     def _patch(
         self, index: int, shift: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
-        from ._push_search_kernels import distance_patch
+        from ._outline_kernels import distance_patch
 
         key = (index, float(shift[0]), float(shift[1]))
         if key not in self.patches:

@@ -193,7 +193,8 @@ def _stands(
     scene: _Scene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
 ) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
     """Directions of drives, where they begin, and what it costs to go there [units]."""
-    from ._push_search_kernels import FAR, disc_touches_at, reach_cost
+    from ._outline_kernels import disc_touches_at
+    from ._push_search_kernels import FAR, reach_cost
 
     world, body = scene.world, scene.body
     shape = np.ascontiguousarray(body.outline - body.centre)
@@ -270,7 +271,7 @@ def _fits(scene: _Scene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k
 
 
 def _clearance_after(end: _End, pose: np.ndarray) -> Float32[np.ndarray, "rows columns"]:
-    from ._push_search_kernels import distance_patch
+    from ._outline_kernels import distance_patch
 
     world = end.scene.world
     layer = end.scene.without.copy()
