@@ -113,9 +113,11 @@ def _both_ways(one: ObjectDatabase, two: ObjectDatabase, shared: ObjectDatabase)
     place = "tag.stiffness_N_per_m"
     one.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(10.0, 1.0))))
     two.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(12.0, 1.0))))
-    for _ in range(2):
-        for robot in (one, two):
-            synchronise(robot, shared)
+    assert synchronise(one, shared).received == 0  # the shared one was empty: what comes back was sent there
+    # The other robot's object, and the cup with what the other has felt of it.
+    assert synchronise(two, shared).received == 2
+    assert synchronise(one, shared).received == 2
+    assert synchronise(two, shared).received == 0
     texts = {_text(db.get("cup")) for db in (one, two, shared)}
     assert len(texts) == 1
     assert len(shared.get("cup").evidence) == 2

@@ -34,7 +34,12 @@ def add_container_arguments(parser: argparse.ArgumentParser) -> None:
     shape.add_argument("--seed", type=int, default=0, help="of the variants")
     shape.add_argument("--around", type=int, help="vertices round the wall (72; 96 for a mesh)")
     shape.add_argument("--unit", choices=("m", "dm", "cm", "mm", "in"), help="of a mesh; guessed by default")
-    shape.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), default="z", help="axis of a mesh")
+    shape.add_argument(
+        "--up",
+        choices=("x", "y", "z", "-x", "-y", "-z"),
+        default="z",
+        help="axis of a mesh that points up; maps and places are told with it turned to z",
+    )
 
 
 def read_container(args: Any) -> ShellObject:

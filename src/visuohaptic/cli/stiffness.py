@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
-        help="also say the stiffness at the surface point nearest to this one of the map [m]; may be repeated",
+        help="also say the stiffness at the surface point nearest to this one [m], z up from the foot and x, y from the axis (as the map is written); may be repeated",
     )
     state = parser.add_argument_group("state")
     state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")

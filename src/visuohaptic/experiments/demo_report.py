@@ -25,9 +25,11 @@ from .report import Report
 from .tables import primitive_text, tag_rows
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from .demo import DemoObject, DemoResult
 
-__all__ = ["annotated_push", "error_figures", "write_report"]
+__all__ = ["annotated_push", "error_figures", "force_of_push", "write_report"]
 
 
 def write_report(result: DemoResult, path: Path | str) -> Path:
@@ -81,6 +83,20 @@ def error_figures(one: DemoObject) -> dict[str, Any]:
         "median error [%]": float(100 * np.median(np.abs(error[touched]) / truth[touched])),
         "worst error / sigma": float(np.max(np.abs(error[touched]) / sigma[touched])),
     }
+
+
+def force_of_push(one: DemoObject) -> Figure:
+    """Force over time of one push, beside the truth, with its events."""
+    samples = one.samples
+    return force_over_time(
+        np.array([s.t_s for s in samples]),
+        np.array([s.measured_N for s in samples]),
+        np.array([s.sigma_N for s in samples]),
+        truth_N=np.array([s.truth_N for s in samples]),
+        valid=np.array([s.valid for s in samples]),
+        reasons=[s.reason for s in samples],
+        events=one.exploration.events,
+    )
 
 
 def annotated_push(
@@ -143,19 +159,7 @@ def _object(report: Report, result: DemoResult, one: DemoObject) -> None:
             "What the camera sees at the largest force: reference and front contour, contact region and "
             "fitted shape; the lower part shows the gradient that the contours are found in",
         )
-    samples = one.samples
-    report.figure(
-        force_over_time(
-            np.array([s.t_s for s in samples]),
-            np.array([s.measured_N for s in samples]),
-            np.array([s.sigma_N for s in samples]),
-            truth_N=np.array([s.truth_N for s in samples]),
-            valid=np.array([s.valid for s in samples]),
-            reasons=[s.reason for s in samples],
-            events=one.exploration.events,
-        ),
-        "Force over time with two sigma, the truth, and the events",
-    )
+    report.figure(force_of_push(one), "Force over time with two sigma, the truth, and the events")
     pressed = [p for p in one.exploration.profiles if p.valid and p.contacts]
     if pressed:
         profile = max(pressed, key=lambda p: p.force_N)

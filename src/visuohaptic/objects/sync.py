@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from sqlalchemy import select
 
+from . import codec
 from .database import BATCH, ObjectDatabase
 from .model import VisuoHapticObject
 from .schema import peer
@@ -23,7 +24,7 @@ class Synchronised:
     """What went over."""
 
     sent: int  #: objects offered to the shared database
-    received: int  #: objects taken from it
+    received: int  #: objects that are new here, or changed by what it knew
 
 
 def synchronise(
@@ -59,10 +60,19 @@ def synchronise(
     ids, last_there = shared.changed(received_to)
     received = 0
     for start in range(0, len(ids), BATCH):
-        received += len(local.write_merged(shared.stored(ids[start : start + BATCH])))
+        batch = ids[start : start + BATCH]
+        before = local.stored(batch)
+        after = local.write_merged(shared.stored(batch))
+        # What was sent a moment ago comes back as it is: nothing was learnt from it.
+        received += sum(one not in before or _told(before[one]) != _told(pair) for one, pair in after.items())
     # What came from there is a change here, too, and is offered once more next time: it merges to nothing new.
     _note(local, shared.id, last_here, last_there)
     return Synchronised(sent, received)
+
+
+def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
+    card, arrays = codec.encode(pair[0])
+    return codec.card_text(card), codec.arrays_digest(arrays) if arrays else "", pair[1]
 
 
 def _known(local: ObjectDatabase, peer_id: str) -> tuple[int, int]:

@@ -166,8 +166,7 @@ def _against_truth(one: DemoObject) -> list[Measure]:
 
 
 def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Picture]:
-    from ..demo_report import annotated_push
-    from ..plots import force_over_time
+    from ..demo_report import annotated_push, force_of_push
 
     found = []
     for one in objects:
@@ -181,18 +180,10 @@ def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoRes
             )
         if not any(sample.truth_N > 0.05 for sample in one.samples):
             continue
-        samples = one.samples
-        figure = force_over_time(
-            np.array([s.t_s for s in samples]),
-            np.array([s.measured_N for s in samples]),
-            np.array([s.sigma_N for s in samples]),
-            truth_N=np.array([s.truth_N for s in samples]),
-            valid=np.array([s.valid for s in samples]),
-            reasons=[s.reason for s in samples],
-            events=one.exploration.events,
-        )
         found.append(
-            Picture(figure, f"{one.name}: force over time with two sigma, the truth, and the events")
+            Picture(
+                force_of_push(one), f"{one.name}: force over time with two sigma, the truth, and the events"
+            )
         )
     return found
 
