@@ -7,6 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import shapely
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from shapely.affinity import rotate
 
 from visuohaptic.errors import InputError
 from visuohaptic.experiments.virtual_touch_map import map_virtual_room
@@ -69,18 +73,34 @@ def test_ways_that_meet_nothing_turn_right_and_end() -> None:
     assert task.ending.outcome == MapOutcome.NOTHING_FOUND
 
 
-def test_held_at_its_side_it_comes_free_or_says_that_it_is_stuck() -> None:
-    task = TouchMapTask(MapSettings(frees=2))
+def test_held_it_tries_every_way_out_and_then_says_that_it_is_stuck() -> None:
+    task = TouchMapTask(MapSettings(frees=6))
     task.step(moment(0.0))
     task.step(moment(1.0, explored="tagged", contact=True))
-    speeds = [task.step(moment(1.0 + 0.5 * k)).speed_m_s for k in range(1, 8)]
-    # It turned: first ahead, where the foam feels what is there.
-    assert max(speeds) > 0
-    assert min(speeds) >= 0
+    told = []
     while not task.ended:
-        task.step(moment(task.trace().steps[-1].t_s + 0.5))
+        told.append(task.step(moment(task.trace().steps[-1].t_s + 0.5)))
+    ways = [c for k, c in enumerate(told) if k == 0 or c != told[k - 1]]
+    # It turned left: back the way it came, forward with the foam, turned to the right; and again, then left.
+    assert [math.copysign(1.0, c.speed_m_s) if c.speed_m_s else 0.0 for c in ways[1:-1]] == [-1, 1, 0] * 2
+    assert [math.copysign(1.0, c.turn_rate_rad_s) for c in ways[1:-1] if not c.speed_m_s] == [-1, 1]
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.STUCK
+
+
+def test_free_again_it_ends_the_turn_that_was_held() -> None:
+    task = TouchMapTask(MapSettings(stuck_s=1.0))
+    task.step(moment(0.0))
+    task.step(moment(1.0, explored="tagged", contact=True, face_rad=0.5 * math.pi))
+    for t_s in (1.5, 2.0, 2.5, 3.0):
+        told = task.step(moment(t_s, heading_rad=0.1))
+    assert told.speed_m_s < 0
+    assert task.state is MapState.COME_FREE
+    told = task.step(moment(3.5, -0.13, 0.1))
+    assert told.turn_rate_rad_s > 0
+    assert task.state is MapState.TURN_AWAY
+    assert task.step(moment(4.0, -0.13, 0.5 * math.pi)).speed_m_s > 0
+    assert task.state is MapState.ALONG
 
 
 def test_a_failing_sensor_and_the_time_end_it() -> None:
@@ -145,6 +165,46 @@ def test_walls_hold_and_what_is_behind_or_beside_is_not_touched() -> None:
     assert turned.step(1 / 30).touching == ()
     # The hull's corner meets the box or the wall: it stands.
     assert world.state().turn_rate_rad_s == 0.0
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    x=st.floats(-0.6, 0.6), y=st.floats(-0.6, 0.6), yaw=st.floats(-3.2, 3.2), heading=st.floats(-3.2, 3.2),
+    long=st.floats(0.02, 0.8), wide=st.floats(0.02, 0.8), round_=st.booleans(),
+)  # fmt: skip
+def test_the_hull_meets_what_its_outline_meets(
+    x: float, y: float, yaw: float, heading: float, long: float, wide: float, round_: bool
+) -> None:
+    """Against shapely; corners between sampled points are met as well."""
+    thing = (
+        cylinder("thing", x, y, 0.5 * long, 0.3, mass_kg=1.0)
+        if round_
+        else box("thing", x, y, (long, wide, 1.0), fixed=True, yaw_rad=yaw)
+    )
+    world = QuickWorld([thing])
+    (back, front), half = world._hull_m, 0.5 * world.config.width_m
+    hull = rotate(shapely.box(back, -half, front, half), heading, origin=(0, 0), use_radians=True)
+    shape = shapely.Point(x, y).buffer(0.5 * long, quad_segs=64)
+    if not round_:
+        own = shapely.box(x - 0.5 * long, y - 0.5 * wide, x + 0.5 * long, y + 0.5 * wide)
+        shape = rotate(own, yaw, origin=(x, y), use_radians=True)
+    gap = hull.distance(shape) - hull.intersection(shape).area
+    assume(abs(gap) > 1e-3)  # a circle of shapely has corners
+    assert world._overlaps(thing, (0.0, 0.0, heading)) == (gap < 0)
+
+
+def test_a_wall_hit_fast_and_obliquely_is_fixed() -> None:
+    """From the way along: while the platform brakes the foam eases, as when something begins to slide."""
+    for degrees in (0.0, 5.0, 10.0, 20.0):
+        world = QuickWorld([wall("ahead", 0.5, 0.0, 2.0, 0.1, yaw_rad=math.radians(90.0 + degrees))])
+        foam: Any = QuickFoam(world, np.random.default_rng(0))
+        world.drive(0.15, 0.0)
+        for frame in QuickFrames(world):
+            if foam.read(frame).contacts:
+                break
+        contact = contact_of(explore_obstacle(world, QuickFrames(world), foam, FAST))
+        assert contact is not None
+        assert not contact.movable
 
 
 def test_odometry_drifts_as_declared() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from visuohaptic.navigation.haptic_map import HapticContact
 from visuohaptic.objects import Primitive, PrimitiveKind
-from visuohaptic.tasks._straight_walls import StraightWalls
+from visuohaptic.tasks._straight_walls import StraightWalls, held_by_walls
 
 SQUARE = math.radians(4.0)
 
@@ -81,3 +81,23 @@ def test_what_gives_way_or_is_small_moves_nothing() -> None:
     for contact in (moved, small):
         assert StraightWalls(SQUARE).corrected(contact).pose_map_foam == contact.pose_map_foam
         assert walls.corrected(contact).pose_map_foam == pytest.approx(contact.pose_map_foam)
+
+
+def test_between_two_walls_the_drift_is_shared_by_time() -> None:
+    """The heading drifts evenly; what is too small to tell a direction is met half way."""
+    bias = math.radians(2.0)
+    first, last = (0.0, 0.0, 0.0), (0.0, 2.0, 0.0)
+    c, s = math.cos(0.25 * bias), math.sin(0.25 * bias)
+    at = (-s, c, 0.5 * bias)  # 1 m on, by a heading that is wrong by a quarter on the way there
+    c, s = math.cos(0.75 * bias), math.sin(0.75 * bias)
+    end = (at[0] - s, at[1] + c, bias)
+    small = wall_contact(at)
+    small = HapticContact(small.primitive, small.points_foam_m[14:17], small.pose_map_foam)
+    told = [wall_contact(first), small, wall_contact(end)]
+    placed = held_by_walls(told, (0.0, 5.0, 10.0), SQUARE)
+    assert placed[1].pose_map_foam == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert placed[2].pose_map_foam == pytest.approx(last, abs=1e-9)
+    # One after the other, nobody knows yet.
+    walls = StraightWalls(SQUARE)
+    assert abs([walls.corrected(contact).pose_map_foam[0] for contact in told][1]) > 0.005
+    assert held_by_walls([small], (0.0,), SQUARE)[0].pose_map_foam == pytest.approx(at)

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ..errors import InputError
 from ..robots import BaseState
@@ -55,12 +55,8 @@ class QuickWorld:
         self._strip = FoamStrip(c.strip, self.law)
         self._target = self._speed = (0.0, 0.0)
         self._sliding: set[str] = set()
-        u, v = c.radius_m, 0.5 * c.width_m
-        rim = np.linspace(-1.0, 1.0, 7)
-        # The hull but for its front, which is the foam's.
-        self._hull = np.concatenate(
-            [np.column_stack([np.full(7, -u), v * rim]), *(np.column_stack([u * (0.95 * rim - 0.05), np.full(7, s * v)]) for s in (-1, 1))]
-        )  # fmt: skip
+        # The hull but for its front, which is the foam's: it ends a little behind.
+        self._hull_m = (-c.radius_m, 0.9 * c.radius_m)
         self.truth = QuickTruth(0.0, self._strip.press([]), ())
 
     @property
@@ -166,29 +162,35 @@ class QuickWorld:
         px, py = self.places[name]
         self.places[name] = (px + float(way_m[0]), py + float(way_m[1]))
 
-    def _hull_at(self, pose: tuple[float, float, float]) -> Float[np.ndarray, "k 2"]:
-        c, s = math.cos(pose[2]), math.sin(pose[2])
-        return self._hull @ np.array([[c, s], [-s, c]]) + np.array(pose[:2])
-
-    def _inside(self, o: Obstacle, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
-        px, py = self.places[o.name]
-        c, s = math.cos(o.yaw_rad), math.sin(o.yaw_rad)
-        dx, dy = points[:, 0] - px, points[:, 1] - py
-        u, v = c * dx + s * dy, c * dy - s * dx
+    def _overlaps(self, o: Obstacle, pose: tuple[float, float, float]) -> bool:
+        """Whether the hull, a rectangle, and a thing share some of the floor."""
+        (x, y, heading), (px, py) = pose, self.places[o.name]
+        (back, front), v = self._hull_m, 0.5 * self.config.width_m
+        c, s = math.cos(heading), math.sin(heading)
+        mid, half = 0.5 * (front + back), 0.5 * (front - back)
+        # The thing's centre in the axes of the hull, from the hull's middle.
+        dx, dy = px - x - c * mid, py - y - s * mid
+        a, b = c * dx + s * dy, c * dy - s * dx
         if o.kind is ObstacleKind.CYLINDER:
-            return np.asarray(np.hypot(u, v) < 0.5 * o.length_m)
-        return np.asarray((np.abs(u) < 0.5 * o.length_m) & (np.abs(v) < 0.5 * o.width_m))
+            return math.hypot(max(abs(a) - half, 0.0), max(abs(b) - v, 0.0)) < 0.5 * o.length_m
+        # Separating axes of two rectangles.
+        ct, st = math.cos(o.yaw_rad - heading), math.sin(o.yaw_rad - heading)
+        hu, hv = 0.5 * o.length_m, 0.5 * o.width_m
+        return (
+            abs(a) < half + hu * abs(ct) + hv * abs(st)
+            and abs(b) < v + hu * abs(st) + hv * abs(ct)
+            and abs(a * ct + b * st) < hu + half * abs(ct) + v * abs(st)
+            and abs(b * ct - a * st) < hv + half * abs(st) + v * abs(ct)
+        )
 
     def _hits(self, pose: tuple[float, float, float]) -> bool:
         """Whether the hull would enter something fixed."""
-        hull = self._hull_at(pose)
-        return any(not o.movable and bool(self._inside(o, hull).any()) for o in self.obstacles)
+        return any(not o.movable and self._overlaps(o, pose) for o in self.obstacles)
 
     def _brush(self) -> None:
         """The hull shoves aside what is movable."""
-        hull = self._hull_at(self.pose)
         for o in self.obstacles:
-            if o.movable and self._inside(o, hull).any():
+            if o.movable and self._overlaps(o, self.pose):
                 away = np.array(self.places[o.name]) - np.array(self.pose[:2])
                 self._move(o.name, 0.005 * away / max(float(np.hypot(*away)), 1e-6))
 

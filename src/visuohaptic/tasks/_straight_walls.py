@@ -5,11 +5,15 @@ adds other cues for larger rooms). A wide contact with a wall tells its directio
 contact is compared with the directions that were met before, and those square to them: a small difference is
 the drift of the heading. A line that lies within centimetres of an earlier one is the same wall: the
 difference is the drift across it. Nothing here sees a wrong scale of the odometry.
+
+Between two walls the heading drifts evenly, as far as anybody knows: :func:`held_by_walls` gives what is touched
+there its share, once the second wall has told how much it was.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,7 +22,7 @@ from jaxtyping import Float
 from ..navigation.haptic_map import HapticContact
 from ..objects import PrimitiveKind
 
-__all__ = ["StraightWalls"]
+__all__ = ["StraightWalls", "held_by_walls"]
 
 #: Contacts at least so wide tell a direction [m].
 WIDE_M = 0.15
@@ -26,6 +30,32 @@ WIDE_M = 0.15
 SAME_M, REACH_M = 0.08, 1.5
 
 Pose2 = tuple[float, float, float]
+
+
+def held_by_walls(
+    contacts: Sequence[HapticContact], times_s: Sequence[float], square_rad: float
+) -> list[HapticContact]:
+    """The contacts of one way where they are by what all of them say of the walls.
+
+    Parameters
+    ----------
+    contacts, times_s
+        In the order in which they were made.
+    square_rad
+        Directions that differ by less, up to a right angle, are the same.
+    """
+    forth, told_s, drift_rad = StraightWalls(square_rad), [], []
+    for contact, t_s in zip(contacts, times_s, strict=True):
+        forth.corrected(contact)
+        if _face_rad(contact) is not None:
+            told_s.append(t_s)
+            drift_rad.append(forth.drift_rad)
+    between = np.interp(times_s, told_s, drift_rad) if told_s else np.zeros(len(contacts))
+    walls = StraightWalls(square_rad)
+    return [
+        walls.corrected(contact, drift_rad=float(drift))
+        for contact, drift in zip(contacts, between, strict=True)
+    ]
 
 
 class StraightWalls:
@@ -41,17 +71,19 @@ class StraightWalls:
         self.square_rad = square_rad
         self._directions: list[float] = []
         self._walls: list[tuple[Float[np.ndarray, "2"], float, float]] = []  #: normal, distance, place along
-        self._drift_rad = 0.0
+        self.drift_rad = 0.0  #: of the heading, by the last wall
         self._last: tuple[Pose2, Pose2] | None = None  #: told and corrected, of the contact before
 
-    def corrected(self, contact: HapticContact) -> HapticContact:
-        """The same contact where it is by what is known of the walls."""
+    def corrected(self, contact: HapticContact, *, drift_rad: float | None = None) -> HapticContact:
+        """The same contact where it is by what is known of the walls, or with a drift that is known better."""
         told = contact.pose_map_foam
-        before_rad = self._drift_rad
+        before_rad = self.drift_rad
         face = _face_rad(contact)
-        if face is not None:
+        if drift_rad is not None:
+            self.drift_rad = drift_rad
+        elif face is not None:
             self._compare_direction(told[2] + face)
-        pose = self._moved(told, 0.5 * (before_rad + self._drift_rad))
+        pose = self._moved(told, 0.5 * (before_rad + self.drift_rad))
         if face is not None:
             pose = self._against_walls(pose, contact, pose[2] + face)
         self._last = told, pose
@@ -59,17 +91,17 @@ class StraightWalls:
 
     def _compare_direction(self, direction_rad: float) -> None:
         """Take the difference to a known direction as the heading's drift; a new direction is kept."""
-        now = direction_rad - self._drift_rad
+        now = direction_rad - self.drift_rad
         for known in self._directions:
             off = math.remainder(now - known, 0.5 * math.pi)
             if abs(off) < self.square_rad:
-                self._drift_rad += off
+                self.drift_rad += off
                 return
         self._directions.append(now)
 
     def _moved(self, told: Pose2, drift_rad: float) -> Pose2:
         """On from the last corrected pose by what odometry says, turned by the drift on the way."""
-        heading = told[2] - self._drift_rad
+        heading = told[2] - self.drift_rad
         if self._last is None:
             return told[0], told[1], heading
         (x0, y0, _), (x1, y1, _) = self._last
