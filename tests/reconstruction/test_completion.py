@@ -13,7 +13,7 @@ from visuohaptic.errors import CalibrationError, InputError
 from visuohaptic.reconstruction.completion import Completion, CompletionSettings
 from visuohaptic.reconstruction.hole import HoleRegion, boundary_loops, load_hole_regions, support_band
 from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.profile import fit_radial_model
+from visuohaptic.reconstruction.profile import fit_radial_model, wall_seen
 from visuohaptic.reconstruction.symmetry import fit_prior
 from visuohaptic.reconstruction.touch import Touch, read_touches, rigid_fit
 from visuohaptic.recording.ply import read_ply
@@ -191,7 +191,7 @@ def test_a_surface_that_leaves_profile_and_cross_section_is_told_where_it_does()
 
     def told(radius):
         points = np.column_stack([radius * np.cos(theta), radius * np.sin(theta), z])
-        return fit_radial_model(prior, band, contacts, region.size_m).deviation_m(points)
+        return fit_radial_model(prior, wall_seen(prior, band), contacts, region.size_m).deviation_m(points)
 
     # The wall is known to 0.1 mm every 10 mm: what is left is the fit of the cross-section.
     assert np.median(told(rho)) < 0.0008
@@ -358,25 +358,64 @@ def hidden_wall(bottle, contacts_at, rng):
         theta = rng.uniform(-np.pi, np.pi)
         rho = float(bottle.radius_m(np.array(theta), np.array(z)))
         contacts.append((np.array([rho * np.cos(theta), rho * np.sin(theta), z]), SIGMA_M))
-    return prior, band, contacts, region.size_m
+    return prior, wall_seen(prior, band), contacts, region.size_m
 
 
 def test_the_variance_is_scaled_by_contacts_left_out():
     rng = np.random.default_rng(5)
-    prior, band, contacts, size_m = hidden_wall(bellied("elliptic"), np.linspace(0.06, 0.14, 6), rng)
-    model = fit_radial_model(prior, band, contacts, size_m)
-    # Leaving one out by hand: the same parameters, one row and column less.
-    squares = []
+    prior, seen, contacts, size_m = hidden_wall(bellied("elliptic"), np.linspace(0.06, 0.14, 6), rng)
+    model = fit_radial_model(prior, seen, contacts, size_m)
     count = len(model.theta)
-    covariance = model.lower @ model.lower.T
+    rest_of = model.lower @ model.lower.T
     known = model.lower @ model.whitened
-    for out in range(count - len(contacts), count):
-        rest = np.delete(np.arange(count), out)
-        weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, out])
-        variance = covariance[out, out] - weights @ covariance[rest, out]
-        squares.append((known[out] - weights @ known[rest]) ** 2 / variance)
-    scale = (4.0 * 0.4 + np.minimum(squares, 9.0).sum()) / (4.0 + len(contacts))
-    assert model.scale == pytest.approx(scale, rel=1e-6)
+    pick = model.row[:, None] == np.arange(len(model.z_m))
+    assert len(model.profiles) > 1
+    assert sum(profile.share for profile in model.profiles) == pytest.approx(1.0)
+    for profile in model.profiles:
+        # Leaving one out by hand: the same parameters, one row and column less.
+        of_p = profile.deviation**2 * (profile.lower @ profile.lower.T)
+        covariance = rest_of + pick @ of_p @ pick.T
+        squares = []
+        for out in range(count - len(contacts), count):
+            rest = np.delete(np.arange(count), out)
+            weights = np.linalg.solve(covariance[np.ix_(rest, rest)], covariance[rest, out])
+            variance = covariance[out, out] - weights @ covariance[rest, out]
+            squares.append((known[out] - weights @ known[rest]) ** 2 / variance)
+        scale = (8.0 * 0.2 + np.minimum(squares, 9.0).sum()) / (8.0 + len(contacts))
+        assert profile.scale == pytest.approx(scale, rel=1e-5)
+
+
+def test_what_is_expected_of_the_wall_is_kriging_by_each_process():
+    """The plain formulas: one matrix of all places, and the mixture of the processes."""
+    rng = np.random.default_rng(6)
+    bottle = bellied("elliptic")
+    prior, seen, contacts, size_m = hidden_wall(bottle, np.linspace(0.06, 0.14, 5), rng)
+    model = fit_radial_model(prior, seen, contacts, size_m)
+    # At the known heights p needs no formula of its own: all is in the model's matrices.
+    rows = np.arange(len(model.z_m) - len(contacts), len(model.z_m))
+    touched = np.array([contact for contact, _ in contacts])
+    pick = (model.row[:, None] == np.arange(len(model.z_m))).astype(float)
+    rest_of, known = model.lower @ model.lower.T, model.lower @ model.whitened
+    noise = np.array([(sigma / np.hypot(*(contact[:2] - prior.axis_m))) ** 2 for contact, sigma in contacts])
+    last = np.arange(len(model.theta) - len(contacts), len(model.theta))
+    cross_rest = rest_of[last].copy()
+    cross_rest[np.arange(len(contacts)), last] -= noise + 1e-10
+    own_rest = rest_of[last, last] - noise - 1e-10
+    mean_m, square_m2 = 0.0, 0.0
+    for profile in model.profiles:
+        of_p = profile.deviation**2 * (profile.lower @ profile.lower.T)
+        covariance = rest_of + pick @ of_p @ pick.T
+        cross = cross_rest + of_p[rows] @ pick.T
+        solved = np.linalg.solve(covariance, cross.T)
+        section = prior.section(np.arctan2(*(touched[:, :2] - prior.axis_m).T[::-1]), touched[:, 2])
+        rho_m = np.exp(model.middle + section + known @ solved)
+        variance = own_rest + of_p[rows, rows] - (cross * solved.T).sum(axis=1)
+        mean_m = mean_m + profile.share * rho_m
+        square_m2 = square_m2 + profile.share * rho_m**2 * (1 + profile.scale * variance)
+    expected_m, sigma_m = model.expected(touched)
+    # The correlation of p is made regular by 1e-8.
+    assert np.allclose(expected_m, mean_m, rtol=1e-5)
+    assert np.allclose(sigma_m, np.sqrt(square_m2 - mean_m**2), rtol=2e-2, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", ["round", "elliptic", "flattened"])

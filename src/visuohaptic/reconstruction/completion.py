@@ -27,7 +27,7 @@ from .centres import Centres, around_core, free_points, with_off_surface
 from .hole import HoleRegion, support_band
 from .hole_surface import HoleSpace
 from .mesh import SurfaceMesh
-from .profile import fit_radial_model
+from .profile import RadialModel, WallSeen, fit_radial_model, wall_seen
 from .rbf import RbfSurface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
@@ -119,10 +119,13 @@ class Completion:
         self._innovations: list[float] = []  #: how far touches were off, in deviations
         self._prior_misses: list[float] = []
         self._space = HoleSpace(region, self.band)
+        self._seen: WallSeen | None = None
         self._reset()
 
     def _reset(self) -> None:
         self._plan: tuple[SurfaceMesh, BiharmonicMesh] | None = None
+        self._score: tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]] | None = None
+        self._radial: RadialModel | None = None
         self._uncertainty: SurfaceUncertainty | None = None
 
     def _rho(self, sigma_m: Float[np.ndarray, "n"], extent_m: float) -> Float[np.ndarray, "n"]:
@@ -202,8 +205,7 @@ class Completion:
             mirrored, off_m = self.prior.mirrored(contact)
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
         spread = np.hypot(spread * self.prior_inflation, sigma_m)
-        known = np.array([old for old, _ in self._contacts] + list(self.band.points_m))
-        gaps = np.linalg.norm(points[:, None] - known, axis=2).min(axis=1)
+        gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
         # What was measured nearby is better than what is guessed.
         near = gaps < 0.04 * self.region.size_m
         for point, sigma, known_better in zip(points, spread, near, strict=True):
@@ -241,7 +243,7 @@ class Completion:
         return base.added(np.array(added.points), np.array(added.values), rho)
 
     def _supports(self) -> Float[np.ndarray, "s 3"]:
-        return np.array([*self.band.points_m, *(contact for contact, _ in self._contacts)])
+        return np.vstack([self.band.points_m, *(contact for contact, _ in self._contacts)])
 
     def _extract(self, nodes: int) -> SurfaceMesh:
         return self._space.surface(self._fit, nodes, self._supports())
@@ -275,17 +277,29 @@ class Completion:
             self._plan = mesh, BiharmonicMesh(mesh.vertices_m, mesh.faces)
         return self._plan
 
+    def _scored(self) -> tuple[Float[np.ndarray, "v"], Bool[np.ndarray, "v"]]:
+        """Score of every vertex of the planning mesh, and whether it is in the part that was not seen."""
+        if self._score is None:
+            mesh, distances = self._planned()
+            self._score = distances.score(self._support_vertices(mesh)), self._missing(mesh.vertices_m)
+        return self._score
+
+    def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Standard deviation of points of the estimated surface [m]."""
+        if self.prior is None:
+            return spline_sigma_m(self._fit, points_m) * self.calibration
+        if self._radial is None:
+            if self._seen is None:
+                self._seen = wall_seen(self.prior, self.band)
+            self._radial = fit_radial_model(self.prior, self._seen, self._contacts, self.region.size_m)
+        return self._radial.deviation_m(points_m)
+
     def uncertainty(self) -> SurfaceUncertainty:
         """Score and deviation of every vertex of the planning mesh."""
         if self._uncertainty is None:
-            mesh, distances = self._planned()
-            score = distances.score(self._support_vertices(mesh))
-            if self.prior is not None:
-                model = fit_radial_model(self.prior, self.band, self._contacts, self.region.size_m)
-                sigma = model.deviation_m(mesh.vertices_m)
-            else:
-                sigma = spline_sigma_m(self._fit, mesh.vertices_m) * self.calibration
-            self._uncertainty = SurfaceUncertainty(mesh, score, sigma, self._missing(mesh.vertices_m))
+            mesh, _ = self._planned()
+            score, missing = self._scored()
+            self._uncertainty = SurfaceUncertainty(mesh, score, self._deviation_m(mesh.vertices_m), missing)
         return self._uncertainty
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
@@ -342,13 +356,10 @@ class Completion:
             Of each further finger: smallest and largest distance of its start
             from the start of the first [m]. Fingers that reach nothing are left out.
         """
-        found = self.uncertainty()
         mesh, distances = self._planned()
-        score = found.score.copy()
-        ok = found.missing & reachable(
-            mesh, self._axis, self.touches, size_m=self.region.size_m, clear_m=self._d_m
-        )
-        plans = [self._line(mesh, int(best), score, found)] if (best := best_vertex(score, ok)) >= 0 else []
+        score, missing = self._scored()
+        ok = missing & reachable(mesh, self._axis, self.touches, size_m=self.region.size_m, clear_m=self._d_m)
+        plans = [self._line(mesh, int(best), score)] if (best := best_vertex(score, ok)) >= 0 else []
         if not plans:
             raise InputError("Completion.next_touch", "no point of the missing part can be reached")
         for low_m, high_m in reaches_m:
@@ -358,17 +369,16 @@ class Completion:
             chosen = best_vertex(score, ok & (gap >= low_m) & (gap <= high_m))
             if chosen >= 0:
                 best = chosen
-                plans.append(self._line(mesh, best, score, found))
+                plans.append(self._line(mesh, best, score))
         return plans
 
-    def _line(
-        self, mesh: SurfaceMesh, vertex: int, score: Float[np.ndarray, "v"], found: SurfaceUncertainty
-    ) -> TouchPlan:
+    def _line(self, mesh: SurfaceMesh, vertex: int, score: Float[np.ndarray, "v"]) -> TouchPlan:
         target = mesh.vertices_m[vertex]
         start = starts(target[None], self._axis, self._supports(), self._d_m)[0]
         end = np.array([*self._axis, target[2]])
         direction = (end - start) / np.linalg.norm(end - start)
-        return TouchPlan(target, start, end, direction, float(score[vertex]), float(found.sigma_m[vertex]))
+        sigma_m = float(self._deviation_m(target[None])[0])
+        return TouchPlan(target, start, end, direction, float(score[vertex]), sigma_m)
 
     def expected_error_m(self) -> float:
         """Root mean square deviation of the missing part."""
