@@ -72,7 +72,9 @@ def run(rooms: int = ROOMS, first: int = 0) -> list[dict[str, Any]]:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--rooms", type=int, default=ROOMS, help=f"how many ({ROOMS})")
     parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
     args = parser.parse_args()

@@ -11,8 +11,11 @@ import contextlib
 import csv
 import io
 import json
+import os
 import shlex
 import shutil
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -400,6 +403,56 @@ def _few_libraries() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def _robot() -> Iterator[None]:
+    """A robot on this machine whose camera shows the strip at rest and pushed; it listens, and then Ctrl-C comes."""
+    pytest.importorskip("zenoh")
+    from tests.ros.conftest import free_endpoint
+
+    from visuohaptic.files import save_yaml
+    from visuohaptic.recording import ros_messages as messages
+    from visuohaptic.ros import RosNode, RosOptions
+
+    endpoint, image = free_endpoint(), "/bumper/image/compressed"
+    zero, pushed = _video(Path("rest.mp4"))[:8], _video(Path("push.mp4"))[::8]
+    section = {"name": "foam", "config": "sensor.yaml", "image": image, "queue": 40, "zero_frames": len(zero)}
+    node = {"connect": [endpoint], "listen": [], "patience_s": 5.0}
+    save_yaml(Path("bridge.yaml"), {"node": node, "sensors": [section], "stale_s": 30.0})
+    heard: list[float] = []
+
+    def speak(robot: RosNode) -> None:
+        camera = robot.advertise(image, "sensor_msgs/msg/CompressedImage", wait=True)
+        camera.wait_until_heard()
+        for number, picture in enumerate([*zero, *pushed]):
+            camera.publish(messages.compressed_image(10.0 + number / 30, picture, "bumper", 98))
+        end = time.monotonic() + 20.0
+        while len(heard) < len(pushed) and time.monotonic() < end:
+            time.sleep(0.01)
+        Path("heard.json").write_text(json.dumps(heard))
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with RosNode("robot", RosOptions(connect=(), listen=(endpoint,))) as robot:
+        robot.subscribe(
+            "/foam/wrench",
+            "geometry_msgs/msg/WrenchStamped",
+            lambda r: heard.append(r.message.wrench.force.x),
+        )
+        speaker = threading.Thread(target=speak, args=(robot,))
+        speaker.start()
+        try:
+            yield
+        finally:
+            speaker.join(30.0)
+
+
+def _video(path: Path) -> list[np.ndarray]:
+    """Its pictures in grey."""
+    import av
+
+    with av.open(str(path)) as container:
+        return [frame.to_ndarray(format="gray") for frame in container.decode(video=0)]
+
+
 # What the results must say -----------------------------------------------------------------------------
 
 
@@ -521,6 +574,14 @@ def _said(**expected: Any) -> Check:
     return check
 
 
+def _ros_bridge(folder: Path, results: list[Any]) -> None:
+    (sensor,) = results[0]["sensors"]
+    truth = [float(row["force_N"]) for row in rows(folder / "truth.csv")][::8]
+    assert (sensor["name"], sensor["frames"], sensor["damaged"]) == ("foam", len(truth), 0)
+    heard = json.loads((folder / "heard.json").read_text())
+    assert max(heard) == pytest.approx(max(truth), rel=0.04)  # 2.5 % of a force, and a little for the JPEG
+
+
 def _demo(folder: Path, results: list[Any]) -> None:
     for result in results:
         assert len(result["objects"]) == 3
@@ -563,6 +624,7 @@ STORIES: dict[str, Story] = {
     "recording info": Story(lambda f, r: _recorded(r), _recording),
     "recording import": Story(_said(frames=5), _robot_arm),
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
+    "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),
     "warmup": Story(lambda f, r: _warm(r)),
     "doctor": Story(lambda f, r: _healthy(r), around=_few_libraries),
 }
@@ -570,7 +632,6 @@ STORIES: dict[str, Story] = {
 #: Verbs whose examples are run elsewhere, and where.
 ELSEWHERE = {
     "demo": "make demo; the part that takes seconds below, the others longer than all examples here may",
-    "ros bridge": "tests/ros, with frames and listeners at the other end of a session",
     "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
 }
 

@@ -19,6 +19,7 @@ from visuohaptic.simulation.obstacles import box, cylinder, wall
 from visuohaptic.simulation.odometry import DriftingBase, OdometryErrors
 from visuohaptic.simulation.quick_foam import QuickFoam, QuickFrames
 from visuohaptic.simulation.quick_world import QuickWorld
+from visuohaptic.tasks._map_contacts import aside_rad
 from visuohaptic.tasks.explore import ExploreSettings, Outcome, explore_obstacle
 from visuohaptic.tasks.machine import replay
 from visuohaptic.tasks.map_by_touch import (
@@ -101,6 +102,59 @@ def test_free_again_it_ends_the_turn_that_was_held() -> None:
     assert task.state is MapState.TURN_AWAY
     assert task.step(moment(4.0, -0.13, 0.5 * math.pi)).speed_m_s > 0
     assert task.state is MapState.ALONG
+
+
+def test_what_the_end_of_the_foam_met_is_met_once_more() -> None:
+    task = TouchMapTask(MapSettings(contacts=2))
+    task.step(moment(0.0))
+    told = task.step(moment(1.0, explored="tagged", aside_rad=-0.6))
+    assert told.turn_rate_rad_s < 0
+    assert task.once_more
+    assert task.contacts == 0
+    assert task.step(moment(2.0, heading_rad=-0.59)).explore
+    # Whatever it is the second time: no third.
+    assert (
+        task.step(
+            moment(3.0, heading_rad=-0.6, explored="tagged", contact=True, aside_rad=0.5)
+        ).turn_rate_rad_s
+        > 0
+    )
+    assert task.contacts == 1
+    assert not task.once_more
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_a_bottle_at_the_end_of_the_foam_is_faced(side: float) -> None:
+    """Its middle is beyond the end of the strip: the foam is full before it slides, and calls it fixed."""
+    world = QuickWorld([cylinder("bottle", 0.4, side * 0.16, 0.045, 0.25, mass_kg=0.5, friction=0.3)])
+    foam: Any = QuickFoam(world, np.random.default_rng(0))
+    settings = MapSettings(front_m=world.config.radius_m)
+    found = explore_obstacle(world, QuickFrames(world), foam, FAST)
+    turn = aside_rad(found, world.state(), settings)
+    x, y, heading = world.pose
+    px, py = world.places["bottle"]
+    # The near side of a bottle of 4.5 cm that is 0.3 m away is met within a tenth of a radian of its middle.
+    assert turn == pytest.approx(math.atan2(py - y, px - x) - heading, abs=0.15)
+    world.pose = (x, y, heading + turn)
+    again = explore_obstacle(world, QuickFrames(world), foam, FAST)
+    assert math.isnan(aside_rad(again, world.state(), settings))
+    contact = contact_of(again)
+    assert contact is not None
+    assert contact.movable
+
+
+def test_walls_and_middles_need_no_second_time() -> None:
+    """A wall may be up to some 10 degrees oblique; more, and it is faced as well."""
+    for things in (
+        [wall("ahead", 0.4, 0.0, 2.0, 0.1, yaw_rad=math.radians(90.0))],
+        [wall("oblique", 0.45, 0.0, 2.0, 0.1, yaw_rad=math.radians(98.0))],
+        [box("leg", 0.4, 0.0, (0.02, 0.02, 0.5), fixed=True)],
+    ):
+        world = QuickWorld(things)
+        foam: Any = QuickFoam(world, np.random.default_rng(0))
+        found = explore_obstacle(world, QuickFrames(world), foam, FAST)
+        assert found.touched
+        assert math.isnan(aside_rad(found, world.state(), MapSettings()))
 
 
 def test_a_failing_sensor_and_the_time_end_it() -> None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from ..camera import Frame, Pose
 from ..objects import Reason, Wrench
 from ..simulation.arm import SimulatedArm
-from ..simulation.crown_cap import CrownCapCell
+from ..simulation.crown_cap import CrownCapCell, OpenerBeam
 from ..tasks.crown_cap import CapOpening, CapSettings, open_crown_cap
+
+if TYPE_CHECKING:
+    from .opener_sensor import OpenerSensor
 
 __all__ = ["OpenerTrial", "open_virtual_cap", "virtual_opener"]
 
@@ -41,6 +44,7 @@ def virtual_opener(
     error_m: float = 0.01,
     error_rad: float = math.radians(5.0),
     duration_s: float = 240.0,
+    beam: OpenerBeam | None = None,
 ) -> CrownCapCell:
     """The cell of one seed.
 
@@ -52,6 +56,8 @@ def virtual_opener(
         Table 3.1 says: a millimetre aside and a centimetre in height, and two millimetres of the arm.
     error_m, error_rad
         Start errors: place on each axis, and angle of the tool about a random axis.
+    beam
+        The rod that carries the opener.
     """
     rng = np.random.default_rng(seed)
     cap = np.array([0.5, 0.1, 0.25]) + rng.uniform(-0.05, 0.05, 3)
@@ -70,18 +76,31 @@ def virtual_opener(
         arm, cap, rng,
         far_error_m=(float(far[0]), float(far[1]), float(far[2])), near_error_m=(x, y, z),
         wrench_gain=float(rng.normal(1.0, 0.02)), open_N=float(rng.uniform(60.0, 110.0)), duration_s=duration_s,
+        beam=beam or OpenerBeam(),
     )  # fmt: skip
 
 
 def open_virtual_cap(
-    seed: int, sight: Literal["tracked", "start", "corner"] = "start", settings: CapSettings | None = None
+    seed: int,
+    sight: Literal["tracked", "start", "corner"] = "start",
+    settings: CapSettings | None = None,
+    *,
+    sensor: OpenerSensor | None = None,
 ) -> OpenerTrial:
-    """Open the cap of one seed."""
-    cell = virtual_opener(seed, sight)
+    """Open the cap of one seed.
 
-    def feel(frame: Frame) -> Wrench:
+    Parameters
+    ----------
+    sensor
+        Reads the wrench from pictures of the bending rod; by default it is the truth with noise.
+    """
+    cell = virtual_opener(seed, sight, beam=None if sensor is None else sensor.rod)
+
+    def noisy(frame: Frame) -> Wrench:
         wrench, covariance = cell.feel(frame)
         return Wrench(frame.t_s, True, Reason.OK, wrench[:3], wrench[3:], covariance, "tool")
+
+    feel = noisy if sensor is None else sensor.reader(cell, np.random.default_rng([seed, 1]))
 
     opening = open_crown_cap(cell.arm, cell, feel, cell.look, settings or CapSettings(scan_m=SCAN_M))
     return OpenerTrial(seed, opening, cell.opened)

@@ -16,7 +16,7 @@ from ._straight_walls import held_by_walls
 from .explore import Exploration
 from .map_by_touch_records import MapSettings
 
-__all__ = ["Placing", "contact_of", "face_rad"]
+__all__ = ["Placing", "aside_rad", "contact_of", "face_rad"]
 
 #: What stopped the foam, and has not gone farther than this, is fixed [m].
 HELD_M = 0.005
@@ -91,6 +91,30 @@ def _largest(found: Exploration, state: BaseState) -> Contact | None:
         if other.t_s <= state.t_s and profile.contacts:
             return max(profile.contacts, key=lambda one: one.force_N)
     return None
+
+
+def aside_rad(found: Exploration, now: BaseState, settings: MapSettings) -> float:
+    """Turn to the left after which the platform faces what its foam has met; NaN unless only the foam's end has met it.
+
+    There the foam gives way to little force: it is full before a light thing slides, and a shape of a few
+    points says nothing.
+    """
+    state = found.fit_state
+    if not found.touched or state is None or found.stopped_by is not StopReason.DENSIFIED:
+        return math.nan
+    contact = _largest(found, state)
+    if contact is None:
+        return math.nan
+    pressed = contact.points_foam_m[contact.delta_m > 0.5 * contact.delta_m.max()]
+    s_m = found.profiles[0].s_m
+    reach_m = 0.5 * settings.end_m
+    at_end = contact.s_start_m < s_m[0] + reach_m or contact.s_end_m > s_m[-1] - reach_m
+    if not at_end or float(np.hypot(*np.ptp(pressed, axis=0))) > settings.end_m:
+        return math.nan
+    c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
+    u, v = pressed.mean(axis=0) + np.array([settings.front_m, 0.0])
+    bearing = math.atan2(state.y_m + s * u + c * v - now.y_m, state.x_m + c * u - s * v - now.x_m)
+    return math.remainder(bearing - now.heading_rad, 2.0 * math.pi)
 
 
 def _held(found: Exploration) -> bool:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from ..navigation.haptic_map import HapticContact, HapticMap
 from ..robots import BaseState, FrameSource, MobileBase
-from ._map_contacts import Placing, contact_of, face_rad
+from ._map_contacts import Placing, aside_rad, contact_of, face_rad
 from .explore import Exploration, ExploreSettings, Outcome, explore_obstacle
 from .machine import Machine, Rule
 from .map_by_touch_records import MapCommand, MapMoment, MapOutcome, MapSettings, MapState
@@ -84,6 +84,7 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         self._from, self._from_rad = (0.0, 0.0), 0.0
         self._began_s = self._moved_s = math.nan
         self._last_turn = 1.0
+        self.once_more = False  #: what the foam's end has met is being met with its middle
         self._freeing = _STOP
         self._last = (math.inf, math.inf, math.inf)
 
@@ -171,6 +172,13 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         if seen.explored == Outcome.SENSOR_FAILED:
             self.end(False, MapOutcome.SENSOR_FAILED, f"after {self.contacts} contacts")
             return _STOP
+        if math.isfinite(seen.aside_rad) and not self.once_more:
+            self.once_more = True
+            self._goal_rad = seen.heading_rad + seen.aside_rad
+            degrees = math.degrees(seen.aside_rad)
+            self.go(MapState.TURN_BACK, f"met by the end of the foam: {degrees:+.0f} deg, and once more")
+            return MapCommand(turn_rate_rad_s=math.copysign(s.turn_rad_s, seen.aside_rad))
+        self.once_more = False
         if seen.contact:
             self.contacts += 1
             self._empty = self._frees = 0
@@ -256,7 +264,11 @@ def map_by_touch(
             while command.explore and not task.ended:
                 found = explore_obstacle(base, source, sensor, explore)
                 explorations.append(found)
-                contact = contact_of(found, settings)
+                state = base.state()
+                aside = aside_rad(found, state, settings)
+                # What the end of the foam has met is not well known: where it is, nor whether it would move.
+                waits = math.isfinite(aside) and not task.once_more
+                contact = None if waits else contact_of(found, settings)
                 face = face_rad(contact) if contact is not None else math.nan
                 if contact is not None:
                     contacts = placing.add(contact, found)
@@ -264,13 +276,18 @@ def map_by_touch(
                     haptic_map.add(contact)
                     if on_contact is not None:
                         on_contact(contact, haptic_map)
-                state = base.state()
                 moment = _moment(state.t_s, state, False)
                 if found.outcome is Outcome.SOURCE_ENDED:
                     task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
                     break
                 command = task.step(
-                    replace(moment, explored=found.outcome.value, contact=contact is not None, face_rad=face)
+                    replace(
+                        moment,
+                        explored=found.outcome.value,
+                        contact=contact is not None,
+                        face_rad=face,
+                        aside_rad=aside,
+                    )
                 )
             if task.ended:
                 break

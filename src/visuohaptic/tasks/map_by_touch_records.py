@@ -51,6 +51,7 @@ class MapSettings:
     #: walls are straight and square to each other within; tiny: odometry alone
     square_rad: float = math.radians(4.0)
     scale_sigma: float = 0.02  #: of the distances that odometry tells, relative; tiny: they are right
+    end_m: float = 0.03  #: narrower than this at the foam's end: it is met once more with the middle
     least_N: float = 0.3  #: force of a contact for the map: less is a graze
     timeout_s: float = 1800.0
 
@@ -74,6 +75,8 @@ class MapMoment:
     explored: str  #: outcome of the exploration that has just ended; empty on the way
     contact: bool  #: it gave a contact for the map
     face_rad: float  #: direction of the touched face in the map, to be driven along; NaN unknown
+    #: turn to the left that brings what the end of the foam has met before its middle; NaN where it was met well
+    aside_rad: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)

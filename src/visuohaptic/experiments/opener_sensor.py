@@ -1,0 +1,152 @@
+"""The beam sensor that carries the opener, made of its pictures: built, calibrated with weights, zeroed, read.
+
+Nothing of the true wrench reaches the task but through what a camera sees of the bending rod: prints are
+rendered, tracked, and read with the compliance that a calibration found. The rod is not quite that of its
+data sheet; the calibration has to find out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ..camera import Camera, Frame
+from ..errors import InputError
+from ..objects import Reason, Wrench
+from ..sensing.beam import Beam, BeamCalibration, BeamSetup, LoadRecord, TrackedBeam, calibrate_beam
+from ..simulation.crown_cap import ROTATION_TOOL_SENSOR, CrownCapCell, OpenerBeam
+from ..simulation.effects import CameraEffects
+from ..simulation.rod import ElasticRod
+from ..simulation.rod_rig import RodRig
+from ..tasks.crown_cap import tool_wrench
+from .virtual_beam import VirtualBeam
+
+__all__ = ["OpenerSensor"]
+
+#: Largest weight on each axis of the sensor in the calibration [N, Nm].
+WEIGHTS = (40.0, 20.0, 40.0, 0.6, 2.0, 1.5)
+#: What is wrong with a rod and its springs: length [m], and relative.
+LENGTH_SIGMA_M, DIAMETER_SIGMA, YOUNGS_SIGMA, SPRING_SIGMA = 2e-4, 0.003, 0.01, 0.05
+#: A wrench below this is none: the picture of rest, with noise of its own, is taken [N, Nm].
+NOTHING = 1e-4
+ZERO_FRAMES = 20
+
+
+class OpenerSensor:
+    """One sensor; it may open many bottles.
+
+    Parameters
+    ----------
+    seed
+        Of what differs from the data sheet, and of the noise of the calibration's pictures.
+    camera
+        Bolted to the base of the sensor, 0.3 m above the rod; by default that of Sec. 3.6.1.
+    kind
+        What is stuck to the rod: AprilTags or pictures.
+    """
+
+    def __init__(
+        self, seed: int = 0, *, camera: Camera | None = None, kind: Literal["tags", "pictures"] = "tags"
+    ) -> None:
+        rng = np.random.default_rng(seed)
+        sheet = OpenerBeam()
+        wrong = rng.standard_normal(5)
+        #: the true rod
+        self.rod = OpenerBeam(
+            length_m=sheet.length_m + LENGTH_SIGMA_M * float(wrong[0]),
+            diameter_m=sheet.diameter_m * (1.0 + DIAMETER_SIGMA * float(wrong[1])),
+            youngs_Pa=sheet.youngs_Pa * (1.0 + YOUNGS_SIGMA * float(wrong[2])),
+            spring_N_per_m=sheet.spring_N_per_m * (1.0 + SPRING_SIGMA * float(wrong[3])),
+            spring_Nm_per_rad=sheet.spring_Nm_per_rad * (1.0 + SPRING_SIGMA * float(wrong[4])),
+        )
+        self._virtual = VirtualBeam(
+            RodRig(rod=_elastic(self.rod)),
+            camera or Camera.simple(1600, 896, 1800.0),
+            CameraEffects(blur_px=0.8, noise_sigma=3.0, vignetting=0.15, gradient_x=0.1),
+            kind,
+            view="steady",
+            beam=Beam(
+                length_m=sheet.length_m,
+                diameter_m=sheet.diameter_m,
+                youngs_Pa=sheet.youngs_Pa,
+                poisson=sheet.poisson,
+                spring_N_per_m=sheet.spring_N_per_m,
+                spring_Nm_per_rad=sheet.spring_Nm_per_rad,
+            ),
+        )
+        self._renderer, self._templates = self._virtual.renderer(), self._virtual.templates()
+        self._rest = self._renderer.exact(self._virtual.rig.rod.bend(np.zeros(3)))
+        rig = self._virtual.rig
+        self.setup = BeamSetup(
+            {name: xi for name, (xi, _) in rig.mounts.items()},
+            rig.pose_sensor_reference.inverse(),
+            self._virtual.beam,
+            reference=rig.reference,
+            view="steady",
+        )
+        self.calibration = self._calibrate(rng)
+        self.setup = replace(self.setup, correction=self.calibration.correction)
+
+    def reader(self, cell: CrownCapCell, rng: np.random.Generator) -> Callable[[Frame], Wrench]:
+        """What the sensor reads of each of the cell's frames, axes of the tool; zeroed before the first."""
+        sensor = self._zeroed(rng)
+        to_sensor = np.kron(np.eye(2), ROTATION_TOOL_SENSOR.T)
+
+        def feel(frame: Frame) -> Wrench:
+            try:
+                seen = self._picture(to_sensor @ cell.wrench_tool, frame.t_s, frame.index, rng)
+            except InputError:  # no shape of the rod carries this
+                nothing = np.full(3, np.nan)
+                return Wrench(
+                    frame.t_s, False, Reason.SATURATED, nothing, nothing.copy(), np.full((6, 6), np.nan), "tool"
+                )  # fmt: skip
+            return tool_wrench(sensor.read(seen).reading.wrench, ROTATION_TOOL_SENSOR)
+
+        return feel
+
+    def _picture(
+        self, wrench: Float[np.ndarray, "6"], t_s: float, index: int, rng: np.random.Generator
+    ) -> Frame:
+        exact = self._rest
+        if np.abs(wrench).max() > NOTHING:
+            exact = self._renderer.exact(self._virtual.rig.rod.bend(wrench[:3], wrench[3:]))
+        effects = self._renderer.effects
+        image = effects.developed(exact[..., None], np.full(len(exact), t_s), rng)[..., 0]
+        return Frame(image, t_s, index)
+
+    def _zeroed(self, rng: np.random.Generator) -> TrackedBeam:
+        """A tracker that has seen the sensor at rest in the second before the time 0."""
+        sensor = TrackedBeam(self.setup, self._templates, self._virtual.camera)
+        sensor.zero(
+            self._picture(np.zeros(6), (index - ZERO_FRAMES) / 30.0 - 0.1, index, rng)
+            for index in range(ZERO_FRAMES)
+        )
+        return sensor
+
+    def _calibrate(self, rng: np.random.Generator) -> BeamCalibration:
+        """Weights on each axis, both ways, half and whole, and none between."""
+        loads = [np.zeros(6)]
+        for axis, most in enumerate(WEIGHTS):
+            for share in (-1.0, -0.5, 0.5, 1.0):
+                loads.append(np.zeros(6))
+                loads[-1][axis] = share * most
+        loads.append(np.zeros(6))
+        sensor = self._zeroed(rng)
+        observed = []
+        for index, load in enumerate(loads):
+            wrench = sensor.read(self._picture(load, float(index), index, rng)).reading.wrench
+            observed.append([*wrench.force_N, *wrench.moment_Nm])
+        record = LoadRecord(
+            np.array(loads), np.array(observed), "wrench", np.arange(1, len(loads) + 1), "weights"
+        )
+        return calibrate_beam(record, self._virtual.beam)
+
+
+def _elastic(rod: OpenerBeam) -> ElasticRod:
+    return ElasticRod(
+        rod.length_m, rod.diameter_m, rod.youngs_Pa, rod.poisson, rod.spring_N_per_m, rod.spring_Nm_per_rad
+    )
