@@ -25,7 +25,7 @@ from ..errors import InputError
 from .data_set import HEIGHTS, FeatureSet
 from .protocol import TouchProtocol, travel_seconds
 from .readings import TouchReading
-from .tree import Touch
+from .tree_nodes import Touch
 
 __all__ = [
     "UNKNOWN",
