@@ -20,7 +20,7 @@ from visuohaptic.recognition import (
     train_tree,
     travel_seconds,
 )
-from visuohaptic.recognition.bayes import _condition, _evidence
+from visuohaptic.recognition.belief import condition, evidence
 
 from .worlds import synthetic, touch_of
 
@@ -43,7 +43,7 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
 
     touch = touch_of(synthetic(1, seed=5), 1)
     readings = (touch(8, "y"), touch(15, "x"))
-    place, value, noise = _evidence(model, readings)
+    place, value, noise = evidence(model, readings)
     assert len(place) == 6
     density = np.zeros(len(model.answers))
     for v, mean in enumerate(model.mean):
@@ -59,8 +59,8 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
 
 def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:
     touch = touch_of(synthetic(1, seed=5), 1)
-    place, value, noise = _evidence(model, (touch(4, "x"), touch(9, "y")))
-    _, (mean, spread) = _condition(model, place, value, noise)
+    place, value, noise = evidence(model, (touch(4, "x"), touch(9, "y")))
+    _, (mean, spread) = condition(model, place, value, noise)
     # Twice Kalman's update, one reading after the other.
     m, s = model.mean[0], model.covariance[model.component[0]]
     for k, v, r in zip(place, value, noise, strict=True):

@@ -25,7 +25,9 @@ from visuohaptic.recognition import (
     tree_text,
     walk,
 )
-from visuohaptic.recognition.tree import _split
+from visuohaptic.recognition._tree_kernels import best_splits
+from visuohaptic.recognition.tree_growth import DRAWS, grown, predictors, smoothed
+from visuohaptic.recognition.tree_pruning import pruned, pruning_alphas, simplest
 
 from .worlds import synthetic, touch_of
 
@@ -49,8 +51,97 @@ def test_a_split_lowers_gini_as_much_as_scikit_learn(seed: int, classes: int, co
     stump = DecisionTreeClassifier(max_depth=1, random_state=0).fit(x, y).tree_
     gini = stump.impurity * stump.n_node_samples
     best = gini[0] - gini[1:].sum()
-    found = _split(x, y, classes)
-    assert (found[2] if found else 0.0) == pytest.approx(best, abs=1e-6)
+    order = np.argsort(x.T, axis=1).astype(np.int32)
+    decrease, threshold, gap = best_splits(order, np.ascontiguousarray(x.T), y, np.ones(count), classes)
+    assert max(decrease.max(), 0.0) == pytest.approx(best, abs=1e-6)
+    # The same written out: impurity of both children.
+    feature = int(np.argmax(decrease))
+    low = x[:, feature] <= threshold[feature]
+    assert gap[feature] > 0
+    left = sum(len(part) - (np.bincount(part) ** 2).sum() / len(part) for part in (y[low], y[~low]))
+    whole = count - (np.bincount(y) ** 2).sum() / count
+    assert decrease[feature] == pytest.approx(whole - left, abs=1e-9)
+
+
+def test_weights_count_like_copies() -> None:
+    rng = np.random.default_rng(0)
+    x, y, weight = rng.normal(size=(30, 4)), rng.integers(0, 3, 30), rng.integers(1, 4, 30).astype(float)
+    copies = np.repeat(np.arange(30), weight.astype(int))
+    found = []
+    for rows, share in ((np.arange(30), weight), (copies, np.ones(len(copies)))):
+        columns = np.ascontiguousarray(x[rows].T)
+        order = np.argsort(columns, axis=1).astype(np.int32)
+        found.append(best_splits(order, columns, y[rows], share, 3)[:2])
+    np.testing.assert_allclose(found[0], found[1], atol=1e-9)
+
+
+def test_draws_keep_middle_spread_and_weight_of_each_class() -> None:
+    data = synthetic(40)
+    values = np.log(data.features[..., 0]).reshape(len(data), -1)
+    more, number, weight = smoothed(values, data.number, 8000, np.random.default_rng(2))
+    for k in range(3):
+        own, drawn = values[data.number == k], more[number == k][40:8040]
+        assert weight[number == k].sum() == pytest.approx(40)
+        # 8000 draws around 40 objects in turn: means within 4 standard errors, deviations within 4 * 0.8 %.
+        error = 4 * own.std(axis=0) / np.sqrt(8000)
+        assert (np.abs(drawn.mean(axis=0) - own.mean(axis=0)) < error + 1e-9).all()
+        np.testing.assert_allclose(drawn.std(axis=0), own.std(axis=0), rtol=0.035, atol=1e-9)
+    again = smoothed(values, data.number, 0, np.random.default_rng(2))
+    assert again[0] is values
+    assert np.array_equal(again[2], np.ones(len(data)))
+
+
+def test_known_pruning_while_growing_is_pruning_after_it() -> None:
+    data = synthetic(40, spread=0.8)
+    values = np.log(data.features[..., 0]).reshape(len(data), -1)
+    more, number, weight = smoothed(values, data.number, 200, np.random.default_rng(1))
+    x = predictors(more, "centre")
+    whole = grown(x, number, weight, data.classes, "centre", 0.1)
+    for alpha in (0.0, 0.001, 0.01, 0.1):
+        early = pruned(grown(x, number, weight, data.classes, "centre", 0.1, alpha=alpha), alpha)
+        late = pruned(whole, alpha)
+        assert np.array_equal(early.feature, late.feature)
+        np.testing.assert_allclose(early.threshold, late.threshold)
+
+
+def test_each_alpha_prunes_to_the_least_cost_of_all_subtrees() -> None:
+    data = synthetic(20, spread=0.8)
+    tree = grow_tree(data, draws=0)
+    alphas = pruning_alphas(tree)
+    assert (np.diff(alphas) > 0).all()
+    total = tree.counts[0].sum()
+
+    def cost(one, alpha: float) -> float:
+        leaf = one.feature < 0
+        return float(
+            (one.counts.sum(axis=1) - one.counts.max(axis=1))[leaf].sum() + alpha * total * leaf.sum()
+        )
+
+    trees = [pruned(tree, float(alpha)) for alpha in (0.0, *alphas)]
+    for alpha in (0.0, *alphas):
+        assert cost(pruned(tree, float(alpha)), alpha) <= min(cost(one, alpha) for one in trees) + 1e-6
+    assert len(pruned(tree, float(alphas[-1])).feature) == 1
+
+
+def test_the_simplest_tree_within_one_standard_error() -> None:
+    # 4 errors of 100: one standard error is 1.96 objects.
+    assert simplest(np.array([9.0, 4, 5, 5.9, 6.5]), 100) == 3
+    # Without errors there is no doubt.
+    assert simplest(np.array([0.0, 0, 1]), 100) == 1
+
+
+def test_smoothing_helps_where_classes_touch() -> None:
+    """Classes that overlap: thresholds between the objects of one sample are poor ones for the next."""
+    unseen = synthetic(200, seed=99, spread=1.0)
+    wrong = dict.fromkeys((0, DRAWS), 0.0)
+    for seed in range(4):
+        data = synthetic(30, seed=seed, spread=1.0)
+        for draws in wrong:
+            tree = train_tree(data, draws=draws, rng=np.random.default_rng(seed))
+            wrong[draws] += np.mean(
+                np.array(predict(tree, unseen.features[..., 0])) != np.array(unseen.label)
+            )
+    assert wrong[DRAWS] < wrong[0]
 
 
 def test_cross_validation_says_that_clear_classes_are_clear() -> None:
@@ -63,13 +154,13 @@ def test_cross_validation_says_that_clear_classes_are_clear() -> None:
     assert right >= 0.95
 
 
-def test_without_reuse_it_is_the_tree_of_scikit_learn() -> None:
+def test_without_reuse_and_draws_it_is_the_tree_of_scikit_learn() -> None:
     from sklearn.tree import DecisionTreeClassifier
 
     data = synthetic(20, spread=0.6)
     x = np.log1p(scaled_features(data.features[..., 0], "centre"))
     peer = DecisionTreeClassifier(random_state=0, ccp_alpha=0.0).fit(x, data.number)
-    tree = grow_tree(data, reuse=0.0)
+    tree = grow_tree(data, reuse=0.0, draws=0)
     assert np.count_nonzero(tree.feature < 0) == peer.get_n_leaves()
     found = np.array([tree.classes.index(name) for name in predict(tree, data.features[..., 0])])
     assert np.array_equal(found, peer.predict(x))

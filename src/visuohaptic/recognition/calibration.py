@@ -12,8 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
-from .bayes import TOUCHES, HapticModel, _belief, _condition, _evidence
+from .bayes import TOUCHES
+from .belief import belief_of, condition, evidence
 from .data_set import FeatureSet
+from .haptic_model import HapticModel
 from .noise import noisy_copies
 from .readings import CurveFit, TouchReading
 
@@ -60,8 +62,8 @@ def calibrate(
         order = rng.permutation(len(TOUCHES))[:most_touches]
         readings = [reading_of(one, 0, *TOUCHES[int(k)], model) for k in order]
         for count in range(1, most_touches + 1):
-            place, value, noise = _evidence(model, readings[:count])
-            found.append(_condition(model, place, value, noise)[0])
+            place, value, noise = evidence(model, readings[:count])
+            found.append(condition(model, place, value, noise)[0])
             truth.append(int(model.answer_of[model.component[row]]))
             left_out.append(int(row))
     rows = np.arange(len(model.component))
@@ -69,7 +71,7 @@ def calibrate(
     def beliefs(temperature: float) -> Float[np.ndarray, "k g"]:
         warm = replace(model, temperature=temperature)
         return np.stack(
-            [_belief(warm, s, rows == row).probability for s, row in zip(found, left_out, strict=True)]
+            [belief_of(warm, s, rows == row).probability for s, row in zip(found, left_out, strict=True)]
         )
 
     grid = np.geomspace(0.5, 6.0, 16)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from ..errors import InputError
 from ..files import write_text
-from .bayes import HapticModel, ModelSettings, calibrated, fit_model
 from .data_set import FeatureSet, load_feature_set, save_feature_set
-from .tree import ClassificationTree, load_tree, tree_mapping
+from .haptic_model import HapticModel, ModelSettings, calibrated, fit_model
+from .tree_file import load_tree, tree_mapping
+from .tree_nodes import ClassificationTree
 
 __all__ = ["Classifier", "load_classifier", "save_classifier"]
 

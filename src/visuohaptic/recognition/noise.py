@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from ..errors import InputError
-from .data_set import HEIGHTS, FeatureSet
+from .data_set import FeatureSet
 from .posed import POSE_m
 from .protocol import TouchProtocol
 
-__all__ = ["noisy_copies"]
+__all__ = ["as_measured", "noisy_copies"]
 
 
 def noisy_copies(
@@ -46,22 +47,14 @@ def noisy_copies(
     """
     if copies < 1:
         raise InputError("noisy_copies", f"found {copies}, expected at least 1", field="copies")
-    protocol = TouchProtocol() if protocol is None else protocol
     stiffness = np.log(data.features[..., 0])
-    slope = np.gradient(stiffness, axis=1)
-    sigma = np.array([protocol.relative_sigma(k) for k in np.exp(stiffness).ravel()]).reshape(stiffness.shape)
-    sigma = np.minimum(sigma, 1.0)
     parts = [data] if keep else []
     for copy in range(copies):
-        shift = rng.normal(0, pose_m / protocol.place_m, (len(data), 1, 1))
-        wrong = rng.normal(0, 1, (len(data), HEIGHTS, 4)) * sigma
-        wrong += rng.normal(0, discrepancy, (len(data), HEIGHTS, 4))
-        moved = shift * slope
-        if data.posed is not None and pose_m > 0:
-            which = rng.integers(0, data.posed.shape[1], len(data))
-            moved = pose_m / POSE_m * data.posed[np.arange(len(data)), which]
+        measured = as_measured(
+            stiffness, rng, posed=data.posed, protocol=protocol, pose_m=pose_m, discrepancy=discrepancy
+        )
         features = data.features.copy()
-        features[..., 0] = np.exp(stiffness + moved + wrong)
+        features[..., 0] = np.exp(measured)
         names = tuple(f"{name}~{copy}" for name in data.name)
         parts.append(replace(data, features=features, name=names))
     return FeatureSet(
@@ -72,3 +65,26 @@ def noisy_copies(
         data.nonlinear,
         None if data.posed is None else np.concatenate([data.posed] * len(parts)),
     )
+
+
+def as_measured(
+    log_stiffness: Float[np.ndarray, "m 16 4"],
+    rng: np.random.Generator,
+    *,
+    posed: Float[np.ndarray, "m c 16 4"] | None = None,
+    protocol: TouchProtocol | None = None,
+    pose_m: float = 0.002,
+    discrepancy: float = 0.06,
+) -> Float[np.ndarray, "m 16 4"]:
+    """What one exploration of each object reads; the parameters are those of :func:`noisy_copies`."""
+    protocol = TouchProtocol() if protocol is None else protocol
+    shape = log_stiffness.shape
+    shift = rng.normal(0, pose_m / protocol.place_m, (shape[0], 1, 1))
+    wrong = rng.normal(0, 1, shape) * np.minimum(protocol.relative_sigmas(np.exp(log_stiffness)), 1.0)
+    wrong += rng.normal(0, discrepancy, shape)
+    if posed is None or not pose_m > 0:
+        moved: np.ndarray = shift * np.gradient(log_stiffness, axis=1)
+    else:
+        which = rng.integers(0, posed.shape[1], shape[0])
+        moved = pose_m / POSE_m * posed[np.arange(shape[0]), which]
+    return log_stiffness + moved + wrong

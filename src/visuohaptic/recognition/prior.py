@@ -27,7 +27,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..errors import InputError
 from ..objects import VisuoHapticObject
-from .bayes import UNKNOWN
+from .haptic_model import UNKNOWN
 from .shape import ShapeViews, describe_cloud, fit_shape, shape_views
 from .words import (
     LocalFeatures,

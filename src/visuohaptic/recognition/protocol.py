@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
+import numpy as np
+from jaxtyping import Float
+
 from .readings import SensorNoise
-from .tree import Touch
+from .tree_nodes import Touch
 
 __all__ = ["TouchProtocol", "travel_seconds"]
 
@@ -32,11 +34,16 @@ class TouchProtocol:
 
     def relative_sigma(self, stiffness_N_per_m: float) -> float:
         """Expected relative standard deviation of the linear coefficient."""
-        reach = min(self.most_deformation_m, self.most_force_N / stiffness_N_per_m)
-        count = max(6.0, self.rate_Hz * reach / self.close_m_per_s)
+        return float(self.relative_sigmas(np.array([stiffness_N_per_m]))[0])
+
+    def relative_sigmas(self, stiffness_N_per_m: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """The same for many."""
+        reach = np.minimum(self.most_deformation_m, self.most_force_N / stiffness_N_per_m)
+        count = np.maximum(6.0, self.rate_Hz * reach / self.close_m_per_s)
         square = count * reach**2 / 3
         spread = (self.noise.force_N / stiffness_N_per_m) ** 2 + self.noise.deformation_m**2
-        return math.sqrt(spread / square)
+        out: np.ndarray = np.sqrt(spread / square)
+        return out
 
 
 def travel_seconds(protocol: TouchProtocol, start: Touch | None, goal: Touch) -> float:

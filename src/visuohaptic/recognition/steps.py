@@ -8,9 +8,10 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from .bayes import HapticModel, believe
+from .belief import believe
+from .haptic_model import HapticModel
 from .readings import TouchReading
-from .tree import ClassificationTree, Touch, feature_name, next_touch, scaled_features, scaling_touches
+from .tree_nodes import ClassificationTree, Touch, feature_name, next_touch, scaled_features, scaling_touches
 
 __all__ = ["Listener", "planner_follower", "planner_steps", "tree_follower", "tree_steps"]
 

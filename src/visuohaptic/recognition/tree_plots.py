@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..files import atomic_path
 from .data_set import HEIGHTS, FeatureSet
-from .tree import ClassificationTree, feature_name, scaled_features
+from .tree_nodes import ClassificationTree, feature_name, scaled_features
 
 __all__ = ["class_correlation", "plot_correlation", "plot_tree"]
 

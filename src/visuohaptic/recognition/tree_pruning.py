@@ -1,0 +1,93 @@
+"""Cost-complexity pruning (Breiman 1984): errors + alpha * objects * leaves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .tree_nodes import ClassificationTree
+
+__all__ = ["pruned", "pruning_alphas", "pruning_middles", "simplest", "stratified_folds"]
+
+#: Intervals of alpha whose end is less than this times their begin are left out.
+_NARROW = 1.1
+
+
+def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
+    """The smallest subtree with the least cost."""
+    from ._tree_kernels import cut_nodes
+
+    cost = alpha * tree.counts[0].sum()
+    cut = cut_nodes(tree.feature, tree.left, tree.right, _errors(tree), cost)
+    keep: list[int] = []
+    stack = [0]
+    while stack:
+        node = stack.pop()
+        keep.append(node)
+        if not cut[node]:
+            stack += [int(tree.right[node]), int(tree.left[node])]
+    place = {node: k for k, node in enumerate(keep)}
+
+    def renumbered(child: np.ndarray) -> np.ndarray:
+        return np.array([-1 if cut[node] else place[int(child[node])] for node in keep], dtype=np.int64)
+
+    index = np.array(keep)
+    return replace(
+        tree,
+        feature=np.where(cut[index], -1, tree.feature[index]),
+        threshold=np.where(cut[index], 0.0, tree.threshold[index]),
+        left=renumbered(tree.left),
+        right=renumbered(tree.right),
+        counts=tree.counts[index],
+    )
+
+
+def pruning_alphas(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
+    """Where the pruned tree changes, ascending from a small number."""
+    from ._tree_kernels import cut_nodes, weakest_link
+
+    found, error, total = [1e-6], _errors(tree), float(tree.counts[0].sum())
+    while True:
+        cut = cut_nodes(tree.feature, tree.left, tree.right, error, found[-1] * total)
+        link = weakest_link(tree.feature, tree.left, tree.right, error, cut)
+        if not np.isfinite(link):
+            return np.array(found)
+        found.append(max(link / total, found[-1]) * (1 + 1e-9))
+
+
+def pruning_middles(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
+    """One alpha for each interval in which the pruned tree stays the same: its geometric middle (Breiman 1984).
+
+    Trees of other folds change at other alphas: an interval that ends where it begins stands for nothing in them.
+    """
+    ends = list(pruning_alphas(tree)[:1])
+    for alpha in pruning_alphas(tree)[1:]:
+        if alpha > _NARROW * ends[-1]:
+            ends.append(alpha)
+    return np.sqrt(np.array(ends[:-1]) * np.array(ends[1:]))
+
+
+def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
+    """The last of these prunings whose errors are within a standard error of the least, of ``count`` objects."""
+    least = float(wrong.min())
+    return int(np.flatnonzero(wrong <= least + np.sqrt(least * (1 - least / count)))[-1])
+
+
+def stratified_folds(
+    number: Int[np.ndarray, "m"], folds: int, rng: np.random.Generator
+) -> Int[np.ndarray, "m"]:
+    """Fold of each object; every class is in all of them alike."""
+    out = np.empty(len(number), dtype=np.int64)
+    begin = 0
+    for k in np.unique(number):
+        rows = rng.permutation(np.flatnonzero(number == k))
+        out[rows] = (begin + np.arange(len(rows))) % folds
+        begin += len(rows)
+    return out
+
+
+def _errors(tree: ClassificationTree) -> Float[np.ndarray, "n"]:
+    out: np.ndarray = tree.counts.sum(axis=1) - tree.counts.max(axis=1)
+    return out
