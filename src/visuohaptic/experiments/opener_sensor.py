@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Float32
 
 from ..camera import Camera, Frame
 from ..errors import InputError
@@ -27,8 +27,10 @@ from .virtual_beam import VirtualBeam
 
 __all__ = ["OpenerSensor"]
 
-#: Largest weight on each axis of the sensor in the calibration [N, Nm].
-WEIGHTS = (40.0, 20.0, 40.0, 0.6, 2.0, 1.5)
+#: Largest weight on each axis of the sensor in the calibration [N, Nm]: within the travel of the springs.
+WEIGHTS = (15.0, 15.0, 40.0, 0.5, 2.0, 1.5)
+#: Pictures of each weight; the first ones show how the tracker finds the rod again.
+HELD_FRAMES, FOUND_FRAMES = 4, 2
 #: What is wrong with a rod and its springs: length [m], and relative.
 LENGTH_SIGMA_M, DIAMETER_SIGMA, YOUNGS_SIGMA, SPRING_SIGMA = 2e-4, 0.003, 0.01, 0.05
 #: A wrench below this is none: the picture of rest, with noise of its own, is taken [N, Nm].
@@ -98,22 +100,26 @@ class OpenerSensor:
 
         def feel(frame: Frame) -> Wrench:
             try:
-                seen = self._picture(to_sensor @ cell.wrench_tool, frame.t_s, frame.index, rng)
+                exact = self._exact(to_sensor @ cell.wrench_tool)
             except InputError:  # no shape of the rod carries this
                 nothing = np.full(3, np.nan)
                 return Wrench(
                     frame.t_s, False, Reason.SATURATED, nothing, nothing.copy(), np.full((6, 6), np.nan), "tool"
                 )  # fmt: skip
+            seen = self._picture(exact, frame.t_s, frame.index, rng)
             return tool_wrench(sensor.read(seen).reading.wrench, ROTATION_TOOL_SENSOR)
 
         return feel
 
+    def _exact(self, wrench: Float[np.ndarray, "6"]) -> Float32[np.ndarray, "rows columns"]:
+        """Picture of the rod under a wrench at its tip, axes of the sensor; before light and noise."""
+        if np.abs(wrench).max() <= NOTHING:
+            return self._rest
+        return self._renderer.exact(self._virtual.rig.rod.bend(wrench[:3], wrench[3:]))
+
     def _picture(
-        self, wrench: Float[np.ndarray, "6"], t_s: float, index: int, rng: np.random.Generator
+        self, exact: Float32[np.ndarray, "rows columns"], t_s: float, index: int, rng: np.random.Generator
     ) -> Frame:
-        exact = self._rest
-        if np.abs(wrench).max() > NOTHING:
-            exact = self._renderer.exact(self._virtual.rig.rod.bend(wrench[:3], wrench[3:]))
         effects = self._renderer.effects
         image = effects.developed(exact[..., None], np.full(len(exact), t_s), rng)[..., 0]
         return Frame(image, t_s, index)
@@ -122,7 +128,7 @@ class OpenerSensor:
         """A tracker that has seen the sensor at rest in the second before the time 0."""
         sensor = TrackedBeam(self.setup, self._templates, self._virtual.camera)
         sensor.zero(
-            self._picture(np.zeros(6), (index - ZERO_FRAMES) / 30.0 - 0.1, index, rng)
+            self._picture(self._rest, (index - ZERO_FRAMES) / 30.0 - 0.1, index, rng)
             for index in range(ZERO_FRAMES)
         )
         return sensor
@@ -136,13 +142,20 @@ class OpenerSensor:
                 loads[-1][axis] = share * most
         loads.append(np.zeros(6))
         sensor = self._zeroed(rng)
-        observed = []
-        for index, load in enumerate(loads):
-            wrench = sensor.read(self._picture(load, float(index), index, rng)).reading.wrench
-            observed.append([*wrench.force_N, *wrench.moment_Nm])
-        record = LoadRecord(
-            np.array(loads), np.array(observed), "wrench", np.arange(1, len(loads) + 1), "weights"
-        )
+        applied, observed = [], []
+        for row, load in enumerate(loads):
+            read = []
+            exact = self._exact(load)
+            for held in range(HELD_FRAMES):
+                index = row * HELD_FRAMES + held
+                wrench = sensor.read(self._picture(exact, index / 30.0, index, rng)).reading.wrench
+                if held >= FOUND_FRAMES and wrench.valid:
+                    read.append([*wrench.force_N, *wrench.moment_Nm])
+            if read:
+                applied.append(load)
+                observed.append(np.mean(read, axis=0))
+        rows = np.arange(1, len(applied) + 1)
+        record = LoadRecord(np.array(applied), np.array(observed), "wrench", rows, "weights")
         return calibrate_beam(record, self._virtual.beam)
 
 
