@@ -7,8 +7,6 @@ import pytest
 
 from visuohaptic.experiments.mission.bottle import STATES, contained, table_bottle
 from visuohaptic.experiments.mission.contents import FORCES_N, ContentsModel
-from visuohaptic.experiments.mission.probe import outside_of
-from visuohaptic.reconstruction.mesh import SurfaceMesh
 from visuohaptic.tasks.squeeze import SqueezeCurve
 
 
@@ -64,28 +62,6 @@ def test_places_are_where_the_states_differ_most_and_apart() -> None:
     # The soft waist allows the deepest squeeze; the firmest place allows the least.
     soft, firm = (model.things["open"].force_at(z, 1e-3) for z in (first[0], first[-1]))
     assert soft < firm
-
-
-def tube(radius_m: float, low_m: float, high_m: float, *, inwards: bool) -> SurfaceMesh:
-    """Side of a cylinder, its triangles turned outwards or inwards."""
-    count = 24
-    angle = 2 * np.pi * np.arange(count) / count
-    ring = radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
-    points = np.vstack([np.column_stack([ring, np.full(count, z)]) for z in (low_m, high_m)])
-    k = np.arange(count)
-    after = (k + 1) % count
-    faces = np.vstack(
-        [np.column_stack([k, after, k + count]), np.column_stack([after, after + count, k + count])]
-    )
-    return SurfaceMesh(points, faces[:, ::-1] if inwards else faces, None)
-
-
-def test_the_inner_side_of_a_label_is_not_the_outside() -> None:
-    outer, inner = tube(0.04, 0.02, 0.06, inwards=False), tube(0.028, 0.03, 0.05, inwards=True)
-    kept = outside_of(outer.joined(inner), np.zeros(2))
-    assert len(kept.faces) == len(outer.faces)
-    rho = np.hypot(*kept.vertices_m[np.unique(kept.faces), :2].T)
-    np.testing.assert_allclose(rho, 0.04, atol=1e-9)
 
 
 def test_the_model_is_the_bottle_on_the_table() -> None:

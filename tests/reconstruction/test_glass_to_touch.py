@@ -107,6 +107,46 @@ def test_supports_are_of_the_outside_only(model):
         assert np.mean(depth_m[side] < 0.009) > 0.95
 
 
+def test_the_inner_side_of_a_label_is_no_part_of_the_completed_surface(model, tmp_path, capsys):
+    """Of the scene it is known where the label's outside is; what lies 1.5 voxels within is its inner side."""
+    scene, folder = model
+    surface = SurfaceMesh.load(folder / "model" / "surface.ply")
+    dropped = []
+    for number, region in enumerate(load_hole_regions(folder / "model" / "regions.json")):
+        middle = region.hull_m.mean(axis=0)
+        solid = min(scene.glass, key=lambda one: np.hypot(*(middle - one.foot_m)[:2]))
+
+        def areas(mesh, solid=solid):
+            """Of the label's inner and outer side [m2]."""
+            local = mesh.vertices_m[mesh.faces].mean(axis=1) - solid.foot_m
+            c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
+            rho = np.hypot(
+                (c * local[:, 0] + s * local[:, 1]) / solid.squash, c * local[:, 1] - s * local[:, 0]
+            )
+            label = solid.bands[0]
+            there = (local[:, 2] > label.low_m + 0.006) & (local[:, 2] < label.high_m - 0.006)
+            depth_m = solid.radius_m(np.clip(local[:, 2], 0, solid.height_m)) - rho
+            return [
+                mesh.face_areas_m2[there & part].sum() for part in (depth_m > 0.009, np.abs(depth_m) < 0.004)
+            ]
+
+        words = ["complete", str(folder / "model" / "surface.ply"), "--cluster", str(number)]
+        words += [
+            "--region",
+            str(folder / "model" / "regions.json"),
+            "--out",
+            str(tmp_path / "completed.ply"),
+        ]
+        assert main(words) == 0
+        capsys.readouterr()
+        before, after = areas(surface), areas(SurfaceMesh.load(tmp_path / "completed.ply"))
+        assert after[1] > 0.97 * before[1]
+        dropped.append((before[0], after[0]))
+    inner = np.array(dropped).sum(axis=0)
+    assert inner[0] > 1e-4
+    assert inner[1] < 0.2 * inner[0]
+
+
 def test_a_reading_through_a_hull_is_dropped_and_one_before_it_is_kept():
     camera = Camera.simple(40, 30, 40.0)
     cube = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (0.95, 1.05)])

@@ -26,6 +26,7 @@ from .biharmonic import BiharmonicMesh
 from .centres import Centres, around_core, free_points, with_off_surface
 from .hole import HoleRegion, support_band
 from .hole_surface import HoleSpace
+from .inner_walls import without_inner_walls
 from .mesh import SurfaceMesh
 from .profile import RadialModel, WallSeen, fit_radial_model, wall_seen
 from .rbf import RbfSurface
@@ -89,11 +90,11 @@ class Completion:
         pose_visual_haptic: Pose | None = None,
     ) -> None:
         self.settings = settings or CompletionSettings()
-        self.visual = visual
+        self.visual = without_inner_walls(visual, region)
         self.region = region
         self._pose = pose_visual_haptic
         self.band = support_band(
-            visual, region, most=self.settings.most_supports, band_m=self.settings.band_m
+            self.visual, region, most=self.settings.most_supports, band_m=self.settings.band_m
         )
         self.touches: list[Touch] = []  #: in the frame of the visible surface
         size_m = region.size_m

@@ -37,9 +37,8 @@ DOUBT_M = 0.010
 FLOOR_M = 0.008
 #: Slices of the completed outline [m], and how far from the axis it is looked for.
 SLICE_M, REACH_M = 0.008, 0.065
-#: Faces of a wall look away from the axis by so much and down by no more than that, those of a lid up, so
-#: near to the top [m].
-OUTWARDS, UNDER, LEVEL, TOP_M = 0.3, 0.3, 0.6, 0.015
+#: Faces of a wall look down by no more than this: the fusion closes a label's lower edge.
+UNDER = 0.3
 
 
 def set_the_table(mission: Mission) -> TableBottle:
@@ -177,10 +176,12 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
     assert known.probe_compliance_m_per_N is not None
     region = found.regions[0]
     centre = region.centroid_m[:2]
-    surface = outside_of(near_axis(found.surface, centre, REACH_M), centre)
     completion = Completion(
-        surface, HoleRegion.of_points(region.hull_m, region.score), pose_visual_haptic=PLACE.inverse()
+        near_axis(found.surface, centre, REACH_M),
+        HoleRegion.of_points(region.hull_m, region.score),
+        pose_visual_haptic=PLACE.inverse(),
     )
+    surface = completion.visual
     before_m = completion.expected_error_m()
     rng = mission.rng(23)
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
@@ -248,28 +249,10 @@ def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray,
 
 
 def near_axis(surface: SurfaceMesh, centre_m: np.ndarray, reach_m: float) -> SurfaceMesh:
-    """The part of a surface that is about an upright axis, above the table."""
+    """The walls and the lid of what is about an upright axis, above the table."""
     middle = surface.vertices_m[surface.faces].mean(axis=1)
-    chosen = np.hypot(*(middle[:, :2] - centre_m).T) < reach_m
-    return surface.submesh(np.flatnonzero(chosen & (middle[:, 2] > 0.004)))
-
-
-def outside_of(surface: SurfaceMesh, axis_m: np.ndarray) -> SurfaceMesh:
-    """What of an object's surface a probe can meet: faces that look away from its upright axis, and its top.
-
-    Through the clear part of a bottle a camera sees the inner side of its label, bent and too near to the
-    axis. Those faces look inwards or up from the bottom: taken for wall they would spoil the outline.
-    """
-    corners = surface.vertices_m[surface.faces]
-    middle = corners.mean(axis=1)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
-    away = middle[:, :2] - axis_m
-    away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
-    outwards = np.sum(away * normal[:, :2], axis=1)
-    top_m = float(np.quantile(middle[:, 2], 0.99)) if len(middle) else 0.0
-    lid = (normal[:, 2] > LEVEL) & (middle[:, 2] > top_m - TOP_M)
-    return surface.submesh(np.flatnonzero((outwards > OUTWARDS) & (normal[:, 2] > -UNDER) | lid))
+    chosen = (np.hypot(*(middle[:, :2] - centre_m).T) < reach_m) & (middle[:, 2] > 0.004)
+    return surface.submesh(np.flatnonzero(chosen & (surface.face_normals[:, 2] > -UNDER)))
 
 
 def outline_of(completion: Completion) -> Float[np.ndarray, "k 2"]:
