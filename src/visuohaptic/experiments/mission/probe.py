@@ -194,8 +194,10 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         force_sigma_N=known.probe_sigma_N,
     )
 
+    sigma_N = known.probe_sigma_N
+
     def feel(frame: Frame) -> Wrench:
-        covariance = np.eye(6) * known.probe_sigma_N**2  # type: ignore[operator]
+        covariance = np.eye(6) * sigma_N**2
         return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), covariance)
 
     top = float(surface.vertices_m[:, 2].max())
