@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from visuohaptic.camera import Camera
 from visuohaptic.experiments.opener_sensor import OpenerSensor
 from visuohaptic.experiments.virtual_opener import open_virtual_cap
 
@@ -28,12 +29,18 @@ CASES: tuple[tuple[Literal["start", "tracked", "corner"], str], ...] = (
 
 
 def run(
-    seeds: int = SEEDS, first: int = 0, *, beam: bool = False, sights: tuple[str, ...] = ()
+    seeds: int = SEEDS,
+    first: int = 0,
+    *,
+    beam: bool = False,
+    half: bool = False,
+    sights: tuple[str, ...] = (),
 ) -> list[dict[str, Any]]:
     """Bottles opened, by how well the camera sees them."""
     rows: list[dict[str, Any]] = []
     wrong = 0
-    sensor = OpenerSensor() if beam else None
+    camera = Camera.simple(800, 448, 900.0) if half else None
+    sensor = OpenerSensor(camera=camera) if beam or half else None
     for sight, about in CASES:
         if sights and sight not in sights:
             continue
@@ -46,7 +53,7 @@ def run(
         told = ", ".join(f"{count} {name}" for name, count in failures.items()) or "none failed"
         rows.append(
             {
-                "name": f"opened, {about}{', wrench from pictures' if beam else ''}",
+                "name": f"opened, {about}{', wrench from pictures' if sensor else ''}",
                 "ours": sum(t.opening.opened for t in trials) * 50 / seeds,
                 "unit": "of 50",
                 "floor": 45,
@@ -67,7 +74,12 @@ if __name__ == "__main__":
     parser.add_argument("--seeds", type=int, default=SEEDS, help=f"how many bottles ({SEEDS})")
     parser.add_argument("--first", type=int, default=0, help="seed of the first (0)")
     parser.add_argument("--beam", action="store_true", help="read the wrench from pictures of the rod")
+    parser.add_argument(
+        "--half",
+        action="store_true",
+        help="the same with half the resolution: a third of the time, more noise",
+    )
     parser.add_argument("--sight", action="append", choices=[case[0] for case in CASES], help="only this one")
     args = parser.parse_args()
-    for line in run(args.seeds, args.first, beam=args.beam, sights=tuple(args.sight or ())):
+    for line in run(args.seeds, args.first, beam=args.beam, half=args.half, sights=tuple(args.sight or ())):
         print(line)
