@@ -24,10 +24,10 @@ from .tree_nodes import ClassificationTree, Touch, scaled_features, scaling_touc
 
 __all__ = ["DRAWS", "grown", "predictors", "smoothed"]
 
-#: Draws that fill up each class.
+#: Draws that fill up each class, and as many that are read with noise.
 DRAWS = 2000
-#: Share of the weight that is read with noise, and of the draws.
-_READ, _READ_DRAWS = 0.1, 0.25
+#: Share of the weight that is read with noise.
+_READ = 0.1
 #: Relative error of simulated stiffness, by place, as the planner has it.
 _DISCREPANCY = 0.04
 #: In about so many ways containers of one class differ: sizes, bulges, wall.
@@ -58,7 +58,7 @@ def smoothed(
     log_stiffness, number
         Objects and their classes.
     draws
-        Of each class; 0: the objects as they are.
+        Of each class, and as many that are read with noise; 0: the objects as they are.
     rng
         Of the draws.
     posed
@@ -66,23 +66,22 @@ def smoothed(
     """
     if not draws:
         return log_stiffness, number, np.ones(len(number))
-    read = max(1, round(_READ_DRAWS * draws))
     values, classes, weight = [log_stiffness], [number], [np.ones(len(number))]
     for k in np.unique(number):
         some = np.flatnonzero(number == k)
         drawn = _drawn(log_stiffness[some], draws, rng)
-        near = np.arange(read) % len(some)
+        near = np.arange(draws) % len(some)
         noisy = as_measured(
-            _drawn(log_stiffness[some], read, rng).reshape(-1, HEIGHTS, 4),
+            _drawn(log_stiffness[some], draws, rng).reshape(-1, HEIGHTS, 4),
             rng,
             posed=None if posed is None else posed[some[near]],
             discrepancy=_DISCREPANCY,
         )
-        values += [drawn, noisy.reshape(read, -1)]
-        classes.append(np.full(draws + read, k))
+        values += [drawn, noisy.reshape(draws, -1)]
+        classes.append(np.full(2 * draws, k))
         share = (1 - _READ) * len(some) / (len(some) + draws)
         weight[0][some] = share
-        weight += [np.full(draws, share), np.full(read, _READ * len(some) / read)]
+        weight += [np.full(draws, share), np.full(draws, _READ * len(some) / draws)]
     return np.concatenate(values), np.concatenate(classes), np.concatenate(weight)
 
 
