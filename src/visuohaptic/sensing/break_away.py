@@ -44,6 +44,8 @@ METHOD_ERROR = 0.02
 #: Frames before the contact that tell the noise, and the factor that it is taken larger by: the largest of many
 #: noisy points, which the deflection in a contact is a mean of, scatter less than each of them.
 QUIET_FRAMES, SAFE_NOISE = 6, 2.0
+#: Squared misfit per frame from which on the motion is taken for none of a break-away.
+LARGEST_MISFIT = 25.0
 #: Frames after the last one at rest that are looked at.
 FRAMES = 3
 #: An object slides, and rests, when its way grows by more, and less, than these parts of the travel.
@@ -106,10 +108,9 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     log_mass = np.linspace(-2.5, 2.5, MASSES) * LOG_MASS_SIGMA
     typical = max(dynamic_N, 0.1 * float(loads[-1])) / (FRICTION * GRAVITY_M_S2)
     masses = typical * np.exp(log_mass)
-    speed = (x[rest + 1] - x[rest]) / (t[rest + 1] - t[rest])
-    at_rest = d[rest] + speed * (times - t[rest])  # deflection at t_0
+    at_rest = d[rest] + np.interp(times, t, x) - x[rest]  # deflection at t_0
     static = _load(at_rest, rising, loads)
-    model = _ways(times, masses, at_rest, static, t[chosen], speed, dynamic_N, rising, loads)
+    model = _ways(times, masses, at_rest, static, t[chosen], (t, x), dynamic_N, rising, loads)
     sigma = np.hypot(noise * np.sqrt(2.0), WAY_ERROR * np.abs(y))
     misfit = np.sum(((model - y) / sigma) ** 2, axis=-1) + (log_mass / LOG_MASS_SIGMA) ** 2
     prior = (static >= dynamic_N).astype(
@@ -117,7 +118,10 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     )  # Coulomb: it takes at least as much to start as to go on
     if dynamic_N > 0:
         prior *= np.exp(-0.5 * ((static / dynamic_N - 1.0) / STATIC_EXCESS) ** 2)
-    weight = prior * np.exp(-0.5 * (misfit - misfit.min())).sum(axis=1)
+    if not prior.any() or misfit[prior > 0].min() > LARGEST_MISFIT * len(chosen):
+        return None  # it moves as no break-away does: frames are missing, or something else gave way
+    misfit -= misfit[prior > 0].min()
+    weight = prior * np.exp(-0.5 * np.maximum(misfit, 0.0)).sum(axis=1)
     if not weight.sum() > 0:
         return None
     value, spread = _moments(static, weight)
@@ -126,7 +130,19 @@ def break_away(record: PushRecord, begin: int, until: int, dynamic_N: float) -> 
     share = min(spread / max(_moments(static, prior)[1], 1e-12), 1.0)
     spread *= float(np.sqrt(share**2 + (1.0 - share**2) / SAFE_NOISE**2))
     grid = float(np.ptp(static)) / TIMES / np.sqrt(12.0)
-    return value, float(np.sqrt(spread**2 + grid**2 + (METHOD_ERROR * value) ** 2))
+    stiff = float(loads[-1] - loads[0]) / max(float(rising[-1] - rising[0]), 1e-9)
+    between = stiff * _between_m(t, x, rest)
+    return value, float(np.sqrt(spread**2 + grid**2 + between**2 + (METHOD_ERROR * value) ** 2))
+
+
+def _between_m(t: Float[np.ndarray, "n"], x: Float[np.ndarray, "n"], rest: int) -> float:
+    """How far the platform may have been from the straight line between the frames of the break-away [m].
+
+    A change of speed at an unknown time of a span makes a kink of a quarter of the span, at most.
+    """
+    speed = np.diff(x) / np.diff(t)
+    span = slice(max(rest - 1, 0), rest + 2)
+    return 0.25 * float(t[rest + 1] - t[rest]) * float(np.ptp(speed[span]))
 
 
 def _moments(values: Float[np.ndarray, "T"], weight: Float[np.ndarray, "T"]) -> tuple[float, float]:
@@ -167,12 +183,15 @@ def _ways(
     depth0: Float[np.ndarray, "T"],
     static: Float[np.ndarray, "T"],
     frames: Float[np.ndarray, "F"],
-    speed: float,
+    driven: tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]],
     dynamic_N: float,
     rising: Float[np.ndarray, "k"],
     loads: Float[np.ndarray, "k"],
 ) -> Float[np.ndarray, "T M F"]:
-    """The object's way at the frames for every break-away and mass (semi-implicit Euler)."""
+    """The object's way at the frames for every break-away and mass (semi-implicit Euler).
+
+    ``driven`` is the platform's travel over time: it may slow down meanwhile.
+    """
     end = float(frames[-1] - times[0])
     dt = end / (STEPS * len(frames))
     y = np.zeros((len(times), len(masses)))
@@ -180,8 +199,9 @@ def _ways(
     slope = float((loads[-1] - loads[0]) / max(rising[-1] - rising[0], 1e-9))
     after = np.arange(1, STEPS * len(frames) + 1) * dt
     course = [np.zeros_like(y)]
+    began_m = np.interp(times, *driven)
     for tau in after:
-        depth = depth0[:, None] + speed * tau - y
+        depth = (depth0 + np.interp(times + tau, *driven) - began_m)[:, None] - y
         deepest = np.maximum(deepest, depth)
         push = _load(deepest, rising, loads) - RELEASED * slope * (deepest - depth)
         v = np.maximum(v + dt * (np.maximum(push, 0.0) - dynamic_N) / masses, 0.0)
