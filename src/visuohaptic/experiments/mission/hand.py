@@ -15,6 +15,7 @@ from ...recognition import (
     UNKNOWN,
     CurveFit,
     HapticModel,
+    ModelSettings,
     SensorNoise,
     TouchReading,
     believe,
@@ -44,6 +45,8 @@ __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 NOISE = SensorNoise(0.05, 5e-5)
 #: At a single place an unusual bottle can be as stiff and as wide as another class.
 CONFIDENCE, LEAST_SQUEEZES, SQUEEZES = 0.98, 2, 8
+#: Heights are parts of the completed outline, whose top is known to a few millimetres [m].
+HEIGHT_SIGMA_M = 0.003
 #: A state is claimed when it is so sure; at so many places it is asked for, each level read by so many frames.
 STATE_CONFIDENCE, FIRM, STATE_FRAMES = 0.98, 6, 12
 #: An empty bottle needs tenths of a newton, which a finger that ends two tenths of a millimetre off the
@@ -122,7 +125,8 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     _, hand = the_hand(mission)
     x, y, _ = PLACE.apply(np.array([*known.bottle_at_m, 0.0]))
     height = float(known.outline_m[-1, 1])
-    asker = BayesSqueezer(fit_model(training_objects(), GROUPS), height, mission.rng(32))
+    model = fit_model(training_objects(), GROUPS, settings=ModelSettings(pose_m=HEIGHT_SIGMA_M))
+    asker = BayesSqueezer(model, height, mission.rng(32))
     settings = ClassifySettings(
         confidence=CONFIDENCE,
         least_squeezes=LEAST_SQUEEZES,
