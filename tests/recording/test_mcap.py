@@ -386,3 +386,26 @@ def test_decompression_bomb_is_left_out(tmp_path: Path) -> None:
         file = McapFile(path)
         assert len(list(file.messages())) == 1
         assert "unpacks to 51 bytes, expected 50" in str(file.damage) or "claims" in str(file.damage)
+
+
+@pytest.mark.parametrize(("chunk_bytes", "most_bytes"), [(0, 2.0), (1 << 16, 40.0)])
+def test_a_long_recording_keeps_nothing_of_its_messages(
+    tmp_path: Path, chunk_bytes: int, most_bytes: float
+) -> None:
+    """An index entry per message would be half a kilobyte: a quarter of a gigabyte an hour."""
+    import tracemalloc
+
+    def write(count: int) -> None:
+        for _ in range(count):
+            writer.write("/a/event", "std_msgs/msg/String", 1.0, {"data": "x" * 100})
+
+    with MeasurementWriter(tmp_path / "long.mcap", chunk_bytes=chunk_bytes) as writer:
+        write(1000)
+        tracemalloc.start()
+        try:
+            before = tracemalloc.get_traced_memory()[0]
+            write(6000)
+            grown = tracemalloc.get_traced_memory()[0] - before
+        finally:
+            tracemalloc.stop()
+    assert grown < most_bytes * 6000

@@ -35,8 +35,8 @@ class MeasurementWriter(MeasurementSink, Closing):
         Name of the sensor's frame of coordinates.
     chunk_bytes
         Messages are collected up to this size before they are compressed and
-        written. 0 writes each at once; 64 kB takes about a third of the space
-        for force profiles but may lose the last chunk in a crash.
+        written. 0 writes each at once, as it is; 64 kB takes a fraction of the
+        space but may lose the last chunk in a crash.
 
     Notes
     -----
@@ -78,7 +78,9 @@ class MeasurementWriter(MeasurementSink, Closing):
             self._stream: IO[bytes] = self.part.open("xb")
         except OSError as error:
             raise InputError(path, f"cannot be written ({error.strerror})") from error
-        self._writer: Any = Writer(self._stream, chunk_size=chunk_bytes)
+        self._writer: Any = (
+            Writer(self._stream, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._stream)
+        )
         self._schemas: dict[str, Any] = {}
         self._counts: dict[str, int] = {}
         self._open = True
@@ -112,3 +114,20 @@ class MeasurementWriter(MeasurementSink, Closing):
         os.fsync(self._stream.fileno())
         self._stream.close()
         self.part.replace(self.path)
+
+
+def _unchunked(stream: IO[bytes]) -> Any:
+    """A writer whose messages stand alone in the file.
+
+    A chunk of one message would do as well, but the index of the chunks is kept until the file is closed: half a
+    kilobyte a message, which is a quarter of a gigabyte in an hour.
+    """
+    from io import BytesIO
+
+    from mcap.writer import Writer as Records
+    from mcap_ros2.writer import Writer
+
+    writer: Any = Writer(BytesIO())  # it has no such choice, and passes on no argument for one
+    writer._writer = Records(stream, use_chunking=False)
+    writer._writer.start(profile="ros2", library="visuohaptic")
+    return writer
