@@ -25,7 +25,7 @@ from .tree_nodes import ClassificationTree, Touch, scaled_features, scaling_touc
 __all__ = ["DRAWS", "grown", "predictors", "smoothed"]
 
 #: Draws that fill up each class, and as many that are read with noise.
-DRAWS = 2000
+DRAWS = 300
 #: Share of the weight that is read with noise.
 _READ = 0.1
 #: Relative error of simulated stiffness, by place, as the planner has it.
