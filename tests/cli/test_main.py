@@ -253,3 +253,11 @@ def test_every_verb_that_is_there_says_what_it_reads_and_writes(verb, capsys):
     assert code == 0
     for word in ("reads", "writes", f"visuohaptic {verb}"):
         assert word in captured.out.lower(), f"{verb} --help does not say what it {word}"
+
+
+def test_the_package_runs_as_a_module():
+    """Where the script is not on the path."""
+    done = subprocess.run(
+        [sys.executable, "-m", "visuohaptic", "--version"], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == f"visuohaptic {__version__}"
