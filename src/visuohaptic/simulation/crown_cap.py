@@ -11,16 +11,16 @@ there is no friction and no inertia.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..camera import Camera, Frame, Pose
-from ..closing import Closing
+from ..camera import Frame, Pose
 from ..errors import InputError
 from .arm import SimulatedArm
+from .blank_frames import BlankFrames
 
 __all__ = ["CapSeen", "CrownCapCell", "Opener", "OpenerBeam"]
 
@@ -106,7 +106,7 @@ class CapSeen:
 
 
 @dataclass
-class CrownCapCell(Closing):
+class CrownCapCell(BlankFrames):
     """Arm, opener, bottle and camera; a ``robots.FrameSource`` whose every frame lets time pass.
 
     Frames carry no picture worth looking at: :meth:`feel` and :meth:`look`
@@ -143,31 +143,15 @@ class CrownCapCell(Closing):
         self.wrench_tool = np.zeros(6)  #: on the tool about its tip, axes of the tool [N, Nm]
         self._stiff = np.linalg.inv(self.beam.compliance_tool)
         self._points, self._k, self._is_hook = self.opener.points()
-        self._index = 0
 
-    @property
-    def camera(self) -> Camera | None:
-        """None: nothing is drawn."""
-        return None
-
-    @property
-    def frame_count(self) -> int | None:
-        """How many frames there will be; ``None`` without an end."""
-        return None if math.isinf(self.duration_s) else round(self.duration_s * self.frame_rate_Hz)
-
-    def __iter__(self) -> Iterator[Frame]:
-        while self.frame_count is None or self._index < self.frame_count:
-            for _ in range(2):
-                self.arm.advance(0.5 / self.frame_rate_Hz)
-                self._balance()
-            frame = Frame(np.zeros((2, 2), np.uint8), self.arm.t_s, self._index)
-            self._index += 1
-            if self.on_frame is not None:
-                self.on_frame(self)
-            yield frame
-
-    def close(self) -> None:
-        """Nothing to release."""
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        for _ in range(2):
+            self.arm.advance(0.5 * dt_s)
+            self._balance()
+        if self.on_frame is not None:
+            self.on_frame(self)
+        return self.arm.t_s
 
     def feel(self, frame: Frame) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
         """Wrench (N, Nm) that a beam sensor reads, axes of the tool, and its covariance."""

@@ -7,16 +7,15 @@ fingers see :mod:`visuohaptic.simulation.gripper`.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import Camera, Frame, Pose
-from ..closing import Closing
+from ..camera import Frame, Pose
 from ..errors import InputError
 from ..robots import GripperState
 from .arm import SimulatedArm
+from .blank_frames import BlankFrames
 from .deformable import DeformableContainer
 
 __all__ = ["FingerMoment", "KitchenTable"]
@@ -36,7 +35,7 @@ class FingerMoment:
 
 
 @dataclass
-class KitchenTable(Closing):
+class KitchenTable(BlankFrames):
     """A container at a place, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
 
     The tip is the middle between the fingers; z of the base is height above the table.
@@ -64,7 +63,6 @@ class KitchenTable(Closing):
         self.force_N = self.deformation_m = 0.0
         self._opening, self._target, self._limit = self.open_m, self.open_m, 0.0
         self._held_z: float | None = None
-        self._index = 0
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Begin to move to an opening."""
@@ -86,34 +84,19 @@ class KitchenTable(Closing):
         )
         return GripperState(self.arm.t_s, self._opening, moving)
 
-    @property
-    def camera(self) -> Camera | None:
-        """None: nothing is drawn."""
-        return None
-
-    @property
-    def frame_count(self) -> int | None:
-        """None: it has no end."""
-        return None
-
-    def __iter__(self) -> Iterator[Frame]:
-        while True:
-            dt = 1.0 / self.frame_rate_Hz
-            self.arm.advance(dt)
-            step = self._limit * dt
-            way = max(-step, min(step, self._target - self._opening))
-            if way > 0 or self.force_N < self.force_limit_N:
-                self._opening += way
-            # What is held has come along before the fingers feel it: the other way round they would feel
-            # the wall as far below as the arm has moved in this frame.
-            self._carry()
-            self._balance()
-            self._held_z = self._tip_z() if self.force_N > 0 else None
-            yield Frame(np.zeros((2, 2), np.uint8), self.arm.t_s, self._index)
-            self._index += 1
-
-    def close(self) -> None:
-        """Nothing to release."""
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        self.arm.advance(dt_s)
+        step = self._limit * dt_s
+        way = max(-step, min(step, self._target - self._opening))
+        if way > 0 or self.force_N < self.force_limit_N:
+            self._opening += way
+        # What is held has come along before the fingers feel it: the other way round they would feel
+        # the wall as far below as the arm has moved in this frame.
+        self._carry()
+        self._balance()
+        self._held_z = self._tip_z() if self.force_N > 0 else None
+        return self.arm.t_s
 
     def feel(self, frame: Frame) -> FingerMoment:
         """Reading of the finger at the newest frame."""

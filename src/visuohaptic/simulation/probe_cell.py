@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
-from ..camera import Camera, Frame, Pose
-from ..closing import Closing
+from ..camera import Pose
 from .arm import SimulatedArm
+from .blank_frames import BlankFrames
 from .bottles import Bottle
 
 __all__ = ["ProbeCell"]
 
 
 @dataclass
-class ProbeCell(Closing):
+class ProbeCell(BlankFrames):
     """A ``robots.FrameSource`` whose every frame lets the arm move; the bottle stands at a pose in the base."""
 
     arm: SimulatedArm
@@ -30,27 +29,10 @@ class ProbeCell(Closing):
     frame_rate_Hz: float = 30.0
     duration_s: float = math.inf
 
-    def __post_init__(self) -> None:
-        self._index = 0
-
-    @property
-    def camera(self) -> Camera | None:
-        """None: nothing is drawn."""
-        return None
-
-    @property
-    def frame_count(self) -> int | None:
-        """How many frames there will be; ``None`` without an end."""
-        return None if math.isinf(self.duration_s) else round(self.duration_s * self.frame_rate_Hz)
-
-    def __iter__(self) -> Iterator[Frame]:
-        while self.frame_count is None or self._index < self.frame_count:
-            self.arm.advance(1.0 / self.frame_rate_Hz)
-            yield Frame(np.zeros((2, 2), np.uint8), self.arm.t_s, self._index)
-            self._index += 1
-
-    def close(self) -> None:
-        """Nothing to release."""
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        self.arm.advance(dt_s)
+        return self.arm.t_s
 
     def force(self) -> Float[np.ndarray, "3"]:
         """Force on the probe in the base [N]: outward by how far it is inside the wall, with noise."""

@@ -7,16 +7,15 @@ force, the same for a whole run.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from jaxtyping import Bool
 
-from ..camera import Camera, Frame
-from ..closing import Closing
+from ..camera import Frame
 from ..objects import Contact, ErrorBudget, ForceProfile, Reason
+from .blank_frames import BlankFrames
 from .platform import PlatformConfig
 from .strip import StripState
 
@@ -54,31 +53,15 @@ class _Setup:
     material: _Material
 
 
-class QuickFrames(Closing):
+class QuickFrames(BlankFrames):
     """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass."""
 
     def __init__(self, world: StripWorld, frame_rate_Hz: float = 30.0) -> None:
         self.world, self.frame_rate_Hz = world, frame_rate_Hz
-        self._index = 0
 
-    @property
-    def camera(self) -> Camera | None:
-        """None: nothing is drawn."""
-        return None
-
-    @property
-    def frame_count(self) -> int | None:
-        """None: it has no end."""
-        return None
-
-    def __iter__(self) -> Iterator[Frame]:
-        while True:
-            truth = self.world.step(1.0 / self.frame_rate_Hz)
-            yield Frame(np.zeros((2, 2), np.uint8), truth.t_s, self._index)
-            self._index += 1
-
-    def close(self) -> None:
-        """Nothing to release."""
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        return self.world.step(dt_s).t_s
 
 
 class QuickFoam:
