@@ -17,7 +17,7 @@ FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
 CONFUSABLE = ("cien", "isana", "cleaner")
 #: Four relatively distinct classes.
 DISTINCT = ("bottle", "cup", "elliptic", "smoothie")
-VARIANTS = 40
+VARIANTS = 100
 
 
 def training_features(out: Output) -> FeatureSet:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from ...recognition import feature_name, train_tree
 from ..plots import COLOURS, draw_axes
-from ._features import CONFUSABLE, FIVE, grouped, training_features
+from ..virtual_containers import GROUPS
+from ._features import CONFUSABLE, FIVE, training_features
 from .output import Output
 
 __all__ = ["CAPTION", "TITLE", "TREES", "run"]
@@ -27,6 +30,10 @@ TREES: dict[int, tuple[tuple[str, ...], str, float, int]] = {
     8: (FIVE, "point", 3.7, 9),
     9: (CONFUSABLE, "centre", 0.8, 2),
 }
+#: The elliptic bottles are one class where they are not told apart.
+ELLIPTIC = {"elliptic": GROUPS["elliptic"]}
+#: The folds are drawn so often; the loss is the mean.
+REPEATS = 5
 _NAMES = {"centre": "(6.5), two touches", "point": "one point", "norm": "(6.4), all"}
 
 
@@ -38,16 +45,18 @@ def run(out: Output) -> None:
                         "nodes", "features", "printed_features", "selected")
     }  # fmt: skip
     for number, (classes, scheme, printed, count) in TREES.items():
-        chosen = grouped(data, classes) if number != 9 else data.of_classes(classes)
-        tree = train_tree(chosen, scheme=scheme, rng=out.rng(number), folds=5 if out.quick else 10)
+        chosen = data.of_classes(classes, ELLIPTIC if number != 9 else {})
+        rng, folds = out.rng(number), 5 if out.quick else 10
+        trees = [train_tree(chosen, scheme=scheme, rng=rng, folds=folds) for _ in range(REPEATS)]
+        tree, loss = trees[0], 100 * float(np.mean([one.loss for one in trees]))
         asked = [int(f) for f in tree.feature if f >= 0]
         text = "; ".join(f"{feature_name(int(f))} [{t:.2f}]"
                          for f, t in zip(tree.feature, tree.threshold, strict=True) if f >= 0)  # fmt: skip
-        values = (number, ", ".join(classes), _NAMES[scheme], 100 * tree.loss, 100 * tree.loss_sigma, printed,
+        values = (number, ", ".join(classes), _NAMES[scheme], loss, 100 * tree.loss_sigma, printed,
                   len(asked), len(tree.features), count, text)  # fmt: skip
         for key, value in zip(rows, values, strict=True):
             rows[key].append(value)
-        out.compare(f"tree {number}: loss", 100 * tree.loss, "%", dissertation=printed,
+        out.compare(f"tree {number}: loss", loss, "%", dissertation=printed,
                     note=f"{', '.join(classes)}; {_NAMES[scheme]}; {len(chosen)} variants, {len(asked)} nodes")  # fmt: skip
     out.table("trees", rows)
 
