@@ -64,3 +64,9 @@ def test_a_bottle_without_a_label_is_returned_as_it_is():
     mesh = shoulder.joined(SurfaceMesh(cone, shoulder.faces))
     glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.07])
     assert without_inner_walls(mesh, glass) is mesh
+
+
+def test_walls_that_all_look_outwards_are_kept():
+    outer = wall(0.04, True, high_m=0.05)
+    glass = HoleRegion.of_points(CUBE * [0.035, 0.035, 0.08] + [0, 0, 0.05])
+    assert without_inner_walls(outer, glass) is outer

@@ -75,6 +75,8 @@ def _behind(
     """Whether the level line from the axis through a point goes on to one of the walls."""
     from scipy.spatial import cKDTree
 
+    if not len(points_m):
+        return np.zeros(0, dtype=bool)
     theta, rho_m = _polar(points_m, axis)
     corners = mesh.vertices_m[mesh.faces[walls]]
     angle, far_m = _polar(corners, axis)
