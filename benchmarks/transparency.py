@@ -17,7 +17,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -156,20 +156,34 @@ def speed() -> list[dict[str, Any]]:
     def counted() -> None:
         detector._count(ray_image(last, others), last)
 
-    note = "CPU time, one thread; two cores share the kernels' rows"
-    return [
-        {
-            "name": f"{name}: model + detection + volume, 640 x 480, 8 views, 200^3",
-            "ours": 1e3 * cpu_seconds(work, repeats=5),
-            "unit": "ms",
-            "floor": 60.0,
-            "aim": 30.0,
-            "peer": 430.0,
-            "peer_name": "dissertation, 4 cores",
-            "note": note,
-        }
-        for name, work in (("published", printed), ("consistency", counted))
-    ]
+    rows: list[dict[str, Any]] = []
+    for name, work in (("published", printed), ("consistency", counted)):
+        what = f"{name}: model + detection + volume, 640 x 480, 8 views, 200^3"
+        rows += [
+            {
+                "name": what,
+                "ours": 1e3 * _wall_seconds(work),
+                "unit": "ms",
+                "floor": 60.0,
+                "aim": 30.0,
+                "peer": 430.0,
+                "peer_name": "dissertation, 4 cores",
+                "note": "by the clock, on the cores that are there",
+            },
+            {"name": f"{what}, CPU time", "ours": 1e3 * cpu_seconds(work, repeats=5), "unit": "ms CPU"},
+        ]
+    return rows
+
+
+def _wall_seconds(work: Callable[[], None], repeats: int = 12) -> float:
+    """Median of some runs after one that compiles."""
+    work()
+    spent = []
+    for _ in range(repeats):
+        begin_s = time.perf_counter()
+        work()
+        spent.append(time.perf_counter() - begin_s)
+    return float(np.median(spent))
 
 
 def data_folder() -> Path:
