@@ -68,7 +68,7 @@ def test_contacts_join_and_slipping_wheels_are_left_out(monkeypatch: pytest.Monk
     scale, nothing = FeltScale(0.02), Any
     values = []
     for _ in range(21):
-        scale.add(nothing)  # type: ignore[arg-type]
+        scale.add(nothing)
         values.append(scale.value)
     assert values[0] == pytest.approx(
         1.0 + 0.5 * 0.0214, abs=0.004
@@ -78,5 +78,5 @@ def test_contacts_join_and_slipping_wheels_are_left_out(monkeypatch: pytest.Monk
     told = iter([1.1] * 6)
     spinning = FeltScale(0.02)
     for _ in range(6):
-        spinning.add(nothing)  # type: ignore[arg-type]
+        spinning.add(nothing)
     assert spinning.value == 1.0  # wheels that are wrong by five sigma spin

@@ -6,7 +6,7 @@ model holds for both. Neither knows where it is: poses come from a tracker.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import import_module
@@ -37,7 +37,7 @@ class DepthPicture:
         return DepthFrame(self.t_s, self.depth_m, self.color, pose_world_camera, camera, self.index)
 
 
-class LiveDepthSource(ABC, Closing):
+class LiveDepthSource(Closing):
     """Frames of a live depth camera; implements :class:`visuohaptic.robots.FrameSource` with its colour pictures.
 
     Parameters

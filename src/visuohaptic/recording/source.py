@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
@@ -50,7 +50,7 @@ def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     return np.concatenate([[0], np.cumsum(steps).astype(np.int64)])
 
 
-class RecordedSource(ABC, Closing):
+class RecordedSource(Closing):
     """Frames of a recording; implements :class:`visuohaptic.robots.FrameSource`.
 
     Parameters

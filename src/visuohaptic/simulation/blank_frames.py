@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,9 +21,9 @@ class BlankFrames(Closing):
     duration_s: float = math.inf
     _index: int = 0
 
+    @abstractmethod
     def advance(self, dt_s: float) -> float:
         """Let so much time pass [s]; returns the time now [s]."""
-        raise NotImplementedError
 
     @property
     def camera(self) -> Camera | None:
