@@ -53,6 +53,16 @@ def test_it_says_why_there_is_none(capsys: pytest.CaptureFixture[str]) -> None:
     assert "no grasp:" in capsys.readouterr().out
 
 
+def test_a_modulus_without_a_density_names_the_flags(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["cup", "--around", "16", "--count", "1", "--youngs-modulus", "2e9"]
+    assert main(["grasp", *words]) == 2
+    error = capsys.readouterr().err
+    assert "give --mass in kg, or name its --material" in error
+    assert "wall_kg_per_m3" not in error
+    for more in (["--mass", "0.02"], ["--material", "PP"]):
+        assert run(capsys, *words, *more)["mass_kg"] > 0
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [

@@ -45,6 +45,16 @@ def test_a_description_becomes_a_map(tube: Path, tmp_path: Path, capsys: pytest.
     assert found["vertices"] == count
 
 
+def test_it_says_how_far_the_surface_is(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    found = run(
+        capsys, "stiffness", str(tube), "--around", "48", "--no-sigma", "--at", "0.037", "0", "0.0987"
+    )
+    at = found["at"][0]
+    # A vertex's column is at this angle, and between two rings the wall is straight.
+    assert at["distance_m"] == pytest.approx(0.002, abs=1e-6)
+    assert at["point_m"] == pytest.approx([0.035, 0, 0.0987], abs=1e-6)
+
+
 def test_what_was_not_asked_for_is_not_reported(tube: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["stiffness", str(tube), "--around", "16", "--no-sigma"]) == 0
     said = capsys.readouterr().out

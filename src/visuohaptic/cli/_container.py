@@ -11,13 +11,22 @@ if TYPE_CHECKING:
 __all__ = ["add_container_arguments", "read_container"]
 
 
-def add_container_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of wall, lid and shape; the object itself is the verb's."""
+def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") -> None:
+    """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads."""
+    parser.add_argument("object", help=f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
     wall = parser.add_argument_group("wall")
     wall.add_argument("--material", help="of the library; a mesh is of PET by default")
-    wall.add_argument("--thickness", type=float, dest="thickness_m", help="[m]; a mesh has 0.0005 by default")
     wall.add_argument(
-        "--thickness-spread", type=float, dest="wall_spread", help="its relative standard deviation (0.1)"
+        "--thickness",
+        type=float,
+        dest="thickness_m",
+        help="[m]; by default as a mesh with two surfaces measures, else 0.0005",
+    )
+    wall.add_argument(
+        "--thickness-spread",
+        type=float,
+        dest="wall_spread",
+        help="its relative standard deviation (as measured in a mesh, or 0.1)",
     )
     wall.add_argument("--youngs-modulus", type=float, dest="youngs_modulus_Pa", metavar="PA", help="[Pa]")
     wall.add_argument("--poisson", type=float, dest="poisson_ratio", metavar="NU", help="Poisson's ratio")

@@ -17,7 +17,7 @@ __all__ = ["EPILOG", "HELP", "add_arguments", "grasp_json", "run"]
 HELP = "Rank the grasps of a container: stable, and without crushing it."
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
-        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall, z is
+        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
         its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
 writes  a picture of the scores and the grasps: PNG, PDF or SVG
 
@@ -30,7 +30,7 @@ example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("object", help="YAML description, class, mesh, or map.npz")
+    add_container_arguments(parser, also=", or map.npz")
     parser.add_argument("--force", type=float, metavar="N", help="of each finger; what is needed by default")
     parser.add_argument("--state", choices=("open", "closed"), default="open", help="open by default")
     parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in it, 0..1")
@@ -55,7 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     limits.add_argument("--least-score", type=float, default=0.5, help="of a grasp (0.5)")
     limits.add_argument("--mass", type=float, metavar="KG", help="instead of that of wall and liquid")
-    add_container_arguments(parser)
 
 
 def run(args: Any) -> dict[str, Any]:
@@ -77,6 +76,7 @@ def run(args: Any) -> dict[str, Any]:
     else:
         thing = read_container(args)
         name = thing.name
+        _check_mass_known(args, thing)
         task = _task(args, None)
         if args.mass is not None:
             task = _with_mass(task, args.mass, thing)
@@ -123,6 +123,19 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
         least_score=args.least_score,
         load=load,
     )
+
+
+def _check_mass_known(args: Any, thing: Any) -> None:
+    """Refuse, before computing, a wall whose weight nothing says: a modulus alone has no density."""
+    from ..errors import InputError
+    from ..grasping.force import wall_density_kg_per_m3
+
+    if args.mass is None and wall_density_kg_per_m3(thing) is None:
+        raise InputError(
+            args.object,
+            f"its wall is of material {thing.material.name!r}, of which the density is not known, and so its mass",
+            remedy="give --mass in kg, or name its --material",
+        )
 
 
 def _with_mass(task: GraspTask, mass_kg: float, thing: Any) -> GraspTask:

@@ -15,7 +15,7 @@ HELP = "Compute the stiffness of every surface point of a container under a dual
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
-        of the wall, z is its height axis unless --up says otherwise. The base is clamped, or
+        of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
         stands on springs with --base-stiffness.
 writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
 
@@ -28,7 +28,7 @@ example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out ma
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("object", help="YAML description, class, or mesh")
+    add_container_arguments(parser)
     parser.add_argument("--out", type=Path, help="map to write: .npz, .vtu or .glb")
     parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
     parser.add_argument(
@@ -37,14 +37,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs=3,
         action="append",
         metavar=("X", "Y", "Z"),
-        help="also say the stiffness at the surface point nearest to this one [m], z up from the foot and x, y from the axis (as the map is written); may be repeated",
+        help="also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
     )
     state = parser.add_argument_group("state")
     state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
     state.add_argument(
         "--fill", type=float, help="share of liquid in what is enclosed, 0..1; implies --closed"
     )
-    add_container_arguments(parser)
     parser.add_argument(
         "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
     )
@@ -75,13 +74,15 @@ def run(args: Any) -> dict[str, Any]:
     if args.plot:
         plot_map(args.plot, found, f"{thing.name}, {thing.material.name}")
     seconds = time.perf_counter() - begin
+    thickness = float(np.median(np.asarray(thing.mesh.thickness_m)))
     result: dict[str, Any] = {
         "object": str(args.object),
         "name": thing.name,
         "material": thing.material.name,
         "youngs_modulus_Pa": thing.material.youngs_modulus_Pa,
         "poisson_ratio": thing.material.poisson_ratio,
-        "thickness_m": float(np.median(np.asarray(thing.mesh.thickness_m))),
+        "thickness_m": thickness,
+        "thickness_sigma_m": thickness * thing.wall_spread,
         "height_m": thing.height_m,
         "volume_m3": thing.volume_m3,
         "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
@@ -108,6 +109,7 @@ def run(args: Any) -> dict[str, Any]:
                 {
                     "asked_m": list(point),
                     "point_m": place.tolist(),
+                    "distance_m": float(np.linalg.norm(place - np.array(point))),
                     "stiffness_N_per_m": _number(value),
                     "sigma_N_per_m": _number(spread),
                 }

@@ -92,9 +92,12 @@ def nearest_value(
 
     Between vertices the compliance is linear: it is finite where the wall is held.
     """
-    used = np.unique(faces)
-    order = used[np.argsort(np.linalg.norm(vertices_m[used] - point_m, axis=1))[:6]]
-    some = faces[np.isin(faces, order).any(axis=1)]
+    # No point of a face is nearer than its centre less its radius, and none needs to be farther than a corner.
+    corners = vertices_m[faces]
+    centre = corners.mean(axis=1, keepdims=True)
+    radius = np.linalg.norm(corners - centre, axis=2).max(axis=1)
+    nearest = np.linalg.norm(corners - point_m, axis=2).min()
+    some = faces[np.linalg.norm(centre[:, 0] - point_m, axis=1) - radius <= nearest]
     best: tuple[float, np.ndarray, np.ndarray] | None = None
     for face in some:
         share = _nearest_in_triangle(vertices_m[face], point_m)

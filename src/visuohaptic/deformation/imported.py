@@ -1,4 +1,4 @@
-"""Containers from meshes of others: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
+"""Containers from imported meshes: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
 
 A mesh whose triangles suit a shell is taken as it is. Any other is sampled anew on rings round its
 height axis (:mod:`.resample`), which needs a wall that every ray from the axis meets.
@@ -10,16 +10,18 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 from ..objects.model import Material
 from ..recording.mesh import load_mesh
+from .coverage import check_represented, has_top
 from .material import IsotropicMaterial, material
-from .mesh_state import MeshState, boundary_loops, inspect_mesh, why_not_as_it_is
+from .mesh_state import MeshState, boundary_loops, clamped_foot, inspect_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
 from .shell import ShellMesh, enclosed_volume
+from .wall_thickness import wall_thickness
 
 __all__ = ["import_object"]
 
@@ -34,13 +36,16 @@ NESTED_SHARE = 0.1
 #: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
 THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 
+#: Mesh, clamped vertices, lid, height axis, and notes.
+_Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
+
 
 def import_object(
     path: Path | str,
     *,
     wall_material: str | Material | IsotropicMaterial = "PET",
-    thickness_m: float = 0.0005,
-    wall_spread: float = 0.1,
+    thickness_m: float | None = None,
+    wall_spread: float | None = None,
     unit: str | None = None,
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z",
     open_top: bool = False,
@@ -52,9 +57,14 @@ def import_object(
     Parameters
     ----------
     path
-        STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall.
-    wall_material, thickness_m, wall_spread
-        Of the whole wall; a mesh does not say.
+        STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall, or its two sides.
+    wall_material
+        Of the whole wall.
+    thickness_m
+        Of the whole wall [m]. By default the distance of inner and outer surface, at each height, or 0.5 mm
+        where the mesh has one surface only.
+    wall_spread
+        Relative standard deviation of the thickness. By default as measured, or 0.1.
     unit
         Of the file's numbers; guessed from the size of a container by default, and said in ``notes``.
     up
@@ -64,15 +74,16 @@ def import_object(
     around
         Vertices round the wall where it is sampled anew.
     remesh
-        Sample anew when needed, always or never.
+        Sample anew when the triangles that carry load need it, always or never.
 
     Raises
     ------
     InputError
-        The mesh cannot be used; with the defect and its place.
+        The mesh cannot be used, with the defect and its place; or less than half of its surface is wall, foot
+        or lid of a container, so that most of what is touched is not in the model.
     """
     where = str(path)
-    if not (np.isfinite(thickness_m) and thickness_m > 0):
+    if thickness_m is not None and not (np.isfinite(thickness_m) and thickness_m > 0):
         raise InputError("thickness", f"found {thickness_m} m, expected > 0")
     if around % 4 or not 16 <= around <= 1024:
         raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
@@ -88,16 +99,33 @@ def import_object(
         spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value
     constants = IsotropicMaterial.of(entry)
     suits = why_not_as_it_is(state)
-    if not suits and remesh != "always":
-        suits = _inner_surface(state, where)
+    wall = find_wall(state.vertices, state.faces, where)
+    if wall.double and not suits:
+        suits = "it has an inner and an outer surface"
     if remesh == "never" and suits:
         raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy="allow remeshing")
-    if suits or remesh == "always":
-        if suits:
-            notes.append(f"sampled anew on rings: {suits}")
-        return _resampled(
-            state, where, constants, spread, wall_spread, thickness_m, open_top, around, tuple(notes)
-        )
+    thick, wall_spread, thick_notes = wall_thickness(wall, thickness_m, wall_spread)
+    notes += thick_notes
+    sampled = bool(suits) or remesh == "always"
+    if suits:
+        notes.append(f"sampled anew on rings: {suits}")
+    if sampled:
+        _check_one_shell(state, wall, where)
+    closed = has_top(state, wall)
+    notes.append(check_represented(state, wall, closed=closed))
+    mesh, fixed, lid, middle, shape_notes = (
+        _resampled(wall, thick, closed and not open_top, around)
+        if sampled
+        else _as_it_is(state, float(thick[0, 1]), open_top, where)
+    )
+    return ShellObject(
+        mesh, fixed, lid, middle, constants, spread, wall_spread, Path(path).stem, (*notes, *shape_notes)
+    )
+
+
+def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) -> _Shape:
+    """The triangles of the file, turned to look outwards."""
+    notes: list[str] = []
     faces = state.faces
     if enclosed_volume(state.vertices - state.vertices.mean(axis=0), faces) < 0:
         faces = faces[:, ::-1]
@@ -110,25 +138,16 @@ def import_object(
     # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
     mesh = ShellMesh(state.vertices, faces, thickness_m)
     used = state.vertices[np.unique(faces)]
-    middle, axis_notes = _foot_centre(used, used[:, 2] <= low + 0.01 * (high - low))
+    middle, axis_notes = _foot_centre(used, clamped_foot(used))
     notes += axis_notes
     level = np.linspace(low, high, THICK_LEVELS + 1)
     slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
     reach = np.zeros(THICK_LEVELS)
     np.maximum.at(reach, slab, np.linalg.norm(used[:, :2] - middle, axis=1))
     seen = np.flatnonzero(reach > 0)  # a slab without vertices says nothing
-    notes += _thick(level[seen], reach[seen], thickness_m, where)
-    return ShellObject(
-        mesh,
-        state.vertices[:, 2] <= low + 0.01 * (high - low),
-        np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64),
-        middle,
-        constants,
-        spread,
-        wall_spread,
-        Path(path).stem,
-        tuple(notes),
-    )
+    notes += _thick(level[seen], reach[seen], np.full(len(seen), thickness_m), where)
+    lids = np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64)
+    return mesh, clamped_foot(state.vertices), lids, middle, notes
 
 
 def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
@@ -241,14 +260,6 @@ def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
                 )
 
 
-def _inner_surface(state: MeshState, where: str) -> str:
-    try:
-        wall = find_wall(state.vertices, state.faces, where)
-    except InputError:
-        return ""
-    return f"it has an inner and an outer surface, {1e3 * wall.wall_m:.2g} mm apart" if wall.double else ""
-
-
 def _without_top(
     vertices: np.ndarray, faces: np.ndarray, low: float, high: float
 ) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -260,20 +271,8 @@ def _without_top(
     return faces, list(boundary_loops(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), len(vertices)))
 
 
-def _resampled(
-    state: MeshState,
-    where: str,
-    constants: IsotropicMaterial,
-    spread: float,
-    wall_spread: float,
-    thickness_m: float,
-    open_top: bool,
-    around: int,
-    notes: tuple[str, ...],
-) -> ShellObject:
-    wall = find_wall(state.vertices, state.faces, where)
-    _check_one_shell(state, wall, where)
-    closed = not open_top and _has_top(state, wall.axis_point_m, wall.high_m)
+def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, around: int) -> _Shape:
+    """The wall on rings round the height axis."""
     fine = np.linspace(wall.low_m, wall.high_m, 241)
     mean = wall.radius_m(fine, around).mean(axis=1)
     slant = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(fine), np.diff(mean)))])
@@ -295,7 +294,8 @@ def _resampled(
     # One look at the wall for all: coarser rings are every second or fourth place of the finest.
     most = int(counts.max())
     radius = wall.radius_m(heights, most)
-    thick = _thick(heights, radius.min(axis=1), thickness_m, where)
+    thick = np.interp(heights, *thickness_m.T)
+    thick_notes = _thick(heights, radius.min(axis=1), thick, wall.where)
     angle = 2 * np.pi * np.arange(most) / most
     for height, row, number in zip(heights, radius, counts, strict=True):
         some = slice(None, None, most // int(number))
@@ -303,60 +303,26 @@ def _resampled(
         ring[:, 0] = wall.axis_point_m[0] + row[some] * np.cos(angle[some])
         ring[:, 1] = wall.axis_point_m[1] + row[some] * np.sin(angle[some])
         points.append(ring)
-    mesh, lid = mesh_rings(
-        points, np.full(len(heights) - 1, thickness_m), cap_m=thickness_m if closed else None
-    )
+    mesh, lid = mesh_rings(points, (thick[1:] + thick[:-1]) / 2, cap_m=float(thick[-1]) if closed else None)
     floor = ring_lid(np.arange(around)[::-1])
     foot = np.arange(len(mesh.vertices_m)) < around
     middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
-    return ShellObject(
-        mesh,
-        foot,
-        np.concatenate([lid, floor]),
-        middle,
-        constants,
-        spread,
-        wall_spread,
-        Path(where).stem,
-        (*notes, *wall.notes, *_measured(wall, thickness_m), *thick, *axis_notes),
-    )
+    lids = np.concatenate([lid, floor])
+    return mesh, foot, lids, middle, [*wall.notes, *thick_notes, *axis_notes]
 
 
-def _measured(wall: Wall, thickness_m: float) -> tuple[str, ...]:
-    if wall.double and not 0.5 < wall.wall_m / thickness_m < 2:
-        return (f"the thickness taken is {1e3 * thickness_m:.2g} mm; give that of the mesh with --thickness",)
-    return ()
-
-
-def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: float, where: str) -> list[str]:
+def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
     """Refuse a wall that is thicker than what it goes round; say so where a shell is a rough picture of it."""
-    row = int(np.argmin(radius))
-    if radius[row] <= thickness_m:
+    row = int(np.argmin(radius / thickness_m))
+    if radius[row] <= thickness_m[row]:
         raise InputError(
             where,
             f"the wall is {radius[row]:.3g} m from the axis at height {heights[row]:.4g} m, expected more than "
-            f"its thickness of {thickness_m:.3g} m",
+            f"its thickness of {thickness_m[row]:.3g} m",
             field="mesh",
             remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
         )
-    if thickness_m > ROUGH_SHARE * np.median(radius):
-        return [
-            f"the wall is {100 * thickness_m / np.median(radius):.0f} % of the radius: a shell is right to about that"
-        ]
+    share = float(np.median(thickness_m) / np.median(radius))
+    if share > ROUGH_SHARE:
+        return [f"the wall is {100 * share:.0f} % of the radius: a shell is right to about that"]
     return []
-
-
-def _has_top(state: MeshState, axis: tuple[float, float], high_m: float) -> bool:
-    """A ray straight down near the axis meets something close below the top."""
-    corners = state.vertices[state.faces] - np.array([axis[0], axis[1], 0.0])
-    reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2
-    height = float(np.ptp(state.vertices[:, 2]))
-    hits = 0
-    for turn in np.arange(8) * 2 * np.pi / 8 + 0.1:
-        a, b, c = ((corners[:, k, :2] - reach * np.array([np.cos(turn), np.sin(turn)])) for k in range(3))
-        areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], axis=1)
-        inside = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
-        if inside.any():
-            z = np.einsum("fk,fk->f", areas[inside], corners[inside][:, :, 2]) / areas[inside].sum(axis=1)
-            hits += bool(z.max() > high_m - 0.05 * height)
-    return hits > 4

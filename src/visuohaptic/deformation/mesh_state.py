@@ -1,18 +1,22 @@
-"""A mesh of others as it is: merged, its loose parts named, its holes counted, and whether it suits a shell."""
+"""An imported mesh as it is: merged, its loose parts named, its holes counted, and whether it suits a shell."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
 
-__all__ = ["MeshState", "boundary_loops", "inspect_mesh", "why_not_as_it_is"]
+__all__ = ["MeshState", "boundary_loops", "clamped_foot", "inspect_mesh", "why_not_as_it_is"]
 
-#: Triangles that suit a shell: how many, smallest angle, and how many edges round.
-FEWEST_FACES, MOST_FACES, SMALLEST_DEGREES, EDGES_ROUND = 1000, 50_000, 15.0, 32
+#: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
+#: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
+#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
+FEWEST_FACES, MOST_FACES, LARGEST_DEGREES, EDGES_ROUND = 1000, 50_000, 150.0, 32
+#: Fraction of the height from the lowest vertex up to which a mesh that is used as it is stands clamped.
+FOOT_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,10 +95,22 @@ def inspect_mesh(
     )
 
 
+def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
+    """Which vertices of a mesh that is used as it is are clamped: the lowest hundredth of the height."""
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    foot: Bool[np.ndarray, "v"] = vertices[:, 2] <= low + FOOT_SHARE * (high - low)
+    return foot
+
+
 def why_not_as_it_is(state: MeshState) -> str:
-    """The first reason against using the triangles as they are, or nothing."""
-    vertices, faces = state.vertices, state.faces
-    parts = _part_count(faces)
+    """The first reason against using the triangles as they are, or nothing.
+
+    Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
+    not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
+    """
+    vertices = state.vertices
+    faces = state.faces[~clamped_foot(vertices)[state.faces].all(axis=1)]
+    parts = _part_count(faces) if len(faces) else 0
     if parts > 1:
         return f"{parts} parts that are not joined"
     if state.branching_edges or state.turned:
@@ -112,10 +128,10 @@ def why_not_as_it_is(state: MeshState) -> str:
     cosine = -np.einsum("fij,fij->fi", sides, np.roll(sides, 1, axis=1)) / (
         length * np.roll(length, 1, axis=1)
     )
-    smallest = np.degrees(np.arccos(np.clip(cosine, -1, 1)).min(axis=1))
-    if float(np.percentile(smallest, 2)) < SMALLEST_DEGREES:
-        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmin(smallest))]].mean(axis=0))
-        return f"slivers with angles down to {smallest.min():.2g} degrees, the worst at ({worst}) m"
+    largest = np.degrees(np.arccos(np.clip(cosine, -1, 1)).max(axis=1))
+    if float(np.percentile(largest, 98)) > LARGEST_DEGREES:
+        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmax(largest))]].mean(axis=0))
+        return f"obtuse triangles with angles up to {largest.max():.4g} degrees, the worst at ({worst}) m"
     round_m = np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
     if float(np.percentile(length.max(axis=1), 90)) > round_m / EDGES_ROUND:
         return f"triangles of {1e3 * float(np.percentile(length.max(axis=1), 90)):.2g} mm, too coarse"

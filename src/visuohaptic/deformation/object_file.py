@@ -39,7 +39,8 @@ def load_object(
     source
         YAML description, name of a shipped class, or mesh (STL, PLY, OBJ, GLB, DAE).
     material_name, thickness_m, wall_spread
-        Instead of what the description says; a mesh is 0.5 mm of PET, known to 10 %, by default.
+        Instead of what the description says. A mesh is of PET by default, as thick as its two surfaces are
+        apart; with one surface it is 0.5 mm, known to 10 %.
     youngs_modulus_Pa, poisson_ratio
         Instead of the material's.
     open_top
@@ -63,8 +64,8 @@ def load_object(
         found = import_object(
             source,
             wall_material=material_name or "PET",
-            thickness_m=thickness_m or 0.0005,
-            wall_spread=0.1 if wall_spread is None else wall_spread,
+            thickness_m=thickness_m,
+            wall_spread=wall_spread,
             unit=unit,
             up=up,
             open_top=open_top,
@@ -103,7 +104,8 @@ def load_object(
             material=IsotropicMaterial(
                 youngs_modulus_Pa or old.youngs_modulus_Pa,
                 old.poisson_ratio if poisson_ratio is None else poisson_ratio,
-                "given" if youngs_modulus_Pa else old.name,
+                # A material that was named keeps its name, and with it its density.
+                "given" if youngs_modulus_Pa and material_name is None else old.name,
             ),
             youngs_modulus_spread=0.0 if youngs_modulus_Pa else found.youngs_modulus_spread,
         )

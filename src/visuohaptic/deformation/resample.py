@@ -36,11 +36,21 @@ class Wall:
     low_m: float  #: height of the lowest ring
     high_m: float  #: height of the highest ring
     double: bool  #: the mesh has an inner and an outer surface
-    wall_m: float  #: median distance of the two, NaN for one surface
+    wall_m: float  #: median horizontal distance of the two, NaN for one surface
+    thickness_m: Float[
+        np.ndarray, "k 2"
+    ]  #: height and distance along the normal there; (0, 2) for one surface
+    thickness_spread: (
+        float  #: relative standard deviation of that distance round the wall, NaN for one surface
+    )
     points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
     faces: Int[np.ndarray, "f 3"]
     where: str
     notes: tuple[str, ...]
+
+    def measured_m(self, heights_m: Float[np.ndarray, "h"]) -> Float[np.ndarray, "h"]:
+        """Thickness at heights, the distance of the two surfaces along the normal of the wall [m]."""
+        return np.interp(heights_m, *self.thickness_m.T)
 
     def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
         """Of the wall's middle at heights and equally spaced angles; small holes are bridged."""
@@ -118,7 +128,6 @@ def find_wall(
     double = bool(near[bottom : top + 1].mean() > 0.5)
     wall = float(np.median(pair[near] - first[near])) if double else float("nan")
     if double:
-        notes.append(f"inner and outer surface, {1e3 * wall:.2g} mm apart: the middle is taken as the wall")
         # A foot may be hollow below the floor: what counts is the highest row without two sides.
         solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
         if solid.any() and not solid[-1]:
@@ -137,6 +146,12 @@ def find_wall(
         notes.append(
             f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
         )
+    thickness, spread = np.zeros((0, 2)), float("nan")
+    if double:
+        used = slice(bottom, top + 1)
+        thickness, spread = _measured(first[used], np.where(near, pair, np.nan)[used], heights[used])
+        usual = 1e3 * float(np.median(thickness[:, 1]))
+        notes.append(f"inner and outer surface, {usual:.2g} mm apart: the middle is taken as the wall")
     notes += _outside(first, pair if double else first, about, faces, heights, bottom, top)
     found = Wall(
         (float(centre[0]), float(centre[1])),
@@ -144,6 +159,8 @@ def find_wall(
         float(heights[top]),
         double,
         wall,
+        thickness,
+        spread,
         about,
         faces,
         where,
@@ -151,6 +168,32 @@ def find_wall(
     )
     found.radius_m(heights[bottom : top + 1], ANGLES)  # refuses large holes here
     return found
+
+
+def _measured(
+    first: Float[np.ndarray, "h a"], pair: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
+) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Thickness by height, and its relative standard deviation round the wall.
+
+    The horizontal distance of two near surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
+    times that along the normal. A row is the median round the wall, in which a handle drops out; what is left
+    of each row (facets, noise of a scan, a wall of uneven thickness) is the deviation, by its median as well.
+    """
+    middle = (first + pair) / 2
+    middle[~np.isfinite(middle)] = np.nan
+    step = 2 * np.pi / first.shape[1]
+    turn = (np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)) / (2 * step * middle)
+    rise = np.gradient(middle, heights, axis=0)
+    local = (pair - first) / np.sqrt(1 + turn**2 + rise**2)
+    known = np.isfinite(local).mean(axis=1) > 0.5
+    usual = _row_median(local)
+    left = np.abs(np.log(local[known] / usual[known]))
+    spread = float(np.nanmedian(left) / 0.6745)  # of a normal distribution
+    height, thick = heights[known], usual[known, 0]
+    # A lip is rounded off within one thickness of the rim: no shell sees that, and a force spreads as far.
+    below = max(1, int(np.sum(height <= height[-1] - np.median(thick))))
+    thick[below:] = thick[below - 1]
+    return np.column_stack([height, thick]), spread
 
 
 def _outside(

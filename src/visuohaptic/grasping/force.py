@@ -17,7 +17,7 @@ from jaxtyping import Float
 from ..deformation import MATERIALS, ShellObject, enclosed_volume, liquid_level_m
 from ..errors import InputError
 
-__all__ = ["GripperModel", "Handling", "Load", "object_load", "required_force_N"]
+__all__ = ["GripperModel", "Handling", "Load", "object_load", "required_force_N", "wall_density_kg_per_m3"]
 
 GRAVITY_m_per_s2 = 9.81
 #: Moments below this are rounding [N m].
@@ -76,6 +76,12 @@ class Load:
             raise InputError("Load", f"found {self.mass_kg} kg at {self.centre_m}, expected > 0 and finite")
 
 
+def wall_density_kg_per_m3(thing: ShellObject) -> float | None:
+    """Density of the wall's material, None when the library does not have the material or its density."""
+    entry = MATERIALS.get(thing.material.name)
+    return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
+
+
 def object_load(
     thing: ShellObject,
     fill: float = 0.0,
@@ -95,12 +101,11 @@ def object_load(
             raise InputError("object_load", f"found {density}, expected > 0", field=name)
     mesh = thing.mesh
     if wall_kg_per_m3 is None:
-        entry = MATERIALS.get(thing.material.name)
-        if entry is None or entry.density_kg_per_m3 is None:
+        wall_kg_per_m3 = wall_density_kg_per_m3(thing)
+        if wall_kg_per_m3 is None:
             raise InputError(
                 f"material {thing.material.name}", "has no density", remedy="give wall_kg_per_m3"
             )
-        wall_kg_per_m3 = entry.density_kg_per_m3.value
     corners = mesh.vertices_m[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     wall = wall_kg_per_m3 * area * np.asarray(mesh.share) * np.asarray(mesh.thickness_m)

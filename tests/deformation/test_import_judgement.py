@@ -1,0 +1,246 @@
+"""What a mesh is judged by, how thick its wall is, and how much of it is a container.
+
+The meshes are made here, by formulas of their own; stiffness is held against the Fourier series of the Koiter
+shell, which shares no element and no mesh with what is tested.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from visuohaptic.deformation import ShellObject, dual_tip_map, import_object, opposing_points
+from visuohaptic.deformation.banded_map import nearest_value
+from visuohaptic.deformation.fourier_shell import RevolutionShell, pinch_stiffness
+from visuohaptic.deformation.mesh_state import inspect_mesh, why_not_as_it_is
+from visuohaptic.errors import InputError
+
+trimesh = pytest.importorskip("trimesh")
+
+RADIUS_m, WALL_m = 0.035, 0.0005
+
+
+def revolved(
+    radius: np.ndarray, height: np.ndarray, around: int = 96, *, stagger: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rings of vertices; staggered ones are turned by half a cell, which makes their triangles isosceles."""
+    rows, k = len(radius), np.arange(around)
+    angle = 2 * np.pi * (k + 0.5 * (np.arange(rows)[:, None] % 2) * stagger) / around
+    level = np.broadcast_to(height[:, None], angle.shape)
+    points = np.stack([radius[:, None] * np.cos(angle), radius[:, None] * np.sin(angle), level], axis=2)
+    faces = []
+    for row in range(rows - 1):
+        a, b = row * around + k, row * around + (k + 1) % around
+        c, d = a + around, b + around
+        if stagger and row % 2:
+            faces += [np.stack([a, d, c], axis=1), np.stack([a, b, d], axis=1)]
+        elif stagger:
+            faces += [np.stack([a, b, c], axis=1), np.stack([b, d, c], axis=1)]
+        else:
+            faces += [np.stack([a, b, d], axis=1), np.stack([a, d, c], axis=1)]
+    return points.reshape(-1, 3), np.concatenate(faces)
+
+
+def pot(*, groove_m: float, foot: bool, top: bool) -> trimesh.Trimesh:
+    """As CAD revolves it: a foot of long needles and a fan, perhaps a groove and a flat top that is a fan."""
+    height = np.linspace(0, 0.11, 45)
+    from_groove = np.clip((height - 0.055) / 0.0125, -1, 1)
+    points, faces = revolved(RADIUS_m - groove_m * 0.5 * (1 + np.cos(np.pi * from_groove)), height)
+    ring = np.arange(96)
+    parts = [faces]
+    if foot:
+        for share in (0.5, 0.1):
+            inner = len(points) + np.arange(96)
+            points = np.concatenate([points, points[:96] * [share, share, 1]])
+            after, beside = np.roll(inner, -1), np.roll(ring, -1)
+            parts += [np.stack([ring, inner, after], axis=1), np.stack([ring, after, beside], axis=1)]
+            ring = inner
+        parts.append(np.stack([np.roll(ring, -1), ring, np.full(96, len(points))], axis=1))
+        points = np.concatenate([points, [[0, 0, 0]]])
+    if top:
+        rim = 44 * 96 + np.arange(96)
+        parts.append(np.stack([rim, np.roll(rim, -1), np.full(96, len(points))], axis=1))
+        points = np.concatenate([points, [[0, 0, 0.11]]])
+    return trimesh.Trimesh(points, np.concatenate(parts), process=False)
+
+
+def stiffness_at(thing: ShellObject, heights_m: tuple[float, ...]) -> np.ndarray:
+    """Median of the ring of vertices of the wall nearest to each height [N/m]."""
+    points = thing.mesh.vertices_m
+    outer = np.hypot(points[:, 0], points[:, 1]) > 0.8 * RADIUS_m
+    found = []
+    for height in heights_m:
+        level = points[outer, 2][np.abs(points[outer, 2] - height).argmin()]
+        ring = np.flatnonzero(outer & (np.abs(points[:, 2] - level) < 1e-6))[::8]
+        tips = opposing_points(thing.mesh, ring, axis_point_m=thing.axis_point_m)
+        found.append(np.median(dual_tip_map(thing.model(), tips)))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("remesh", ["auto", "never"])
+@pytest.mark.parametrize(("groove_m", "top"), [(0.0, False), (0.0015, False), (0.0015, True)])
+def test_a_clamped_foot_of_slivers_changes_nothing(
+    groove_m: float, top: bool, remesh: str, tmp_path: Path
+) -> None:
+    heights = (0.03, 0.055, 0.08)
+    meshes = [pot(groove_m=groove_m, foot=foot, top=top) for foot in (True, False)]
+    found = []
+    for number, mesh in enumerate(meshes):
+        mesh.export(tmp_path / f"{number}.ply")
+        thing = import_object(tmp_path / f"{number}.ply", thickness_m=WALL_m, remesh=remesh)
+        away, _ = cKDTree(thing.mesh.vertices_m).query(mesh.vertices)
+        # A PLY file has single precision: 4e-9 m at 0.11 m.
+        assert away.max() < 1e-8
+        assert len(thing.mesh.vertices_m) == len(mesh.vertices)
+        found.append(stiffness_at(thing, heights))
+    # Triangles with three clamped corners have no stiffness: all that differs is rounding.
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
+
+
+def test_a_grooved_pot_with_a_foot_of_slivers_is_as_stiff_as_the_series(tmp_path: Path) -> None:
+    pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
+    thing = import_object(tmp_path / "pot.ply", thickness_m=WALL_m)
+    height = np.linspace(0, 0.11, 441)
+    from_groove = np.clip((height - 0.055) / 0.0125, -1, 1)
+    shell = RevolutionShell(RADIUS_m - 0.00075 * (1 + np.cos(np.pi * from_groove)), height, WALL_m)
+    expected = pinch_stiffness(shell, thing.material)[[120, 220, 320]]
+    # Cells of 2.3 by 2.5 mm: 2 % on a plain tube, and ten cells across the groove.
+    np.testing.assert_allclose(stiffness_at(thing, (0.03, 0.055, 0.08)), expected, rtol=0.05)
+
+
+def test_right_angled_needles_are_used_and_right(tmp_path: Path) -> None:
+    """Needles of 9 degrees: what spoils a triangle is a large angle, not a small one."""
+    points, faces = revolved(np.full(140, RADIUS_m), np.linspace(0, 0.05, 140))
+    trimesh.Trimesh(points, faces, process=False).export(tmp_path / "needles.ply")
+    thing = import_object(tmp_path / "needles.ply", thickness_m=WALL_m)
+    assert len(thing.mesh.vertices_m) == len(points)
+    # The first ring above the base is within a hundredth of the height and is clamped as well.
+    shell = RevolutionShell(np.full(139, RADIUS_m), np.linspace(0.05 / 139, 0.05, 139), WALL_m)
+    expected = pinch_stiffness(shell, thing.material)[69]
+    # Right-angled cells of 96 facets round: 1 to 2 %.
+    assert stiffness_at(thing, (0.05 * 70 / 139,))[0] == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize(("cell", "refused"), [(0.18, False), (0.08, True)])
+def test_obtuse_triangles_of_the_wall_are_not_used(cell: float, refused: bool) -> None:
+    """Isosceles, 140 and 162 degrees: by the series the second are up to 80 % too stiff."""
+    height = cell * 2 * np.pi * RADIUS_m / 64
+    points, faces = revolved(np.full(60, RADIUS_m), height * np.arange(60), 64, stagger=True)
+    said = why_not_as_it_is(inspect_mesh(points, faces))
+    assert ("obtuse triangles" in said) == refused
+    assert bool(said) == refused
+
+
+def two_sided(
+    radius: np.ndarray,
+    height: np.ndarray,
+    normal: tuple[float, float],
+    thickness_m: float,
+    noise_m: float = 0.0,
+) -> trimesh.Trimesh:
+    """Both sides of a wall and the ring between them at its mouth; the floor is left out."""
+    rng = np.random.default_rng(3)
+    sides = []
+    for sign in (1, -1):
+        r, z = (
+            values + sign * 0.5 * thickness_m * part
+            for values, part in zip((radius, height), normal, strict=True)
+        )
+        points, faces = revolved(r, z)
+        points[:, :2] *= 1 + rng.normal(0, noise_m, (len(points), 1)) / np.hypot(*points[:, :2].T)[:, None]
+        sides.append(trimesh.Trimesh(points, faces[:, ::sign], process=False))
+    return trimesh.util.concatenate(sides)
+
+
+def test_a_measured_wall_is_used(tmp_path: Path) -> None:
+    two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
+    thing = import_object(tmp_path / "jar.ply")
+    # The distance between two facets of 96 is cos(pi / 96) of that between their circles: 0.05 %.
+    np.testing.assert_allclose(thing.mesh.thickness_m, 0.002, rtol=0.002)
+    assert thing.wall_spread < 0.01
+    assert any("as thick as measured: 2 mm ± 0.0" in note for note in thing.notes)
+    shell = RevolutionShell(np.full(301, RADIUS_m), np.linspace(0, 0.15, 301), 0.002)
+    expected = pinch_stiffness(shell, thing.material)[150]
+    # Facets 1.5 %, and the nearest ring is within 1.2 mm of half height: 0.5 %. At 0.5 mm it would be a 16th.
+    assert stiffness_at(thing, (0.075,))[0] == pytest.approx(expected, rel=0.03)
+
+
+def test_a_slanted_wall_is_measured_along_its_normal(tmp_path: Path) -> None:
+    """At 45 degrees the surfaces are 2.8 mm apart along a horizontal ray."""
+    radius = np.linspace(0.03, 0.08, 40)
+    mesh = two_sided(radius, radius - 0.03, (0.5**0.5, -(0.5**0.5)), 0.002)
+    mesh.export(tmp_path / "bowl.ply")
+    thing = import_object(tmp_path / "bowl.ply", open_top=True)
+    # The middle is taken horizontally: on a cone that is exact up to the facets, at the ends one row is cut.
+    assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.02)
+
+
+def test_the_noise_of_a_scan_is_the_uncertainty_of_its_wall(tmp_path: Path) -> None:
+    mesh = two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002, noise_m=1e-4)
+    mesh.export(tmp_path / "scan.ply")
+    thing = import_object(tmp_path / "scan.ply")
+    # Two surfaces: 0.14 of 2 mm, 7 % at a vertex. Between three vertices a facet averages down to 1 / sqrt(3) of it.
+    assert 0.07 / 3**0.5 * 0.9 < thing.wall_spread < 0.07 * 1.1
+    assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.01)
+
+
+def test_a_thickness_given_wins_and_a_contradiction_is_said(tmp_path: Path) -> None:
+    two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
+    for given, contradicts in ((0.0005, True), (0.0021, False)):
+        thing = import_object(tmp_path / "jar.ply", thickness_m=given)
+        np.testing.assert_allclose(thing.mesh.thickness_m, given, rtol=1e-12)
+        assert any("contradicts the mesh, 2 mm" in note for note in thing.notes) == contradicts
+        assert thing.wall_spread == 0.1
+
+
+def with_boards(width: float) -> tuple[trimesh.Trimesh, float]:
+    """A tube and a board that stands off it on either side, and the fraction of their area that is the tube's."""
+    tube = trimesh.Trimesh(*revolved(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60)), process=False)
+    boards = [trimesh.creation.box((width, 0.004, 0.14)) for _ in range(2)]
+    for board, sign in zip(boards, (1, -1), strict=True):
+        board.apply_translation([sign * (RADIUS_m + 0.008 + width / 2), 0, 0.075])
+    whole = trimesh.util.concatenate([tube, *boards])
+    return whole, tube.area / whole.area
+
+
+def test_how_much_of_a_mesh_is_a_container_is_said(tmp_path: Path) -> None:
+    mesh, fraction = with_boards(0.02)
+    mesh.export(tmp_path / "handle.ply")
+    note = next(note for note in import_object(tmp_path / "handle.ply").notes if "of the surface of" in note)
+    assert float(note.split()[0]) == pytest.approx(100 * fraction, abs=2)
+
+
+def test_what_is_mostly_no_container_is_refused(tmp_path: Path) -> None:
+    mesh, fraction = with_boards(0.1)
+    assert fraction < 0.4
+    mesh.export(tmp_path / "drill.ply")
+    said = rf"only {100 * fraction:.0f} % of its surface is wall, foot or lid of a container"
+    with pytest.raises(InputError, match=said):
+        import_object(tmp_path / "drill.ply")
+
+
+def test_the_nearest_point_may_be_inside_a_large_triangle() -> None:
+    """A dozen vertices are nearer than the corners of the triangle that the point is close to."""
+    large = np.array([[-1.0, -1, 0], [1, -1, 0], [0, 2, 0]])
+    angle = 2 * np.pi * np.arange(12) / 12
+    points = np.concatenate(
+        [large, np.stack([0.1 * np.cos(angle), 0.1 * np.sin(angle), 0 * angle + 0.1], axis=1)]
+    )
+    faces = np.array([[0, 1, 2], *([3 + k, 3 + (k + 1) % 12, 3 + (k + 2) % 12] for k in range(12))])
+    values = np.concatenate([[5.0, 5.0, 5.0], np.full(12, 9.0)])
+    value, place = nearest_value(points, faces, values, np.array([0.0, 0.0, 0.01]))
+    assert value == pytest.approx(5.0)
+    assert place == pytest.approx([0, 0, 0], abs=1e-12)
+
+
+@pytest.mark.data
+def test_the_walls_of_real_meshes_are_measured(data: Path) -> None:
+    folder = data / "deformation" / "meshes"
+    glass = import_object(folder / "pr_ordata" / "glass.stl")
+    # Drawn as a straight taper, from 3.1 mm above its foot to 0.8 mm at the rim, 0.16 m higher.
+    assert any("as thick as measured: 1.95 mm" in note for note in glass.notes)
+    assert np.max(glass.mesh.thickness_m) == pytest.approx(0.0031, rel=0.03)
+    assert np.min(glass.mesh.thickness_m) == pytest.approx(0.00085, rel=0.05)
