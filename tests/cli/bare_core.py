@@ -20,6 +20,8 @@ from unittest import mock
 
 from tests.cli.help_words import examples
 
+from visuohaptic.cli._extras import CORE, OPTIONAL, needs
+
 
 class CoreOnly:
     """A finder that knows nothing outside the core and what the core brings itself."""
@@ -28,6 +30,7 @@ class CoreOnly:
         core = _closure(packages)
         brings = importlib.metadata.packages_distributions()
         self.blocked = {module for module, made_by in brings.items() if not core & set(map(_plain, made_by))}
+        self.blocked |= {library.module for library in OPTIONAL}  # one that is a single library is not listed
         self.blocked -= {"visuohaptic", "tests"}
 
     def find_spec(self, name: str, path: object = None, target: ModuleType | None = None) -> None:
@@ -67,7 +70,6 @@ def interrupted(patience_s: float = 10.0) -> Iterator[None]:
 
 
 def main() -> None:
-    from visuohaptic.cli._extras import CORE, needs
     from visuohaptic.cli.main import VERBS, verb_parser
     from visuohaptic.cli.main import main as command
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -15,7 +16,9 @@ from typing import Any
 import pytest
 
 from visuohaptic.cli._extras import BY_ARGUMENT, BY_ENDING, OPTIONAL, needs
-from visuohaptic.cli.main import VERBS
+from visuohaptic.cli.main import VERBS, verb_parser
+from visuohaptic.experiments.reproduce.runner import EXPERIMENTS
+from visuohaptic.experiments.reproduce.runner import NEEDS as EXPERIMENT_NEEDS
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="an alarm of POSIX ends what computes")
 
@@ -73,6 +76,20 @@ def test_arguments_need_modules_by_name_and_by_ending():
     assert needs(SimpleNamespace(), SimpleNamespace(source="run.mcap:/camera/image")) == {"mcap_ros2"}
 
 
+def test_a_verb_adds_what_its_own_arguments_need():
+    def modules(verb: str, *words: str) -> frozenset[str]:
+        module = importlib.import_module(VERBS[verb][0])
+        return needs(module, verb_parser(verb, module).parse_args(words))
+
+    assert modules("reproduce", "3.4", "--out", "a") == {"matplotlib"}
+    assert modules("reproduce", "3.4", "table-4.1", "--out", "a") == {"matplotlib", "mujoco"}
+    assert modules("reproduce", "all", "--out", "a") >= {"matplotlib", "mujoco", "skimage", "sklearn"}
+    assert modules("objects recognise", "--prior", "a.npz", "--image", "a.png") == frozenset()
+    assert modules("objects recognise", "--cloud", "a.ply") == {"small_gicp", "pyarrow", "sqlalchemy"}
+
+
 def test_every_need_is_a_library_of_the_table():
     known = {library.module for library in OPTIONAL}
-    assert {name for names in (*BY_ARGUMENT.values(), *BY_ENDING.values()) for name in names} <= known
+    tables = (*BY_ARGUMENT.values(), *BY_ENDING.values(), *EXPERIMENT_NEEDS.values())
+    assert {name for names in tables for name in names} <= known
+    assert set(EXPERIMENT_NEEDS) <= set(EXPERIMENTS)

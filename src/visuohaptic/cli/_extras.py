@@ -101,11 +101,13 @@ BY_ENDING: Mapping[str, tuple[str, ...]] = {
 def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
     """Optional modules that a verb imports on its way with these arguments.
 
-    They are the verb's own ``NEEDS``, and what its arguments need by their name
-    or, where they name files, by their ending. Meshes are not among them: they
+    They are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and
+    what arguments of all verbs need by their name or, where they name files, by their ending. Meshes are not among them: they
     are the first thing that is read, and say themselves what is missing.
     """
     found = set(getattr(module, "NEEDS", ()))
+    if more := getattr(module, "needs", None):
+        found.update(more(args))
     for name, value in vars(args).items():
         if value:
             found.update(BY_ARGUMENT.get(name, ()))

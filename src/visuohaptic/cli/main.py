@@ -6,8 +6,9 @@ A verb is a module with
 - ``add_arguments(parser)``, its arguments;
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
 - optionally ``EPILOG: str``, what it reads and writes, with an example;
-- optionally ``NEEDS: tuple[str, ...]``, modules beyond the core that it always imports on its way; what
-  an argument needs is in ``_extras``. Both are checked before it runs.
+- optionally ``NEEDS: tuple[str, ...]``, modules beyond the core that it always imports on its way, and
+  ``needs(args) -> set[str]``, those that depend on the arguments; what an argument of several verbs needs
+  is in ``_extras``. All are checked before it runs.
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
