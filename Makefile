@@ -9,12 +9,17 @@ PART ?=
 
 .PHONY: demo test bench docs lint types layers check clean warmup
 
-# The stamp is newer than the project file when everything is installed.
-$(VENV)/.installed: pyproject.toml
+# The stamp is newer than the project file and the constraints when everything is installed. Those
+# are of the Python that is tested; on others pip chooses within the ranges of the project file.
+$(VENV)/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "python3 >= 3.11 is needed, found " + sys.version.split()[0] + "; try: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install -q -e ".[all]" --group test --group lint --group docs
+	@if $(BIN)/python -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11))'; \
+	then pinned="-c constraints.txt"; \
+	else echo "constraints.txt is for Python 3.11: pip chooses the newest versions that pyproject.toml allows"; \
+	fi; \
+	$(BIN)/python -m pip install -q $$pinned -e ".[all]" --group test --group lint --group docs
 	@touch $@
 
 demo: $(VENV)/.installed ## The whole story: look, touch, plan, push, arrive, complete, squeeze, grasp

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 import types
 
 import pytest
@@ -69,15 +68,19 @@ def test_the_file_holds_the_same_rows(report, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["bench.json"]
 
 
-def test_cpu_seconds_measures_work_and_not_waiting():
-    """A sleep costs no CPU; a loop ten times as long costs about ten times as much."""
-    assert harness.cpu_seconds(lambda: sum(range(10_000)), repeats=3) < 0.1
-    small = harness.cpu_seconds(lambda: sum(range(20_000)), repeats=5)
-    large = harness.cpu_seconds(lambda: sum(range(200_000)), repeats=5)
-    assert 5 < large / small < 20  # caches and load move it, an error of units would not hide
-    started_s = time.process_time()
-    time.sleep(0.05)
-    assert time.process_time() - started_s < 0.04
+def test_cpu_seconds_is_the_cpu_time_of_one_undisturbed_call(monkeypatch):
+    """A clock of CPU time that only our calls move: 3 ms each, and 1 s more when something disturbs."""
+    spent_s, calls = 0.0, 0
+
+    def work() -> None:
+        nonlocal spent_s, calls
+        calls += 1
+        spent_s += 1.003 if calls == 12 else 0.003
+
+    monkeypatch.setattr(harness.time, "process_time", lambda: spent_s)
+    # A batch of 20 ms takes 8 calls of 3 ms (7 would do, batches double); the disturbed batch is not the best.
+    assert harness.cpu_seconds(work, repeats=5) == pytest.approx(0.003, rel=1e-9)
+    assert calls == 1 + (1 + 2 + 4 + 8) + 4 * 8
 
 
 def test_the_cold_start_is_among_the_benchmarks():

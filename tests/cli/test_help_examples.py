@@ -28,10 +28,11 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from tests.cli.help_words import examples, recorded_imports, undeclared
 
 from visuohaptic.camera import Camera
 from visuohaptic.cli import main as command
-from visuohaptic.cli.main import VERBS, verb_parser
+from visuohaptic.cli.main import VERBS
 
 pytest.importorskip("av")
 pytest.importorskip("mcap_ros2")
@@ -80,32 +81,11 @@ class World:
 
 def _call(words: list[str]) -> Any:
     out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err), recorded_imports() as imported:
         code = command.main([*words, "--json"])
     assert code == 0, f"{shlex.join(words)}: code {code}: {err.getvalue()}"
+    assert not undeclared(words, imported), f"{shlex.join(words)} imports them, the verb's NEEDS lacks them"
     return json.loads(out.getvalue())
-
-
-def help_text(verb: str) -> str:
-    import importlib
-
-    return verb_parser(verb, importlib.import_module(VERBS[verb][0])).format_help()
-
-
-def examples(verb: str) -> list[list[str]]:
-    """Words of each ``visuohaptic ...`` line of the help, from the word "example" on."""
-    found = []
-    after = False
-    for line in help_text(verb).splitlines()[1:]:
-        text = line.strip()
-        for start in ("examples", "example:", "Example:", "example"):
-            if text.startswith(start) and (not found or not after):
-                after, text = True, text.removeprefix(start).strip()
-        if after and text.startswith("visuohaptic "):
-            found.append(shlex.split(text)[1:])
-        elif after and found:
-            break
-    return found
 
 
 @pytest.fixture(scope="session")
@@ -493,7 +473,7 @@ def _template_check(folder: Path, results: list[Any]) -> None:
 
 def _calibrate_foam(folder: Path, results: list[Any]) -> None:
     card = yaml.safe_load((folder / "foam.yaml").read_text())
-    assert card["width_m"] == 0.02
+    assert card["width_m"] == pytest.approx(0.02)
     assert (folder / "foam.png").stat().st_size > 5000
 
 

@@ -152,7 +152,9 @@ def test_rings_rims_and_sections_set_the_wall() -> None:
             rings=[{"z": "50 mm", "depth": "1 mm", "width": "10 mm", "wall": "2 mm"}],
         )
     )
-    assert found.wall_m(np.array([0.02, 0.05, 0.15, 0.198])).tolist() == [0.0005, 0.002, 0.001, 0.003]
+    assert found.wall_m(np.array([0.02, 0.05, 0.15, 0.198])).tolist() == pytest.approx(
+        [0.0005, 0.002, 0.001, 0.003]
+    )
 
 
 def test_ranges_have_to_be_chosen_first() -> None:

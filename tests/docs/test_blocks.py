@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from tests.docs.names import unknown_names
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
@@ -16,11 +17,11 @@ BLOCK = re.compile(
 )
 
 
-def blocks(text: str) -> list[tuple[int, str]]:
-    """Line number and code of each block that has to run."""
+def blocks(text: str, *, run: bool = True) -> list[tuple[int, str]]:
+    """Line number and code of each block that has to run, or of each that is only read."""
     found = []
     for match in BLOCK.finditer(text):
-        if "notest" not in match["tag"].split():
+        if ("notest" in match["tag"].split()) is not run:
             indent = len(match["indent"])
             code = "".join(line[indent:] for line in match["code"].splitlines(keepends=True))
             found.append((text.count("\n", 0, match.start()) + 2, code))
@@ -38,12 +39,40 @@ def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch):
         exec(compile("\n" * (line - 1) + code, str(page), "exec"), names)
 
 
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if blocks(page.read_text(), run=False)], ids=lambda page: page.name
+)
+def test_blocks_that_are_not_run_name_what_exists(page):
+    for line, code in blocks(page.read_text(), run=False):
+        assert unknown_names(code) == [], f"{page.name}, line {line}"
+
+
+@pytest.mark.parametrize(
+    ("code", "problem"),
+    [
+        ("from visuohaptic.viewer import LifePage", "cannot import name 'LifePage'"),
+        ("for f in frames:\n    p = sensor.measure(f)", "sensor of sensor.measure is not defined"),
+        ("from visuohaptic.sensing.foam import FoamSensor\ns = FoamSensor.load('a')\ns.measure(1)",
+         "s.measure: FoamSensor has no measure"),
+        ("from visuohaptic.sensing.foam import FoamSensor\nFoamSensor.open('a')", "FoamSensor.open does not exist"),
+        ("from visuohaptic.recording import open_camera\nwith open_camera('0') as c:\n    c.newest()",
+         "c.newest: LiveSource has no newest"),
+        ("from visuohaptic.recording import open_source\nopen_source('a', gray=True)",
+         "open_source has no argument gray"),
+    ],
+)  # fmt: skip
+def test_a_name_that_does_not_exist_is_found(code, problem):
+    (found,) = unknown_names(code)
+    assert problem in found
+
+
 def test_the_search_finds_blocks_and_leaves_out_those_that_are_not_to_run():
     text = (
         "a\n```python\nx = 1\n```\n```python notest\ny\n```\n"
         "1. b\n   ```python\n   z = 2\n   ```\n```text\nno\n```\n"
     )
     assert blocks(text) == [(3, "x = 1\n"), (10, "z = 2\n")]
+    assert blocks(text, run=False) == [(6, "y\n")]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -30,14 +30,14 @@ def test_the_contract_is_read(tmp_path):
     stool, thing = load_objects(tmp_path / "o.yaml")
     assert stool.tag is not None
     assert stool.tag.static_friction_N is not None
-    assert stool.tag.static_friction_N.value == 8.1
+    assert stool.tag.static_friction_N.value == pytest.approx(8.1)
     assert stool.tag.deceleration_s is None
     assert stool.tag.fixed is False
     assert np.allclose(stool.centre_m, [1.2, 1.2])
     assert thing.tag is None
     assert len(thing.footprint_m) == 3  # the repeated corner closes the outline
     robot = load_robot(tmp_path / "r.yaml")
-    assert robot.v_min_m_s == 0.05  # YAML 1.1 reads 5e-2 as a text
+    assert robot.v_min_m_s == pytest.approx(0.05)  # YAML 1.1 reads 5e-2 as a text
     assert robot.push_force_max_N == 20.0
 
 

@@ -334,7 +334,7 @@ def test_tables_of_touches_are_read(files):
     touches = read_touches(files / "touches.csv")
     assert len(touches) == 2
     assert touches[0].start_m is not None
-    assert touches[0].start_m.tolist() == [0.1, 0, 0.1]
+    assert touches[0].start_m.tolist() == pytest.approx([0.1, 0, 0.1])
     assert len(load_hole_regions(files / "regions.json")) == 1
 
 

@@ -184,7 +184,7 @@ def test_text_files_with_polygons_and_scores_are_read(tmp_path):
     )
     found = read_ply(tmp_path / "m.ply")
     assert found.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
-    assert found.fields["score"].tolist() == [0.5, 1, 2, 3]
+    assert found.fields["score"].tolist() == pytest.approx([0.5, 1, 2, 3])
 
 
 def test_identity_pose_and_an_all_invalid_view_change_nothing():

@@ -117,7 +117,7 @@ def test_pictures_are_metres_with_the_model_of_the_colour_camera(maker):
         assert np.isnan(first.depth_m[0, 0])
         np.testing.assert_allclose(first.depth_m.ravel()[1:], 0.001 * np.arange(1, 12), rtol=1e-6)
         np.testing.assert_array_equal(first.color, BGR)
-        assert first.t_s == 1.5
+        assert first.t_s == pytest.approx(1.5)
         assert second.index == first.index + 1
         view = first.posed(Pose.identity(), source.camera)
         assert view.depth_m.shape == (3, 4)

@@ -105,7 +105,7 @@ def test_folder_times_by_names_and_by_table(tmp_path: Path) -> None:
     with open_source(tmp_path) as source:
         frames = list(source)
         assert source.missing == 1
-    assert [f.t_s for f in frames] == [10.0, 10.1, 10.3, 10.4, 10.5]
+    assert [f.t_s for f in frames] == pytest.approx([10.0, 10.1, 10.3, 10.4, 10.5])
     assert frames[0].image.ndim == 2, "a grey file stays grey"
     lines = "".join(f"{name},{5 - place}\n" for place, name in enumerate(names))
     (tmp_path / "times.csv").write_text("file,t_s\n" + lines)

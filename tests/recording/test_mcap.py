@@ -168,13 +168,13 @@ def test_measurements_are_read_by_rosbags_and_mcap(tmp_path: Path) -> None:
     (first_ns, first), (_, second) = by_topic["/foam/wrench"]
     assert first_ns == 1_500_000_000
     assert (first.header.stamp.sec, first.header.stamp.nanosec) == (1, 500_000_000)
-    assert first.wrench.force.x == 2.25
+    assert first.wrench.force.x == pytest.approx(2.25)
     assert np.isnan(second.wrench.force.x), "an invalid force is no number for a reader of wrenches"
     status = by_topic["/foam/diagnostics"][1][1].status[0]
     values = {v.key: v.value for v in status.values}
     assert status.message == "occluded"
     assert float(values["force_N"]) == 9.0, "but it is not lost"
-    assert float(values["model_N"]) == 0.03
+    assert float(values["model_N"]) == pytest.approx(0.03)
     cloud = by_topic["/foam/profile"][0][1]
     kinds = {7: "<f4", 8: "<f8"}
     layout = np.dtype([(f.name, kinds[f.datatype]) for f in cloud.fields])
@@ -205,7 +205,7 @@ def test_measurements_are_read_by_rosbags_and_mcap(tmp_path: Path) -> None:
     assert jpeg.shape == BGR[0].shape
     back = OccupancyMap.from_mcap(path)
     np.testing.assert_array_equal(back.cells, grid.cells)
-    assert back.resolution_m == 0.05
+    assert back.resolution_m == pytest.approx(0.05)
     assert back.origin == pytest.approx(grid.origin, abs=1e-12)
     # The second independent reader.
     from mcap.reader import make_reader

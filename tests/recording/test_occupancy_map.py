@@ -81,7 +81,7 @@ def test_outside_is_unknown() -> None:
     grid = OccupancyMap(np.full((3, 4), 100, np.int8), 0.5)
     points = np.array([[0.1, 0.1], [1.9, 1.4], [2.1, 0.1], [-0.1, 0.1], [np.nan, 0], [1e300, 0]])
     assert grid.value_at(points).tolist() == [100, 100, -1, -1, -1, -1]
-    assert grid.size_m == (2.0, 1.5)
+    assert grid.size_m == pytest.approx((2.0, 1.5))
 
 
 @pytest.mark.parametrize("values", [[-1, 0, 100], [-1, 0, 1, 37, 99, 100]])
@@ -231,7 +231,7 @@ def test_colour_netpbm(tmp_path: Path) -> None:
 def test_the_stata_map_is_turned_by_its_origin(data: Path) -> None:
     folder = data / "navigation" / "dev" / "maps" / "mit_stata"
     grid = OccupancyMap.load(folder / "stata_basement.yaml")
-    assert grid.origin == (25.9, 48.5, 3.14)
+    assert grid.origin == pytest.approx((25.9, 48.5, 3.14))
     # The far corner lies almost opposite: by hand, origin - size, and 1.6 mrad of rest of the half turn.
     far = grid.world_from_cell(np.array(grid.shape) - 1)
     width, height = grid.size_m

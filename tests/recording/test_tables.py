@@ -60,7 +60,8 @@ def test_wrenches_go_round(tmp_path: Path, suffix: str) -> None:
     with TableWriter(tmp_path / f"w.{suffix}") as table:
         table.write(sent)
     (back,) = read_wrench_table(tmp_path / f"w.{suffix}")
-    assert (back.t_s, back.valid, back.reason) == (1.25, False, Reason.STALE)
+    assert (back.valid, back.reason) == (False, Reason.STALE)
+    assert back.t_s == pytest.approx(1.25)
     np.testing.assert_array_equal(back.force_N, sent.force_N)
     np.testing.assert_array_equal(back.moment_Nm, sent.moment_Nm)
     np.testing.assert_allclose(back.covariance, covariance, rtol=1e-15)

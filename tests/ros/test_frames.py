@@ -80,9 +80,10 @@ def test_the_newest_frame_has_an_age(robot: RosNode, ours: RosNode) -> None:
         with pytest.raises(StaleFrameError, match="no image yet"):
             source.read_latest()
         # A stamp of zero means that the driver has no clock: the time of sending counts.
+        before_s = time.time()
         meet(publisher, source, messages.image(0.0, picture(0), "cam"))
         publisher.publish(messages.image(0.0, picture(0), "cam"))
-        assert abs(source.read_latest(5000).t_s - time.time()) < 5
+        assert before_s <= source.read_latest(60_000).t_s <= time.time()
         publisher.publish(messages.image(1000.0, picture(0), "cam"))
         assert until(lambda: source._newest[0].message.header.stamp.sec == 1000)
         with pytest.raises(StaleFrameError, match="ms old"):

@@ -48,7 +48,7 @@ def test_a_map_waits_for_those_who_come_late(robot: RosNode, ours: RosNode) -> N
     assert until(lambda: got)
     back = OccupancyMap.from_message(got[0])
     np.testing.assert_array_equal(back.cells, cells)
-    assert back.resolution_m == 0.05
+    assert back.resolution_m == pytest.approx(0.05)
     assert back.origin == pytest.approx((-1.0, 2.0, 0.5))
 
 

@@ -60,7 +60,7 @@ def test_what_is_not_where_it_should_be_in_view_is_forgotten():
     assert math.isfinite(told[8].proximity_m)
     assert math.isinf(told[9].proximity_m)
     behind = approach([seen(0.20), *[seen(0.40)] * 9], NearMemory(0.07, settings))
-    assert behind[-1].proximity_m == 0.40
+    assert behind[-1].proximity_m == pytest.approx(0.40)
 
 
 def test_what_was_not_touched_was_not_there():

@@ -20,7 +20,7 @@ def test_straight_and_in_time() -> None:
     arm.move_linear(goal, 0.1)
     arm.advance(0.5)
     t_s, pose = arm.pose()
-    assert t_s == 0.5
+    assert t_s == pytest.approx(0.5)
     assert np.allclose(pose.translation_m, [0.45, 0, 0.3])
     assert np.allclose(pose.rotation, Pose.from_rotation_vector([0, 0, 0.1], np.zeros(3)).rotation)
     arm.advance(0.5)
@@ -62,4 +62,4 @@ def test_refused() -> None:
         arm.advance(-1.0)
     with pytest.raises(InputError, match="found reach"):
         SimulatedArm(START, reach_m=(1.0, 0.5))
-    assert arm.reach_m().tolist() == [0.15, 1.0]
+    assert arm.reach_m().tolist() == pytest.approx([0.15, 1.0])

@@ -130,9 +130,9 @@ def test_a_movable_obstacle_is_pushed_tagged_and_left() -> None:
     assert [kind for kind, before in zip(phases, ["", *phases], strict=False) if kind != before] == [
         "approach", "push", "halt", "back_off",
     ]  # fmt: skip
-    assert base.told[0] == 0.05
-    assert base.told[1] == 0.03
-    assert min(base.told) == -0.08
+    assert base.told[0] == pytest.approx(0.05)
+    assert base.told[1] == pytest.approx(0.03)
+    assert min(base.told) == pytest.approx(-0.08)
     assert [event.kind for event in found.events][:2] == [EventKind.CONTACT, EventKind.MOTION]
     assert found.tag.fixed is False
     assert found.tag.dynamic_friction_N.value == pytest.approx(4.0, rel=1e-6)

@@ -79,7 +79,7 @@ def run(machine: Push, forces_N: list[float], dt_s: float = 0.5) -> list[float]:
 
 def test_states_follow_and_the_end_stands_still() -> None:
     machine = Push()
-    assert run(machine, [0, 1, 3, 0, 0]) == [0.1, 0.05, -0.1, -0.1, 0.0]
+    assert run(machine, [0, 1, 3, 0, 0]) == pytest.approx([0.1, 0.05, -0.1, -0.1, 0.0])
     assert machine.trace().states() == ("wait", "push", "back")
     assert machine.ending == Ending(True, "pushed", "backed off")
     assert machine.trace().story()[0].endswith("wait -> push: touched")

@@ -209,7 +209,7 @@ def test_walls_hold_and_what_is_behind_or_beside_is_not_touched() -> None:
     found = explore_obstacle(world, QuickFrames(world), foam, FAST)
     assert world.last_touched == "ahead"
     assert found.tag.fixed is True
-    assert world.places["ahead"] == (0.5, 0.0)
+    assert world.places["ahead"] == pytest.approx((0.5, 0.0))
     world.drive(0.0, 0.6)
     for _ in range(300):
         world.step(1 / 30)

@@ -152,7 +152,7 @@ def test_sheet_has_exact_sizes_and_its_tags_can_be_read(tmp_path: Path, photo: n
         assert side * 0.0254 / 300 == pytest.approx(widths[item.label] * 0.8, abs=1.5 * 0.0254 / 300)
         assert np.linalg.norm(corners[1] - corners[0]) == pytest.approx(side, rel=2e-3)
     pdf = tmp_path / "sheet.pdf"
-    assert save_sheet(pdf, items)["a (photo)"] == 0.05
+    assert save_sheet(pdf, items)["a (photo)"] == pytest.approx(0.05)
     data = pdf.read_bytes()
     assert data.startswith(b"%PDF-1.4")
     placed = re.findall(rb"q ([\d.]+) 0 0 ([\d.]+) [\d.]+ [\d.]+ cm /I\d Do Q", data)

@@ -1,12 +1,16 @@
-"""The optional libraries: which extra brings them, and what they are for."""
+"""The optional libraries: which extra brings them, what they are for, and which of them a command line needs."""
 
 from __future__ import annotations
 
+import argparse
+import importlib.util
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from types import ModuleType
 
 from ..errors import MissingExtraError, VisuohapticError
 
-__all__ = ["CORE", "OPTIONAL", "Library", "library_of", "missing_library_error"]
+__all__ = ["CORE", "OPTIONAL", "Library", "check_needs", "library_of", "missing_library_error", "needs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +63,7 @@ OPTIONAL = (
         "mujoco",
         "mujoco",
         "sim",
-        "the simulation and the demo",
+        "simulation or demo",
         "m = mujoco.MjModel.from_xml_string('<mujoco/>'); mujoco.mj_step(m, mujoco.MjData(m))",
     ),
     Library("viser", "viser", "view", "the browser page"),
@@ -67,8 +71,6 @@ OPTIONAL = (
     Library("skimage", "scikit-image", "geometry", "surfaces of volumes", "import skimage.measure"),
     Library("robust_laplacian", "robust-laplacian", "geometry", "distances on rough meshes"),
     Library("small_gicp", "small-gicp", "geometry", "registration of point clouds"),
-    Library("embreex", "embreex", "geometry", "fast ray casting", "import embreex.rtcore_scene"),
-    Library("cholespy", "cholespy", "elastic", "fast solves with many loads"),
     Library("distributed", "distributed", "cluster", "builds over several machines"),
     Library("skfem", "scikit-fem", "elastic", "solid elements"),
     Library("zenoh", "eclipse-zenoh", "ros", "live ROS 2", "zenoh.KeyExpr('0/chatter')"),
@@ -76,6 +78,83 @@ OPTIONAL = (
     Library("pyorbbecsdk", "pyorbbecsdk2", "orbbec", "live Orbbec depth cameras"),
     Library("collada", "pycollada", "geometry", "COLLADA meshes"),
 )
+
+#: Modules that an argument needs when it is given, with every verb that has it.
+BY_ARGUMENT: Mapping[str, tuple[str, ...]] = {
+    "cluster": ("distributed",),
+    "parquet": ("pyarrow",),
+    "plot": ("matplotlib",),
+    "view": ("viser",),
+}
+
+#: Modules that a file name needs by its ending, to be read or written.
+BY_ENDING: Mapping[str, tuple[str, ...]] = {
+    ".mcap": ("mcap_ros2",),
+    ".avi": ("av",),
+    ".mkv": ("av",),
+    ".mov": ("av",),
+    ".mp4": ("av",),
+    ".webm": ("av",),
+}
+
+
+def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
+    """Optional modules that a verb imports on its way with these arguments.
+
+    They are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and
+    what arguments of all verbs need by their name or, where they name files, by their ending. Meshes are not among them: they
+    are the first thing that is read, and say themselves what is missing.
+    """
+    found = set(getattr(module, "NEEDS", ()))
+    if more := getattr(module, "needs", None):
+        found.update(more(args))
+    for name, value in vars(args).items():
+        if value:
+            found.update(BY_ARGUMENT.get(name, ()))
+        for text in map(str, value if isinstance(value, list) else [value]):
+            # A topic may follow the file, as in run.mcap:/camera.
+            found.update(*(modules for ending, modules in BY_ENDING.items() if _ends(text, ending)))
+    return frozenset(found)
+
+
+def _ends(text: str, ending: str) -> bool:
+    return text.lower().partition(":/")[0].endswith(ending)
+
+
+def check_needs(verb: str, module: ModuleType, args: argparse.Namespace) -> None:
+    """Say what is missing before anything is computed.
+
+    Raises
+    ------
+    VisuohapticError
+        With all packages that are not installed, and the line that installs them.
+    """
+    missing = [
+        library
+        for library in OPTIONAL
+        if library.module in needs(module, args) and not _is_there(library.module)
+    ]
+    if missing:
+        raise _missing(verb, missing)
+
+
+def _is_there(module: str) -> bool:
+    try:
+        return importlib.util.find_spec(module) is not None
+    except ImportError:
+        return False
+
+
+def _missing(verb: str, libraries: Iterable[Library]) -> VisuohapticError:
+    libraries = list(libraries)
+    if len(libraries) == 1:
+        return MissingExtraError(libraries[0].package, libraries[0].extra, f"visuohaptic {verb}")
+    packages = ", ".join(f"'{library.package}'" for library in libraries)
+    extras = ",".join(dict.fromkeys(library.extra for library in libraries))
+    return VisuohapticError(
+        f"visuohaptic {verb} needs the packages {packages}, which are not installed; "
+        f"run: pip install 'visuohaptic[{extras}]'"
+    )
 
 
 def library_of(module: str) -> Library | None:
@@ -85,11 +164,11 @@ def library_of(module: str) -> Library | None:
 
 
 def missing_library_error(error: ImportError, verb: str) -> VisuohapticError:
-    """Say what to install when importing a verb failed."""
+    """Say what to install when an import failed, of a verb or on its way."""
     module = error.name or "unknown"
     library = library_of(module)
     if library is not None and library.extra:
-        return MissingExtraError(library.package, library.extra, f"visuohaptic {verb}")
+        return _missing(verb, [library])
     if library is not None:
         return VisuohapticError(
             f"{verb}: the package '{library.package}' cannot be imported ({error}); "

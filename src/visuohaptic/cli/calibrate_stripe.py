@@ -11,7 +11,10 @@ from ..errors import InputError
 if TYPE_CHECKING:
     from ..camera import Frame
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("sklearn",)
 
 HELP = "learn the colours of a stripe on the foam from one image of the untouched sensor"
 

@@ -6,7 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("robust_laplacian", "skimage")
 
 HELP = "Complete a surface where it could not be seen, by touches, and say where to touch next."
 EPILOG = """\

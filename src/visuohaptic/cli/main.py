@@ -5,7 +5,10 @@ A verb is a module with
 - ``HELP: str``, what it does in one line;
 - ``add_arguments(parser)``, its arguments;
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
-- optionally ``EPILOG: str``, what it reads and writes, with an example.
+- optionally ``EPILOG: str``, what it reads and writes, with an example;
+- optionally ``NEEDS: tuple[str, ...]``, modules beyond the core that it always imports on its way, and
+  ``needs(args) -> set[str]``, those that depend on the arguments; what an argument of several verbs needs
+  is in ``_extras``. All are checked before it runs.
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
@@ -211,10 +214,25 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
     console = Console(json=args.json, quiet=args.quiet, verbose=args.verbose)
     console.start_logging()
     args.console = console
-    result = module.run(args)
+    result = _do(verb, module, args)
     if result is not None:
         console.result(result)
     return args.exit_code
+
+
+def _do(verb: str, module: ModuleType, args: argparse.Namespace) -> Mapping[str, object] | None:
+    """Run a verb when all that it needs is there."""
+    from ._extras import check_needs, library_of, missing_library_error
+
+    check_needs(verb, module, args)
+    try:
+        return module.run(args)
+    except VisuohapticError:
+        raise
+    except ImportError as error:
+        if error.name is None or library_of(error.name) is None:
+            raise
+        raise missing_library_error(error, verb) from error
 
 
 def verb_parser(verb: str, module: ModuleType) -> argparse.ArgumentParser:

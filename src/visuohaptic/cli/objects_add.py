@@ -8,7 +8,10 @@ from typing import Any
 from ..errors import InputError
 from ._objects import add_database, described, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
 
 HELP = "Add an object, or new evidence of one that is known."
 EPILOG = """\

@@ -7,7 +7,10 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
 HELP = "Import objects from folders with cards."
 EPILOG = """\

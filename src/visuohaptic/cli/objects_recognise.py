@@ -8,7 +8,7 @@ from typing import Any
 from ..errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "add_arguments", "needs", "run"]
 
 HELP = "Say what a seen object may be, with probabilities, before it is touched."
 EPILOG = """\
@@ -31,6 +31,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--save", metavar="FILE", help="write the prior of the database (.npz)")
     parser.add_argument("--least", type=float, default=0.01, help="probability of what is still listed")
     add_database(parser)
+
+
+def needs(args: Any) -> set[str]:
+    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds."""
+    return ({"small_gicp"} if args.cloud else set()) | (set() if args.prior else {"pyarrow", "sqlalchemy"})
 
 
 def run(args: Any) -> dict[str, Any]:

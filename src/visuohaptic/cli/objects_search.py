@@ -8,7 +8,10 @@ from typing import Any
 from ..errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
 
 HELP = "Find the objects with the most similar features."
 EPILOG = """\

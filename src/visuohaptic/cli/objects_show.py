@@ -7,7 +7,10 @@ from typing import Any
 
 from ._objects import add_database, described, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
 
 HELP = "Say all that is known of one object."
 EPILOG = """\

@@ -9,7 +9,10 @@ from typing import Any
 from ..errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
 
 HELP = "Exchange what is new with a shared database."
 EPILOG = """\

@@ -8,7 +8,10 @@ from typing import Any
 
 from ._console import Arguments
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("skimage",)
 
 HELP = "Fuse a depth sequence into a surface and find what is transparent."
 EPILOG = """\

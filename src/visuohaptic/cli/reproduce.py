@@ -6,7 +6,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "needs", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("matplotlib",)
 
 HELP = "Make figures and tables of the dissertation again, with its numbers beside ours."
 EPILOG = """\
@@ -36,12 +39,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
 
 
-def run(args: Any) -> dict[str, Any]:
-    """Run them, several at a time; the mapping is what ``--json`` prints."""
-    from ..experiments.reproduce import EXPERIMENTS, Outcome, cores, reproduce_all, write_gallery, write_index
+def needs(args: Any) -> set[str]:
+    """Modules beyond the core that the experiments import on their way."""
+    from ..experiments.reproduce.runner import NEEDS as BY_NAME
+
+    return {module for name in _wanted(args.names) for module in BY_NAME.get(name, ())}
+
+
+def _wanted(names: list[str]) -> list[str]:
+    from ..experiments.reproduce import EXPERIMENTS
     from ..experiments.reproduce.runner import known_name
 
-    wanted = list(EXPERIMENTS) if "all" in args.names else [known_name(name) for name in args.names]
+    return list(EXPERIMENTS) if "all" in names else [known_name(name) for name in names]
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Run them, several at a time; the mapping is what ``--json`` prints."""
+    from ..experiments.reproduce import Outcome, cores, reproduce_all, write_gallery, write_index
+
+    wanted = _wanted(args.names)
     with args.progress(len(wanted), "experiments") as progress:
 
         def tell(one: Outcome) -> None:

@@ -6,7 +6,10 @@ import argparse
 import time
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run", "wait"]
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run", "wait"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("trimesh", "viser")
 
 HELP = "Show objects, maps with plans, surfaces and classifications in the browser."
 EPILOG = """\

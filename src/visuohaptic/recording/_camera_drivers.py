@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,10 @@ def find() -> list[FoundCamera]:
     return found
 
 
+def _listed(found: Sequence[FoundCamera]) -> str:
+    return ", ".join(f"{camera.address} {camera.name!r}" for camera in found) or "none"
+
+
 def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
     """The best driver for a camera given by number or part of its name."""
     uvc = _uvc()
@@ -57,8 +62,7 @@ def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBac
         found = find()
         match = [c for c in found if which.lower() in c.name.lower()]
         if not match:
-            names = ", ".join(f"{c.address} {c.name!r}" for c in found) or "none"
-            raise DeviceError(f"no camera named {which!r}; found: {names}")
+            raise DeviceError(f"no camera named {which!r}; found: {_listed(found)}")
         which = match[0].address.partition(":")[2]
     return OpenCvBackend(int(which), settings)
 
@@ -77,8 +81,8 @@ class UvcBackend:
         if not match and not self._which.isdigit():
             match = [d for d in devices if self._which.lower() in str(d.get("name", "")).lower()]
         if not match:
-            names = ", ".join(f"uvc:{n} {d.get('name')!r}" for n, d in enumerate(devices)) or "none"
-            raise DeviceError(f"no camera uvc:{self._which}; found: {names}")
+            found = [FoundCamera(f"uvc:{n}", str(d.get("name", "")), "") for n, d in enumerate(devices)]
+            raise DeviceError(f"no camera uvc:{self._which}; found: {_listed(found)}")
         try:
             self._capture = self._uvc.Capture(match[0]["uid"])
             self._set_mode()
@@ -148,7 +152,7 @@ class OpenCvBackend:
         capture = cv2.VideoCapture(self._number)
         if not capture.isOpened():
             capture.release()
-            raise DeviceError(f"no camera camera:{self._number}; find_cameras() lists those there are")
+            raise DeviceError(f"no camera camera:{self._number}; found: {_listed(find())}")
         asked = self._settings
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         wanted = [

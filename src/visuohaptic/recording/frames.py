@@ -35,7 +35,8 @@ def open_source(
     source
         - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
         - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images
-        - ``uvc:0``, ``uvc:NAME`` or ``camera:0``, a live camera by number or part of its name
+        - ``camera:0`` or ``camera:NAME``, a live camera by number or part of its name;
+          ``uvc:0`` warns where the precise driver is missing
         - any other file: a video
     camera
         Model of the camera; the images must have its size.
@@ -78,7 +79,7 @@ def open_source(
         raise InputError(
             text,
             f"cannot be read ({error.strerror})",
-            remedy="expected a video, a folder of images, file.mcap[:/topic] or uvc:0",
+            remedy="expected a video, a folder of images, file.mcap[:/topic] or camera:0",
         ) from error
     if not head:
         raise InputError(text, "is empty")

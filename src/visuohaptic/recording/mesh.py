@@ -62,7 +62,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     try:
         import trimesh
     except ImportError as error:
-        raise MissingExtraError("trimesh", "elastic", "reading meshes") from error
+        raise MissingExtraError("trimesh", "geometry", "reading meshes") from error
     # Its readers log a traceback of what they raise anyway.
     logger = logging.getLogger("trimesh")
     level = logger.level
@@ -83,7 +83,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     except VisuohapticError:
         raise
     except ImportError as error:
-        raise MissingExtraError("pycollada", "elastic", "reading COLLADA meshes") from error
+        raise MissingExtraError("pycollada", "geometry", "reading COLLADA meshes") from error
     except Exception as error:
         reason = diagnose(kind, data) or " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(path, f"cannot be read as {kind[1:].upper()}: {reason}") from error

@@ -41,7 +41,7 @@ def test_round_trip(tmp_path, material):
     ):
         assert getattr(back, name) == getattr(full, name)
     np.testing.assert_array_equal(back.unloading.stress(STRAIN), full.unloading.stress(STRAIN))
-    assert back.hysteresis.relative_sigma == 0.3
+    assert back.hysteresis.relative_sigma == pytest.approx(0.3)
     for name in ("yield_strain", "share", "stress_Pa"):
         np.testing.assert_array_equal(getattr(back.hysteresis, name), getattr(full.hysteresis, name))
     np.testing.assert_array_equal(back.covariance, full.covariance)

@@ -67,7 +67,7 @@ def test_sections_and_cubic(tmp_path, press, section):
     assert result["curve"] == "cubic"
     material = FoamMaterial.load(out)
     assert material.section == section
-    assert material.width_m == 0.03
+    assert material.width_m == pytest.approx(0.03)
 
 
 def test_refusals_leave_no_file(tmp_path, press):

@@ -84,7 +84,7 @@ def test_direction_follows_the_order_through_noise():
 def test_plate_records(tmp_path):
     rows = "".join(f"0.002,1.5,{0.001 * i},{0.0001 * i}\n" for i in range(12))
     (record,) = read_plate(write(tmp_path, "depth_m,force_N,s_m,delta_m\n" + rows))
-    assert (record.depth_m, record.force_N, len(record.s_m)) == (0.002, 1.5, 12)
+    assert (record.depth_m, record.force_N, len(record.s_m)) == pytest.approx((0.002, 1.5, 12))
     with pytest.raises(CalibrationError, match="expected delta_m"):
         read_plate(write(tmp_path, "depth_m,force_N,s_m\n1,1,1\n"))
     with pytest.raises(CalibrationError, match="found 1 points"):

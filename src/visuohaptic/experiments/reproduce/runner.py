@@ -19,7 +19,7 @@ from ...errors import InputError, VisuohapticError
 from ...files import write_text
 from .output import Output
 
-__all__ = ["EXPERIMENTS", "Outcome", "known_name", "read_result", "reproduce"]
+__all__ = ["EXPERIMENTS", "NEEDS", "Outcome", "known_name", "read_result", "reproduce"]
 
 #: Name -> module, in the dissertation's order.
 EXPERIMENTS: Mapping[str, str] = {
@@ -53,6 +53,18 @@ EXPERIMENTS: Mapping[str, str] = {
     "table-6.2": "table_6_2",
     "figure-6.11": "figure_6_11",
     "figure-6.12": "figure_6_12",
+}
+
+#: Modules beyond the core that an experiment imports on its way; all of them draw with matplotlib.
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "figure-3.10": ("mujoco",),
+    "figure-3.12": ("sklearn",),
+    "figure-3.13": ("sklearn",),
+    "figure-4.4": ("mujoco",),
+    "table-4.1": ("mujoco",),
+    "figure-5.4": ("skimage",),
+    "figure-5.7": ("robust_laplacian", "skimage"),
+    "figure-5.8": ("robust_laplacian", "skimage"),
 }
 
 log = logging.getLogger(__name__)
