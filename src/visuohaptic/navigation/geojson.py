@@ -3,6 +3,7 @@
 Both hold one ``Point`` per node and one ``MultiLineString`` per edge, in metres of the map frame. Ids are
 whole numbers that nodes and edges share, as the route server wants it. In a route graph an edge
 leads one way only, so each of ours appears twice; edges from a node to itself are no use there.
+The route server drives the straight line between the nodes: ours are split until that line is free.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from ..errors import InputError
 from ..files import write_text
 from ..recording.occupancy_map import OccupancyMap
 from .graph import EdgePaths, NavigationGraph
+from .grid import GridLayers
+from .route_pieces import route_pieces
 
 __all__ = ["RouteGraph", "load_graph", "load_route_graph", "save_graph", "save_route_graph"]
 
@@ -67,7 +70,9 @@ def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, f
         features.append(_feature("Point", _point(graph.node_m[node]), properties))
     for edge in range(len(graph.edges)):
         line = [_point(point) for point in map.world_from_cell(graph.edge_path(edge))]
-        properties = _edge_properties(graph, edge, graph.nodes + edge, *graph.edges[edge])
+        start, end = graph.edges[edge].tolist()
+        measures = (graph.edge_cost_s[edge], graph.edge_length_m[edge], graph.edge_clearance_m[edge])
+        properties = _properties(graph.nodes + edge, start, end, *(float(value) for value in measures))
         features.append(_feature("MultiLineString", [line], properties))
     x, y, yaw = map.origin
     grid = {
@@ -79,39 +84,53 @@ def save_graph(path: Path | str, graph: NavigationGraph, map: OccupancyMap, *, f
     _write(path, features, {"grid": grid})
 
 
-def save_route_graph(path: Path | str, graph: NavigationGraph, *, frame: str = "map") -> None:
+def save_route_graph(
+    path: Path | str, graph: NavigationGraph, layers: GridLayers, *, frame: str = "map"
+) -> None:
     """Write a graph for the Nav2 route server.
 
-    Each edge appears in both directions as a straight line, with the cost of its path; of parallel edges
-    all are kept, edges from a node to itself are left out.
+    Each edge appears in both directions, split at cells of its path until every straight piece keeps the robot's
+    radius from the occupied cells, with cost, length and clearance of the straight piece. The finest pieces join
+    neighbouring cells of the path, both of which keep it: at radius r [cells] the middle of a diagonal step past
+    a corner is at least ``sqrt(r^2 - 1/2)`` off. Of parallel edges all are kept; edges from a node to itself
+    are left out.
+
+    Parameters
+    ----------
+    path
+        ``.geojson`` file.
+    graph, layers
+        The graph and the layers that it was built from.
+    frame
+        Name of the map frame.
     """
+    route = route_pieces(graph, layers)
+    node_m = np.concatenate([graph.node_m, layers.map.world_from_cell(route.cells)])
     features = [
-        _feature("Point", _point(graph.node_m[node]), {"id": node, "frame": frame})
-        for node in range(graph.nodes)
+        _feature("Point", _point(node_m[node]), {"id": node, "frame": frame}) for node in range(len(node_m))
     ]
-    number = graph.nodes
-    for edge, (first, second) in enumerate(graph.edges):
-        if first == second:
-            continue
+    number = len(node_m)
+    for (first, second), (cost_s, length_m, clearance_m) in zip(
+        route.ends.tolist(), route.measures.tolist(), strict=True
+    ):
         for start, end in ((first, second), (second, first)):
-            properties = _edge_properties(graph, edge, number, start, end)
-            line = [_point(graph.node_m[start]), _point(graph.node_m[end])]
+            properties = _properties(number, start, end, cost_s, length_m, clearance_m)
+            line = [_point(node_m[start]), _point(node_m[end])]
             features.append(_feature("MultiLineString", [line], properties))
             number += 1
     _write(path, features, {})
 
 
-def _edge_properties(graph: NavigationGraph, edge: int, number: int, start: int, end: int) -> dict[str, Any]:
+def _properties(
+    number: int, start: int, end: int, cost_s: float, length_m: float, clearance_m: float
+) -> dict[str, Any]:
     return {
         "id": number,
-        "startid": int(start),
-        "endid": int(end),
-        "cost": float(graph.edge_cost_s[edge]),
+        "startid": start,
+        "endid": end,
+        "cost": cost_s,
         "overridable": True,
-        "metadata": {
-            "length_m": float(graph.edge_length_m[edge]),
-            "clearance_m": float(graph.edge_clearance_m[edge]),
-        },
+        "metadata": {"length_m": length_m, "clearance_m": clearance_m},
     }
 
 

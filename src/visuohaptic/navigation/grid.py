@@ -21,7 +21,7 @@ MAX_SPEED_RATIO = 1000.0
 
 #: A straight step at full speed costs so many units; fewer where v_min is below v_max / 15.
 _FAST_STEP = 4096
-#: A robot that touches a cell's centre exactly passes: rounding of radius / resolution must not decide.
+#: A robot that touches the border of an obstacle exactly passes: rounding of radius / resolution must not decide.
 _TOUCH = 1.0 - 1e-9
 
 
@@ -29,6 +29,8 @@ _TOUCH = 1.0 - 1e-9
 class SpeedLimits:
     """How large the robot is, and how fast it drives near to and far from obstacles.
 
+    Distances are those from the border of the occupied cells, which are closed squares: a disc of the radius
+    overlaps none of them where the distance of its centre is at least the radius.
     The cost of a cell is the inverse of the possible speed (Alt 2016, Eq. (4.1)): infinite
     nearer than ``radius_m``, ``1 / v_min`` there, falling linearly to ``1 / v_max`` at
     three times the radius.
@@ -64,7 +66,7 @@ class SpeedLimits:
         return np.where(distance_m >= self.radius_m * _TOUCH, cost, np.inf)
 
     def step_table(self, resolution_m: float) -> tuple[UInt16[np.ndarray, "d2"], float]:
-        """Cost of a straight step by squared distance [cells^2], and the seconds of one unit.
+        """Cost of a straight step by squared distance [cells^2 / 4], and the seconds of one unit.
 
         Whole numbers, so that sums do not depend on their order: potentials of an updated
         and of a rebuilt map are equal, not only near. 0 stands for a cell that cannot be reached.
@@ -72,14 +74,14 @@ class SpeedLimits:
         fast_s = resolution_m / self.v_max_m_s
         fast = min(float(_FAST_STEP), 65535.0 * self.v_min_m_s / self.v_max_m_s)
         unit_s = fast_s / max(fast, 1.0)
-        far = math.ceil((3.0 * self.radius_m / resolution_m) ** 2) + 1
-        if far > 4_000_000:
+        far = math.ceil((6.0 * self.radius_m / resolution_m) ** 2) + 1
+        if far > 16_000_000:
             raise InputError(
                 "SpeedLimits",
                 f"found {self.radius_m} m on cells of {resolution_m} m, expected a radius of at most 666 cells",
                 field="radius_m",
             )
-        distance_m = np.sqrt(np.arange(far + 1)) * resolution_m
+        distance_m = np.sqrt(np.arange(far + 1)) * (0.5 * resolution_m)
         cost_s = self.cost_s_per_m(distance_m) * resolution_m
         blocked = ~np.isfinite(cost_s)
         table = np.clip(np.rint(np.where(blocked, 0.0, cost_s) / unit_s), 1, 65535)
@@ -99,7 +101,7 @@ class GridLayers:
     unknown_is_free: bool  #: whether unknown cells were no obstacles
     distance_m: Float32[
         np.ndarray, "rows columns"
-    ]  #: between the centres of a cell and of the nearest obstacle, unknown cells and the outside among them
+    ]  #: from a cell's centre to the border of the nearest obstacle's cell, unknown cells and the outside among them
     step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 cannot be reached
     unit_s: float  #: seconds of one unit of ``step``
     #: rows to the nearest obstacle of the same column, kept for updates
@@ -178,7 +180,7 @@ def window_distance(
     *,
     outside_blocks: bool,
 ) -> Float32[np.ndarray, "r c"]:
-    """Distance to the nearest blocked cell [cells] in a window of a map, by the rule of :func:`grid_layers`.
+    """Distance to the border of the nearest blocked cell [cells] in a window, by the rule of :func:`grid_layers`.
 
     Parameters
     ----------
@@ -191,18 +193,25 @@ def window_distance(
     """
     import cv2
 
-    (rows, columns), (most_rows, most_columns) = window, shape
+    (rows, columns), (last_row, last_column) = window, shape
     sides = (
-        (int(rows.start == 0), int(rows.stop == most_rows)),
-        (int(columns.start == 0), int(columns.stop == most_columns)),
+        (int(rows.start == 0), int(rows.stop == last_row)),
+        (int(columns.start == 0), int(columns.stop == last_column)),
     )
     padded = outside_blocks and any(any(side) for side in sides)
     if padded:
         blocked = np.pad(blocked, sides, constant_values=True)
     if not blocked.any():
         return np.full(blocked.shape, np.float32(np.inf))
-    free = np.ascontiguousarray(~blocked).view(np.uint8)
-    distance: Float32[np.ndarray, "r c"] = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    # On half cells, centres at odd places: of a blocked square the point nearest to a centre is a side's
+    # middle or a corner, both of which are on this grid.
+    free = np.ones([2 * side + 1 for side in blocked.shape], np.uint8)
+    for row in range(3):
+        for column in range(3):
+            part = free[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2]
+            part[blocked] = 0
+    exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distance: Float32[np.ndarray, "r c"] = exact[1::2, 1::2] * np.float32(0.5)
     if padded:
         (top, bottom), (left, right) = sides
         distance = distance[top : distance.shape[0] - bottom, left : distance.shape[1] - right]

@@ -11,6 +11,7 @@ import numpy as np
 from ..files import write_text
 from .geojson import _feature
 from .joint_graph import JointGraph
+from .route_pieces import route_pieces
 
 __all__ = ["save_joint_route_graph"]
 
@@ -18,6 +19,9 @@ __all__ = ["save_joint_route_graph"]
 def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
     """Write visual and added nodes with edges in both directions.
 
+    Visual edges are split until their straight lines keep the robot's radius, as
+    :func:`~visuohaptic.navigation.geojson.save_route_graph` does. Edges of added nodes lead to a task whose
+    local planner drives them: their lines are drawn from node to node and may pass obstacles.
     An edge into an added node carries the operation of its local planner,
     triggered on entering; edges that cannot be driven are left out.
     """
@@ -31,7 +35,8 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
             else grid.world_from_cell(np.array([node.cell]))
         )
         places.append(centre)
-    points = np.concatenate(places)
+    route = route_pieces(joint.visual, joint.regions.layers)
+    points = np.concatenate([*places, grid.world_from_cell(route.cells)])
     by_number = {node.number: node for node in joint.added}
     for number, (x, y) in enumerate(points):
         properties: dict[str, Any] = {"id": number, "frame": frame}
@@ -41,8 +46,13 @@ def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = 
         features.append(_feature("Point", [float(x), float(y)], properties))
     number = len(points)
     ends, costs = joint.edges()
+    visual = len(joint.visual.edges)
+    # Numbers of added nodes come before those of the cells where visual edges are split.
+    pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
+    driven = np.where(np.isfinite(costs[route.edge]), route.measures[:, 0], np.inf)
+    ends, costs = np.concatenate([pieces, ends[visual:]]), np.concatenate([driven, costs[visual:]])
     for (a, b), cost in zip(ends.tolist(), costs.tolist(), strict=True):
-        if a == b or not np.isfinite(cost):
+        if not np.isfinite(cost):
             continue
         for start, end in ((a, b), (b, a)):
             properties = {"id": number, "startid": start, "endid": end, "cost": cost, "overridable": True}

@@ -23,7 +23,9 @@ class Footprint:
     border_m: Float[np.ndarray, "b 2"]  #: along the outline, a cell apart
     inner_m: Float[np.ndarray, "i 2"]  #: on and in the outline, a cell apart
     ring_m: Float[np.ndarray, "r 2"]  #: pi of Sec. 4.3.1: the platform's radius away from the outline
-    inside_m: float  #: radius of a circle about the reference point that the outline holds
+    inside_m: (
+        float  #: radius of a circle that the outline holds, about any point of the reference point's cell
+    )
     reach_m: float  #: radius of one that holds the outline
 
     @classmethod
@@ -57,13 +59,14 @@ class Footprint:
         ring = shape.buffer(radius_m)
         origin = shapely.Point(0.0, 0.0)
         inside = shape.exterior.distance(origin) if shape.contains(origin) else 0.0
+        half_diagonal = math.sqrt(0.5) * cell_m  # distances are looked up at the centre of the point's cell
         return cls(
             corners,
             border,
             np.concatenate([border, inner]),
             _along(ring.exterior, 0.5 * cell_m),
-            float(inside),
-            float(np.hypot(corners[:, 0], corners[:, 1]).max()),
+            max(float(inside) - half_diagonal, 0.0),
+            float(np.hypot(corners[:, 0], corners[:, 1]).max()) + half_diagonal,
         )
 
 
@@ -74,7 +77,7 @@ class LocalGround:
     map: OccupancyMap
     distance_m: Float32[
         np.ndarray, "rows columns"
-    ]  #: between the centres of a cell and of the nearest obstacle
+    ]  #: from a cell's centre to the border of the nearest obstacle's cell
 
     @property
     def grid(self) -> Float[np.ndarray, "5"]:
@@ -84,8 +87,11 @@ class LocalGround:
 
     @property
     def margin_m(self) -> float:
-        """Distance at which a sample of a footprint, a cell apart from the next, is clear."""
-        return 0.75 * self.map.resolution_m
+        """Distance at which a sample of a footprint, a cell apart from the next, is clear: in no obstacle's cell.
+
+        Between 0 in an obstacle and half a cell beside it.
+        """
+        return 0.25 * self.map.resolution_m
 
     def distance_at(self, points_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
         """Distance to the nearest obstacle [m]; 0 outside the window."""

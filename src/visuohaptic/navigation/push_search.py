@@ -176,9 +176,8 @@ class _Search:
             return SearchResult(False, exhausted=True, reason="the robot does not fit where it starts")
         self.charges = self._charges(cells)
         if self.rest(0)[cells].min() >= self.far:
-            return SearchResult(
-                False, exhausted=True, reason="walls separate start and goal, whatever is pushed"
-            )
+            pushed = ", whatever is pushed" if world.bodies else ""
+            return SearchResult(False, exhausted=True, reason=f"walls separate start and goal{pushed}")
         seen = SeenFields(self.limits.memory_cells)
         queue: list[tuple[float, int, SearchState | Child, bool]] = [(0.0, 0, first, False)]
         ticket = expanded = 0

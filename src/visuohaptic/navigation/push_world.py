@@ -58,7 +58,8 @@ class PushWorld:
     radius: float  #: of the robot [cells]
     slow: float  #: v_max / v_min
     occupied: Bool[np.ndarray, "rows columns"]  #: what never moves
-    clearance: Float32[np.ndarray, "rows columns"]  #: distance to that [cells]
+    #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
+    clearance: Float32[np.ndarray, "rows columns"]
     bodies: tuple[Body, ...]
     immovable: tuple[MovableObject, ...]  #: fixed, falling or too heavy: part of ``occupied``
     why_immovable: dict[str, str]  #: reasons by id
@@ -70,7 +71,7 @@ class PushWorld:
     @property
     def reach(self) -> float:
         """Beyond this clearance nothing is slowed down [cells]."""
-        return 3.0 * self.radius + 1.0
+        return _reach(self.radius)
 
     def clearance_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
@@ -161,15 +162,14 @@ def push_world(
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
-    outlines: list[Float[np.ndarray, "p 2"]] = []
     for item in problem.objects:
+        outline = grid_from_world(grid, item.footprint_m)
+        clear_cells(occupied, outline)
         allowed = manipulability(item.tag, robot, costs)
         if not pushes or not allowed.possible or (allowed.unknown and not unknown):
             fixed.append(item)
             why[item.id] = allowed.reason or "objects stay where they are"
             continue
-        outline = grid_from_world(grid, item.footprint_m)
-        outlines.append(outline)
         centre = grid_from_world(grid, item.centre_m)
         movable.append(
             Body(
@@ -182,17 +182,19 @@ def push_world(
                 allowed,
             )
         )
-    for outline in outlines:
-        clear_cells(occupied, outline)
-    for item in fixed:  # after the clearing: a fixed object beside a movable one keeps its cells
-        _keep_cells(occupied, drawn, grid_from_world(grid, item.footprint_m))
+    # An object is as large as its outline, whether it may be moved or not.
+    clearance = _distance(occupied, radius)
+    for item in fixed:
+        outline = grid_from_world(grid, item.footprint_m)
+        lower_clearance(clearance, outline, _reach(radius))
+        _keep_cells(occupied, drawn, outline)
     return PushWorld(
         grid,
         robot,
         radius * (1.0 - 1e-9),
         robot.v_max_m_s / robot.v_min_m_s,
         occupied,
-        _distance(problem, occupied),
+        clearance,
         tuple(movable),
         tuple(fixed),
         why,
@@ -216,14 +218,27 @@ def _contacts(
 
 
 def _distance(
-    problem: PlanningProblem, occupied: Bool[np.ndarray, "rows columns"]
+    occupied: Bool[np.ndarray, "rows columns"], radius: float
 ) -> Float32[np.ndarray, "rows columns"]:
-    """Distance to the nearest occupied cell [cells]."""
-    robot = problem.robot
+    """Distance to the border of the nearest occupied cell, of those outside too [cells]."""
     cells = np.where(occupied, OCCUPIED, FREE).astype(np.int8)
-    limits = SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s)
-    layers = grid_layers(OccupancyMap(cells, problem.map.resolution_m), limits)
-    return layers.distance_m / np.float32(problem.map.resolution_m)
+    return grid_layers(OccupancyMap(cells, 1.0), SpeedLimits(radius)).distance_m
+
+
+def _reach(radius: float) -> float:
+    """Clearance from which on nothing is slowed down, with a cell to spare [cells]."""
+    return 3.0 * radius + 1.0
+
+
+def lower_clearance(
+    clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
+) -> None:
+    """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
+    from ._outline_kernels import distance_patch
+
+    patch, row, column = distance_patch(*clearance.shape, outline, reach)
+    part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
+    np.minimum(part, patch, out=part)
 
 
 def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndarray, "k 2"]:
@@ -249,7 +264,7 @@ def _keep_cells(
     drawn: Bool[np.ndarray, "rows columns"],
     outline: Float[np.ndarray, "p 2"],
 ) -> None:
-    """Occupy an object that stays as the map draws it, so that ways beside it are those of the map.
+    """Occupy the cells of an object that stays as the map draws it, for what is pushed beside it.
 
     Where the map does not show all of it, every cell that it touches is taken.
     """

@@ -45,11 +45,10 @@ def make_plan(
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     unknown = [item for item in problem.objects if item.tag is None]
     sure = _planned(problem, costs, limits, unknown=False)
-    if problem.objects and (sure.pushes or not sure.reachable):
-        # What stays is as large as the map draws it, what may move as large as its outline: a way
-        # may be open where nothing has to move.
+    if sure.pushes:
+        # The search compares estimates on the grid; what is driven is pulled taut.
         around = without_pushing(problem, limits)
-        if around.reachable and not sure.cost_s <= around.cost_s:
+        if around.reachable and around.cost_s < sure.cost_s:
             sure = replace(around, name=sure.name, notes=sure.notes)
     if not unknown:
         return sure
@@ -77,7 +76,7 @@ def alternatives(
     cheapest = make_plan(problem, costs, limits)
     free = without_pushing(problem, limits)
     found = {
-        "cheapest": cheapest if cheapest.cost_s <= free.cost_s else free,
+        "cheapest": cheapest,
         "most reliable": min(
             (plan for plan in (reliable, cheapest, free) if plan.reachable),
             key=lambda plan: (plan.failure_probability, plan.cost_s),
