@@ -19,10 +19,14 @@ from visuohaptic.experiments.mission import (
     write_story,
 )
 from visuohaptic.experiments.mission.bottle import contained, table_bottle, training_objects
-from visuohaptic.experiments.mission.hand import fit_the_wall
+from visuohaptic.experiments.mission.hand import recognise_the_bottle
+from visuohaptic.experiments.mission.probe import outline_given
 from visuohaptic.experiments.mission.story import ChapterResult, done, failed
 from visuohaptic.experiments.mission.way import new_things, office_map
+from visuohaptic.recognition import wall_from_stiffness
+from visuohaptic.simulation.deformable import DeformableContainer
 from visuohaptic.simulation.faults import FaultKind
+from visuohaptic.simulation.kitchen import KitchenTable
 
 pytest.importorskip("mujoco")
 
@@ -97,7 +101,37 @@ def test_what_slips_or_falls_is_not_lifted(tmp_path: Path, fault: FaultKind) -> 
     story = run_mission(tmp_path, part="bottle", seed=1, fault=fault)
     assert not story.wrong_claims
     if fault is FaultKind.SLIP:
-        assert story.chapters[1].outcome is Outcome.FAILED
+        # What can't be lifted can't be weighed: already its contents are not claimed.
+        assert not any(one.done for one in story.chapters)
+        assert "could not be weighed" in story.chapters[0].reason
+
+
+@pytest.mark.parametrize(("closed", "fill"), [(True, 0.45), (True, 0.2), (False, 0.6)])
+def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path, closed: bool, fill: float) -> None:
+    """The true bottle is swapped for a partly filled one: gas by Boyle's law, its weight with the water."""
+    mission = Mission(3, tmp_path)
+    outline_given(mission)
+    bottle = mission.bottle
+    assert bottle is not None
+    shell = contained(bottle.outline_m, bottle.wall_m, "closed" if closed else "open")
+    z, r = bottle.outline_m[:, 1], bottle.outline_m[:, 0]
+    volume = float(np.trapezoid(np.pi * r**2, z))
+    d = shell.deformation_m
+    lost = 3.0 * np.pi * shell.radius_m[:, None] * d**2
+    wall = shell.force_N[:, :2] @ np.array([0.0, 1.0 / d[1]])  # the gas is nothing at the first depth
+    force = wall[:, None] * d
+    if closed:
+        air = (1.0 - fill) * volume
+        force = force + 101_325.0 * (air / (air - lost) - 1.0) * 3.0 * np.pi * shell.radius_m[:, None] * d
+    swapped = DeformableContainer(
+        "swapped", shell.height_m, shell.radius_m, d, force, 0.03 + 1000.0 * fill * volume
+    )
+    x, y, _ = bottle.pose_base_bottle.translation_m
+    mission.kitchen = KitchenTable(swapped, mission.rng(31), place_m=(float(x), float(y)))
+    result = recognise_the_bottle(mission)
+    assert not result.done
+    assert result.right is None
+    assert "not known to the model" in result.reason
 
 
 def test_the_probe_completes_what_the_camera_does_not_see(tmp_path: Path) -> None:
@@ -136,16 +170,11 @@ def test_new_things_are_told_apart_and_walls_are_not_new() -> None:
 def test_the_wall_is_found_from_the_stiffness() -> None:
     """The truth is a shell of the same series; the power of the rounds is not, so they have to converge."""
     bottle = table_bottle(np.random.default_rng(5))
-    from visuohaptic.tasks.hand import Place
-    from visuohaptic.tasks.squeeze import SqueezeCurve
-
     true = contained(bottle.outline_m, 0.0005, "closed")
-    curves = []
-    for z in (0.05, 0.1):
-        d = np.array([2e-4, 4e-4, 6e-4])
-        force = np.array([true.force_at(z, float(x)) for x in d])
-        curves.append(SqueezeCurve(Place(z), force, d, np.full(3, 1e-5), 0.03))
-    assert fit_the_wall(bottle.outline_m, tuple(curves), 0.0003) == pytest.approx(0.0005, rel=0.02)
+    gentle = [(z, true.force_at(z, 5e-4) / 5e-4) for z in (0.05, 0.1)]
+    assert wall_from_stiffness(bottle.outline_m, gentle, 0.0003) == pytest.approx(0.0005, rel=0.02)
+    with pytest.raises(InputError, match="no squeeze that tells a stiffness"):
+        wall_from_stiffness(bottle.outline_m, [(0.05, float("nan"))], 0.0003)
 
 
 def test_training_objects_are_those_of_the_build() -> None:

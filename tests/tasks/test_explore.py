@@ -156,6 +156,7 @@ def test_a_heavy_obstacle_stops_the_platform_at_its_force() -> None:
     found, _ = explore(Obstacle(0.05, math.inf), ExploreSettings(largest_force_N=5.0))
     assert found.stopped_by is StopReason.TOO_HEAVY
     assert found.tag.fixed is True
+    assert found.tag.min_static_friction_N == 5.0
 
 
 def test_nothing_found() -> None:

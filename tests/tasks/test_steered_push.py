@@ -14,7 +14,7 @@ from visuohaptic.tasks.steered_push import PushEnd, PushSettings, SteeredPush
 pytest.importorskip("mujoco")
 
 
-def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3):
+def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0):
     outline = box(2.0, 1.5, 0.3)
     item = FloorItem(
         "box", outline, mass, 0.3, contact_friction=contact_friction, centre_offset_m=(0.0, offset)
@@ -24,6 +24,7 @@ def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3):
     run = SteeredPush(
         np.array([1.63, 1.5]), 0.0, length_m,
         object_m=world.item_pose_m("box") if seen else None, lever_m=lever,
+        settings=PushSettings(max_force_N=max_force_N),
     )  # fmt: skip
     while run.end is None:
         touch = world.touch
@@ -53,7 +54,9 @@ def test_force_is_friction():
 
 
 def test_ends():
-    assert push(0.0, mass=15.0)[0].end is PushEnd.STALLED
+    # 44 N of friction: the wheels slip at 20 N, which a limit above never notices.
+    assert push(0.0, mass=15.0, max_force_N=100.0)[0].end is PushEnd.STALLED
+    assert push(0.0, mass=15.0)[0].end is PushEnd.TOO_HEAVY
     nothing = SteeredPush(np.zeros(2), 0.0, 0.5, settings=PushSettings(search_m=0.1))
     t = x = 0.0
     while nothing.end is None:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
-from ..robots import BaseState, MobileBase
+from ..errors import DeviceError, InputError
+from ..robots import BaseState, ClockWatch, MobileBase, require_members
 
 __all__ = ["FollowLimits", "PathFollower", "drive_path"]
 
@@ -198,19 +198,30 @@ def drive_path(
     wait
         Called with the period [s] after every command: sleeps, or lets simulated time pass.
     timeout_s
-        By the base's clock.
+        By the base's clock and by the periods waited.
+
+    Raises
+    ------
+    DeviceError
+        The base's clock stands still.
     """
-    begin_s = base.state().t_s
+    require_members(base, MobileBase, "drive_path")
+    clock, begin_s, periods = ClockWatch(), base.state().t_s, 0
     try:
         while True:
             state = base.state()
             speed, turn = follower.command(state)
             if follower.done:
                 return True
-            if state.t_s - begin_s > timeout_s:
+            # By the base's clock, and by the periods waited where that clock is slow.
+            passed_s = max(state.t_s - begin_s, periods * period_s)
+            if why := clock.update(state.t_s):
+                raise DeviceError(f"drive_path: {why}")
+            if passed_s > timeout_s:
                 return False
             base.drive(speed, turn)
             wait(period_s)
+            periods += 1
     finally:
         base.stop()
 

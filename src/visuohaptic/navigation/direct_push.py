@@ -183,7 +183,7 @@ def plan_direct_push(
     Sorted by expected cost, cost / (1 - probability of failure).
     """
     limits = limits if limits is not None else PushLimits()
-    if tag is not None and (tag.fixed or tag.falls or _too_heavy(tag, limits)):
+    if tag is not None and (tag.fixed or tag.falls or tag.needs_more_than(limits.push_force_max_N)):
         return ()
     outline = np.asarray(footprint_m, dtype=np.float64)
     ground = local_ground(map, outline, reach_m + 2.5 * limits.radius_m, unknown_is_free=unknown_is_free)
@@ -291,11 +291,6 @@ def _simulated(
         model, object_m, plan.path_m, limits.radius_m, rng, doubt=PushDoubt(), samples=samples
     )
     return replace(plan, failure_probability=max(plan.failure_probability, share))
-
-
-def _too_heavy(tag: HapticTag, limits: PushLimits) -> bool:
-    known = tag.static_friction_N or tag.dynamic_friction_N
-    return known is not None and known.value > limits.push_force_max_N
 
 
 def _expected_s(plan: DirectPush) -> float:

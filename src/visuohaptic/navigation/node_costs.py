@@ -92,6 +92,12 @@ def manipulability(
         return Manipulability(
             False, 0.0, f"needs {force.value:.1f} N, the platform has {robot.push_force_max_N:.1f} N"
         )
+    if tag.needs_more_than(robot.push_force_max_N):
+        return Manipulability(
+            False,
+            0.0,
+            f"needs more than {tag.min_static_friction_N:.1f} N, the platform has {robot.push_force_max_N:.1f} N",
+        )
     reason = ""
     for name, estimate, limit in (
         ("drift", tag.drift, costs.drift_limit_m),
@@ -145,7 +151,8 @@ def failure_probability(
     costs = costs or PushCosts()
     if tag is None:
         return 1.0 - costs.unknown_movable
-    if tag.fixed or tag.falls:
+    bound = tag.min_static_friction_N
+    if tag.fixed or tag.falls or (bound is not None and bound >= robot.push_force_max_N):
         return 1.0
     holds = 1.0 - _from_counters(tag, costs)
     force = _largest_force(tag)

@@ -43,6 +43,7 @@ _NOT_NEGATIVE = {
     "deformability",
     "stiffness_N_per_m",
 }
+_BOUNDS = ("min_static_friction_N",)
 _FLAGS = ("fixed", "falls")
 _COUNTERS = ("explored", "failed")
 #: Written by the sensor, of no use to the planner.
@@ -146,13 +147,16 @@ def _object(entry: Any, where: str, place: str) -> MovableObject:
 
 def _tag(data: Any, where: str, place: str) -> HapticTag:
     fields = _mapping(data, where, place)
-    _only(fields, (*_ESTIMATES, *_FLAGS, *_COUNTERS, *_IGNORED), where, place)
+    _only(fields, (*_ESTIMATES, *_BOUNDS, *_FLAGS, *_COUNTERS, *_IGNORED), where, place)
     values: dict[str, Any] = {
         name: _estimate(fields.get(name), where, f"{place}.{name}") for name in _ESTIMATES
     }
     for name in _NOT_NEGATIVE:
         if values[name] is not None and values[name].value < 0:
             raise InputError(where, f"found {values[name].value:g}, expected >= 0", field=f"{place}.{name}")
+    for name in _BOUNDS:
+        bound = fields.get(name)
+        values[name] = None if bound is None else _number(bound, where, f"{place}.{name}")
     for name in _FLAGS:
         flag = fields.get(name)
         if flag is not None and not isinstance(flag, bool):

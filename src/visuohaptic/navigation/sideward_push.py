@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from ..errors import InputError
 from ..objects import HapticTag
 from ..recording.occupancy_map import OccupancyMap
-from .direct_push import PushLimits, _too_heavy
+from .direct_push import PushLimits
 from .local_ground import Footprint, LocalGround, local_ground
 from .push_failure import PushDoubt
 from .push_model import PushModel, area_and_centroid
@@ -176,7 +176,7 @@ def plan_sideward_push(
     tried only when no straight drive succeeds.
     """
     limits = limits if limits is not None else PushLimits()
-    if tag is not None and (tag.fixed or tag.falls or _too_heavy(tag, limits)):
+    if tag is not None and (tag.fixed or tag.falls or tag.needs_more_than(limits.push_force_max_N)):
         return ()
     outline = np.asarray(footprint_m, dtype=np.float64)
     ground = local_ground(map, outline, slide_m + 3 * limits.radius_m, unknown_is_free=unknown_is_free)

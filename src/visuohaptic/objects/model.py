@@ -100,6 +100,16 @@ class HapticTag:
     falls: bool | None = None  #: has fallen over when pushed
     explored: int = 0  #: counter of explorations
     failed: int = 0  #: counter of failures
+    #: lower bound of the static friction [N]: a push with this force did not move it
+    min_static_friction_N: float | None = None
+
+    def needs_more_than(self, force_N: float) -> bool:
+        """Whether a push with this force [N] is known not to move it, or its friction is measured above."""
+        bound = self.min_static_friction_N
+        if bound is not None and bound >= force_N:
+            return True
+        measured = (self.static_friction_N, self.dynamic_friction_N)
+        return any(friction is not None and friction.value > force_N for friction in measured)
 
     def updated(self, **changes: Any) -> HapticTag:
         """A copy with some fields replaced."""

@@ -29,12 +29,16 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
         known = [value for value in (a, b) if value is not None]
         return None if not known else (any(known) if any_true else all(known))
 
+    bounds = [b for b in (first.min_static_friction_N, second.min_static_friction_N) if b is not None]
+    fixed = either(first.fixed, second.fixed, any_true=False)
     score_1 = first.primitive.score if first.primitive else -1.0
     score_2 = second.primitive.score if second.primitive else -1.0
     shape = second if score_2 > score_1 or (first.deformation_shape_m is None) else first
     return HapticTag(
         static_friction_N=_merge(first.static_friction_N, second.static_friction_N),
         dynamic_friction_N=_merge(first.dynamic_friction_N, second.dynamic_friction_N),
+        # What has moved after all takes the bound back.
+        min_static_friction_N=max(bounds) if bounds and fixed is not False else None,
         deceleration_s=_merge(first.deceleration_s, second.deceleration_s),
         drift=_merge(first.drift, second.drift),
         deformability=_merge(first.deformability, second.deformability),
@@ -43,7 +47,7 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
         contact_offset_m=_merge(first.contact_offset_m, second.contact_offset_m),
         primitive=first.primitive if score_1 >= score_2 else second.primitive,
         deformation_shape_m=shape.deformation_shape_m,
-        fixed=either(first.fixed, second.fixed, any_true=False),
+        fixed=fixed,
         falls=either(first.falls, second.falls, any_true=True),
         explored=first.explored + second.explored,
         failed=first.failed + second.failed,

@@ -13,6 +13,7 @@ from .bayes import (
 )
 from .calibration import calibrate, calibration_error
 from .classifier_file import Classifier, load_classifier, save_classifier
+from .contents import ContentsModel, ContentsState, SqueezeSamples, wall_from_stiffness
 from .data_set import HEIGHTS, SIDES, FeatureSet, load_feature_set, read_build, save_feature_set
 from .noise import noisy_copies
 from .prior import Candidate, Example, PriorSettings, VisualPrior, calibrate_prior, model_probabilities
@@ -47,6 +48,8 @@ __all__ = [
     "Candidate",
     "ClassificationTree",
     "Classifier",
+    "ContentsModel",
+    "ContentsState",
     "CurveFit",
     "Example",
     "Exploration",
@@ -56,6 +59,7 @@ __all__ = [
     "ModelSettings",
     "PriorSettings",
     "SensorNoise",
+    "SqueezeSamples",
     "Touch",
     "TouchProtocol",
     "TouchReading",
@@ -96,4 +100,5 @@ __all__ = [
     "tree_steps",
     "tree_text",
     "walk",
+    "wall_from_stiffness",
 ]

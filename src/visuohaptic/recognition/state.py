@@ -23,8 +23,10 @@ from ..deformation.grasp_curve import PinchPlane, side_vertex
 from ..errors import InputError, VisuohapticError
 from ..files import write_text
 from .data_set import HEIGHTS, SIDES
+from .haptic_model import UNKNOWN
 from .protocol import TouchProtocol
 from .readings import NOMINAL_N, NOMINAL_m, SensorNoise, TouchReading, fit_curve
+from .unknown_state import posterior_with_unknown
 
 __all__ = [
     "StateCurve",
@@ -171,7 +173,7 @@ def fit_state_model(
 
 
 def state_probability(model: StateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
-    """Probabilities of the states from what was touched, and where it is told best.
+    """Probabilities of the states and of ``UNKNOWN`` from what was touched, and where it is told best.
 
     Places are taken as independent, which their common wall makes them not: of several, only the
     best place that was touched counts.
@@ -188,11 +190,11 @@ def state_probability(model: StateModel, readings: Sequence[TouchReading]) -> di
             continue
         x = state_features(side.i_N_per_m, side.I_N_per_m, side.II)
         score = _scores(x[None], model.mean[k], model.covariance[k])[0]
-        share = np.exp(score - score.max())
-        share /= share.sum()
+        known, unknown = posterior_with_unknown(score, -2.0 * score[:, None], np.array([x.size]))
+        share = {**dict(zip(model.states, known.tolist(), strict=True)), UNKNOWN: unknown}
         return {
-            "state": model.states[int(np.argmax(share))],
-            "probabilities": dict(zip(model.states, share.tolist(), strict=True)),
+            "state": max(share, key=lambda name: share[name]),
+            "probabilities": share,
             "place": place,
             "accuracy": float(model.accuracy[k]),
             "best_place": model.places[0],

@@ -13,7 +13,16 @@ from ..errors import InputError
 from ..objects import Event, EventKind, ForceProfile, Reason
 from .events import DeflectionEvents, EventSettings
 
-__all__ = ["Phases", "PushRecord", "StopLimits", "StopReason", "find_phases", "record_push", "stop_reason"]
+__all__ = [
+    "Phases",
+    "PushRecord",
+    "StopLimits",
+    "StopReason",
+    "find_phases",
+    "reaches_limit",
+    "record_push",
+    "stop_reason",
+]
 
 
 class StopReason(StrEnum):
@@ -34,6 +43,11 @@ class StopLimits:
     distance_m: float  #: width of the sensor
 
 
+def reaches_limit(force_N: float, sigma_N: float, max_force_N: float) -> bool:
+    """Whether a force may have reached the platform's capability; safe side: it counts with two sigma."""
+    return force_N + 2.0 * sigma_N >= max_force_N
+
+
 def stop_reason(
     deflection_m: float,
     force_N: float,
@@ -42,10 +56,10 @@ def stop_reason(
     *,
     force_sigma_N: float = 0.0,
 ) -> StopReason | None:
-    """First stop condition that holds, or None; safe side: the force counts with two sigma."""
+    """First stop condition that holds, or None."""
     if deflection_m >= limits.deflection_m:
         return StopReason.DENSIFIED
-    if force_N + 2.0 * force_sigma_N >= limits.force_N:
+    if reaches_limit(force_N, force_sigma_N, limits.force_N):
         return StopReason.TOO_HEAVY
     return StopReason.PUSHED_FAR if pushed_m > limits.distance_m else None
 

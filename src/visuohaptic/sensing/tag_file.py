@@ -22,6 +22,7 @@ _ESTIMATES = (
     "rotation_rad_per_m",
     "contact_offset_m",
 )
+_BOUNDS = ("min_static_friction_N",)
 _FLAGS = ("fixed", "falls")
 _COUNTERS = {"explored": "explored", "failed": "failed"}
 _SHAPES = ("primitive", "deformation_shape_m")
@@ -35,7 +36,7 @@ def tag_to_dict(tag: HapticTag) -> dict[str, Any]:
     for name in _ESTIMATES:
         estimate = getattr(tag, name)
         data[name] = None if estimate is None else {part: getattr(estimate, part) for part in _PARTS}
-    for name in (*_FLAGS, *_COUNTERS):
+    for name in (*_BOUNDS, *_FLAGS, *_COUNTERS):
         data[name] = getattr(tag, name)
     if tag.primitive is not None:
         data["primitive"] = {
@@ -59,13 +60,15 @@ def tag_from_dict(data: Mapping[str, Any], *, where: str = "haptic_tag") -> Hapt
     """
     if not isinstance(data, Mapping):
         raise InputError(where, f"found {type(data).__name__}, expected a mapping of fields")
-    known = (*_ESTIMATES, *_FLAGS, *_COUNTERS, *_SHAPES)
+    known = (*_ESTIMATES, *_BOUNDS, *_FLAGS, *_COUNTERS, *_SHAPES)
     for name in data:
         if name not in known:
             raise InputError(where, f"is unknown, expected one of {', '.join(known)}", field=str(name))
     values: dict[str, Any] = {}
     for name in _ESTIMATES:
         values[name] = _estimate(data.get(name), where, name)
+    for name in _BOUNDS:
+        values[name] = None if data.get(name) is None else _number(data[name], where, name)
     for name in _FLAGS:
         flag = data.get(name)
         if flag is not None and not isinstance(flag, bool):

@@ -49,6 +49,8 @@ class KitchenTable(BlankFrames):
     foam_N_per_m3: float = 3e8  #: it becomes stiffer
     force_sigma_N: float = 0.08
     surface_sigma_m: float = 4e-5
+    load_sigma_N: float = 0.05  #: of the vertical load on the fingers, frame by frame
+    load_zero_N: float = 0.3  #: of that sensor: it has to be tared
     frame_rate_Hz: float = 30.0
     force_limit_N: float = 60.0
     slip_at_s: float = math.inf  #: from then on the fingers are wet: a tenth of the friction
@@ -108,6 +110,13 @@ class KitchenTable(BlankFrames):
         if self.force_N > 3 * self.force_sigma_N:
             surface = self._radius() - self.deformation_m + self.surface_sigma_m * float(noise[1])
         return FingerMoment(frame.t_s, True, force, self.force_sigma_N, surface)
+
+    def weigh(self, frame: Frame) -> float:
+        """Vertical load on the fingers [N] with its zero's offset; NaN when the sensor is blind."""
+        if self.arm.t_s >= self.blind_at_s:
+            return math.nan
+        load = self.container.mass_kg * GRAVITY_M_S2 if self.lifted_m > 0 else 0.0
+        return load + self.load_zero_N + self.load_sigma_N * float(self.rng.standard_normal())
 
     def _height(self) -> float:
         """Where on the object the fingers are."""

@@ -8,6 +8,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from ..errors import InputError
+from ..robots import require_members
 from .hand import Hand, Place
 from .squeeze import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
 from .trace import Ending, Trace
@@ -79,6 +80,7 @@ def classify_by_squeezing(
 
     Each squeeze is a :class:`~visuohaptic.tasks.squeeze.SqueezeTask`; this loop only asks and stops.
     """
+    require_members(classifier, SqueezeClassifier, "classify_by_squeezing", "classifier")
     settings = settings or ClassifySettings()
     curves: list[SqueezeCurve] = []
     traces: list[Trace] = []

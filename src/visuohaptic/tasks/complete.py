@@ -14,7 +14,7 @@ from ..camera import Frame, Pose
 from ..errors import DeviceError, InputError
 from ..objects import Wrench
 from ..reconstruction.touch import Touch
-from ..robots import FrameSource, ProbeArm
+from ..robots import FrameSource, ProbeArm, require_members
 from .machine import Machine, Rule
 from .trace import Ending, Trace
 
@@ -248,6 +248,8 @@ def complete_by_touch(
     pose_base_visual
         Frame of the visible surface in the base of the arm; the same by default.
     """
+    require_members(arm, ProbeArm, "complete_by_touch", "arm")
+    require_members(source, FrameSource, "complete_by_touch", "frame source", members=("__iter__",))
     settings = settings or CompleteSettings()
     base = pose_base_visual or Pose.identity()
     task = CompleteTask(settings)

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from ..camera import Frame, Pose
 from ..errors import DeviceError
 from ..objects import Wrench
-from ..robots import FrameSource, ProbeArm
+from ..robots import FrameSource, ProbeArm, require_members
 from .crown_cap_records import (
     CapCommand,
     CapMoment,
@@ -372,6 +372,8 @@ def open_crown_cap(
     CapOpening
         With the reason and a trace that :func:`~visuohaptic.tasks.machine.replay` takes.
     """
+    require_members(arm, ProbeArm, "open_crown_cap", "arm")
+    require_members(source, FrameSource, "open_crown_cap", "frame source", members=("__iter__",))
     task = CrownCapTask(settings)
     last: CapCommand | None = None
     try:

@@ -14,13 +14,14 @@ from jaxtyping import Float
 from ..camera import Frame
 from ..errors import InputError
 from ..objects import Event, EventKind, ForceProfile, HapticTag, PrimitiveKind, Reason
-from ..robots import BaseState, FrameSource, MobileBase
+from ..robots import BaseState, ClockWatch, FrameSource, MobileBase, require_members
 from ..sensing.events import ContactEvents
 from ..sensing.foam import FoamSensor
 from ..sensing.primitives import PrimitiveFit, fit_contact
 from ..sensing.push import StopLimits, StopReason, record_push, stop_reason
 from ..sensing.tag import tag_from_push
 from ._look_ahead import LookAhead
+from .force_guard import ForceGuard, GuardState
 
 if TYPE_CHECKING:
     from ..sensing.scene import SceneReading, SceneTracker
@@ -35,6 +36,7 @@ class Outcome(StrEnum):
     NOTHING_FOUND = "nothing_found"  #: no contact on the way
     SENSOR_FAILED = "sensor_failed"  #: too many frames in a row could not be trusted
     TIMED_OUT = "timed_out"
+    CLOCK_STOPPED = "clock_stopped"  #: the platform's clock stands still
     SOURCE_ENDED = "source_ended"  #: the camera delivered no more frames
 
 
@@ -115,9 +117,8 @@ class Exploration:
     travel_m: Float[np.ndarray, "N"]  #: along the direction in which the exploration began
     fit_state: BaseState | None = None  #: where the platform stood when the shape was fitted
     touched: bool = field(default=False)
-    seen_ahead_m: float = (
-        math.nan
-    )  #: how far from the foam the obstacle was when it was first seen; NaN: unseen
+    #: how far from the foam the obstacle was when it was first seen; NaN: unseen
+    seen_ahead_m: float = math.nan
     expected_m: float = math.nan  #: travel at which the scene expected the touch, as it was last seen before
     #: turn of the object in the world since the touch, by its texture; NaN where it was not seen [rad]
     object_angle_rad: Float[np.ndarray, "N"] = field(default_factory=lambda: np.zeros(0))
@@ -149,6 +150,8 @@ def explore_obstacle(
     on_step
         Called once per frame.
     """
+    require_members(base, MobileBase, "explore_obstacle")
+    require_members(source, FrameSource, "explore_obstacle", "frame source", members=("__iter__",))
     settings = settings or ExploreSettings()
     run = _Run(base, sensor, settings, scene)
     base.drive(settings.approach_m_s, 0.0)
@@ -194,14 +197,16 @@ class _Run:
         self.halted: list[tuple[ForceProfile, BaseState]] = []
         self.start: BaseState | None = None
         self.motion_travel: float | None = None
-        self.halt_t = self.back_travel = math.nan
-        self.blind = 0
+        self.halt_t = self.back_travel = self.first_frame_s = math.nan
+        # The foam is compliant: its first reading at the limit is enough.
+        self.guard = ForceGuard(settings.largest_force_N, median_of=1, max_unread=settings.blind_frames)
+        self.clock = ClockWatch()
         self.touched = False
 
     def step(self, frame: Frame) -> ExploreStep:
         profile, state = self.sensor.read(frame), self.base.state()
         if self.start is None:
-            self.start = state
+            self.start, self.first_frame_s = state, profile.t_s
         travel = self._travel(state)
         seen_now: SceneReading | None = None
         if self.scene is not None:
@@ -221,8 +226,11 @@ class _Run:
             if event.kind is EventKind.MOTION and self.motion_travel is None:
                 self.motion_travel = self._travel_at(event.t_s)
         seen = profile.reason in (Reason.OK, Reason.UNLOADING, Reason.SATURATED)
-        self.blind = 0 if seen else self.blind + 1
-        self._decide(profile, state, travel)
+        pressing = self.phase in (_Phase.APPROACH, _Phase.PUSH)
+        allowed = self.guard.update(
+            profile.force_N if seen else math.nan, profile.force_sigma_N, pressing=pressing
+        )
+        self._decide(profile, state, travel, allowed)
         return ExploreStep(frame, profile, state, self.phase.value, travel, tuple(found), seen_now)
 
     def _travel(self, state: BaseState) -> float:
@@ -234,14 +242,20 @@ class _Run:
         times = [profile.t_s for profile in self.profiles]
         return float(np.interp(t_s, times, [self._travel(state) for state in self.states]))
 
-    def _decide(self, profile: ForceProfile, state: BaseState, travel: float) -> None:
+    def _decide(self, profile: ForceProfile, state: BaseState, travel: float, allowed: GuardState) -> None:
         """Next phase, and what the platform does in it."""
         settings = self.settings
         assert self.start is not None
-        if state.t_s - self.start.t_s > settings.timeout_s:
+        passed_s = max(state.t_s - self.start.t_s, profile.t_s - self.first_frame_s)
+        if self.clock.update(state.t_s):
+            self._end(Outcome.CLOCK_STOPPED)
+        elif passed_s > settings.timeout_s:
             self._end(Outcome.TIMED_OUT)
-        elif self.blind >= settings.blind_frames:
+        elif allowed is GuardState.UNREAD:
             self._end(Outcome.SENSOR_FAILED)
+        elif allowed is GuardState.TOO_HEAVY:
+            self.touched = True
+            self._halt(StopReason.TOO_HEAVY, state)
         elif self.phase is _Phase.APPROACH:
             if self.detector.in_contact:
                 self.touched = True
@@ -253,15 +267,12 @@ class _Run:
                 self.base.drive(self.ahead.speed_m_s(travel), 0.0)
         elif self.phase is _Phase.PUSH:
             pushed = travel - self.motion_travel if self.motion_travel is not None else 0.0
-            self.stopped_by = self._must_stop(profile, pushed)
-            if self.stopped_by is not None:
-                self.base.stop()
-                self.phase, self.halt_t = _Phase.HALT, state.t_s
-            elif travel > settings.search_m + settings.push_m:
+            reason = self._must_stop(profile, pushed)
+            if reason is None and travel > settings.search_m + settings.push_m:
                 # Lost on the way: what was touched went out of reach without ever resisting.
-                self.stopped_by = StopReason.PUSHED_FAR
-                self.base.stop()
-                self.phase, self.halt_t = _Phase.HALT, state.t_s
+                reason = StopReason.PUSHED_FAR
+            if reason is not None:
+                self._halt(reason, state)
         elif self.phase is _Phase.HALT:
             if abs(state.speed_m_s) < 1e-3 and profile.contacts:
                 self.halted.append((profile, state))
@@ -283,6 +294,10 @@ class _Run:
             self.limits,
             force_sigma_N=profile.force_sigma_N,
         )
+
+    def _halt(self, reason: StopReason, state: BaseState) -> None:
+        self.base.stop()
+        self.stopped_by, self.phase, self.halt_t = reason, _Phase.HALT, state.t_s
 
     def _end(self, outcome: Outcome) -> None:
         self.base.stop()
@@ -350,13 +365,16 @@ class _Run:
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
         if best is not None and best.kind is PrimitiveKind.SEGMENT:
             centre = 0.5 * float(best.parameters[1] + best.parameters[3])
-        return tag_from_push(
+        tag = tag_from_push(
             record_push(self.profiles, travel, lateral_m=lateral, angle_rad=angle),
             events=self.events,
             stopped_by=self.stopped_by,
             primitive=best,
             object_centre_m=centre,
         )
+        if tag.fixed and self.stopped_by is StopReason.TOO_HEAVY:
+            return tag.updated(min_static_friction_N=self.settings.largest_force_N)
+        return tag
 
 
 def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:

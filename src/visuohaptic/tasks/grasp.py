@@ -6,12 +6,16 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 
+import numpy as np
+
 from ..errors import InputError
 from .hand import Hand, HandCommand, HandMoment, Place, run_hand
 from .machine import Machine, Rule
 from .trace import Ending, Trace
 
 __all__ = ["GraspAndLift", "GraspOutcome", "GraspPlan", "GraspState", "GraspTask", "grasp_and_lift"]
+
+GRAVITY_M_S2 = 9.81
 
 
 class GraspState(StrEnum):
@@ -22,6 +26,7 @@ class GraspState(StrEnum):
     CLOSE = "close"
     LIFT = "lift"
     CHECK = "check"
+    LOWER = "lower"  #: back to where it stood, still held
 
 
 class GraspOutcome(StrEnum):
@@ -47,6 +52,7 @@ class GraspPlan:
     finger_m_s: float = 0.015
     arm_m_s: float = 0.12
     hold_s: float = 0.5
+    put_back: bool = False  #: lower it again, as after weighing
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
@@ -65,6 +71,15 @@ class GraspAndLift:
     trace: Trace
     force_N: float  #: held at the end, or when it failed
     deformation_m: float  #: of one side at the grasp; NaN when nothing was touched
+    load_N: float = math.nan  #: weight felt while lifted; NaN when it was not lifted or there is no sensor
+    load_sigma_N: float = math.nan
+
+    @property
+    def mass_kg(self) -> tuple[float, float] | None:
+        """Mass that was lifted, and its standard deviation; ``None``: not known."""
+        if not (self.ending.success and math.isfinite(self.load_N)):
+            return None
+        return self.load_N / GRAVITY_M_S2, self.load_sigma_N / GRAVITY_M_S2
 
 
 class GraspTask(Machine[GraspState, HandMoment, HandCommand]):
@@ -79,12 +94,15 @@ class GraspTask(Machine[GraspState, HandMoment, HandCommand]):
             GraspState.REACH: Rule((GraspState.CLOSE,), 30.0),
             GraspState.CLOSE: Rule((GraspState.LIFT,), 30.0),
             GraspState.LIFT: Rule((GraspState.CHECK,), 30.0),
-            GraspState.CHECK: Rule((), 10.0),
+            GraspState.CHECK: Rule((GraspState.LOWER,), 10.0),
+            GraspState.LOWER: Rule((), 30.0),
         }
         super().__init__(plan)
         self.force_N, self.deformation_m = 0.0, math.nan
         self._first_m = math.nan
         self._blind = self._weak = 0
+        self._unloaded_N: list[float] = []  #: on the table
+        self._loaded_N: list[float] = []
 
     def halt(self) -> HandCommand:
         """Arm and fingers hold: what is in the hand stays there."""
@@ -122,12 +140,20 @@ class GraspTask(Machine[GraspState, HandMoment, HandCommand]):
             if math.dist(seen.tip_m, top) < 5e-4:
                 self.go(GraspState.CHECK, "up")
             return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
-        if self.since_s(seen.t_s) >= p.hold_s:
+        if self.state is GraspState.LOWER:
+            if math.dist(seen.tip_m, grasp) < 5e-4:
+                self.end(True, GraspOutcome.LIFTED, "weighed and put back")
+            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+        self._loaded_N.append(seen.load_N)
+        if self.since_s(seen.t_s) >= p.hold_s and p.put_back:
+            self.go(GraspState.LOWER, "weighed")
+        elif self.since_s(seen.t_s) >= p.hold_s:
             self.end(True, GraspOutcome.LIFTED, f"{seen.force_N:.2f} N held {1e2 * p.lift_m:.0f} cm up")
         return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
 
     def _close(self, seen: HandMoment) -> HandCommand:
         p = self.plan
+        self._unloaded_N.append(seen.load_N)
         if math.isfinite(seen.surface_m):
             self._first_m = seen.surface_m if math.isnan(self._first_m) else self._first_m
             self.deformation_m = self._first_m - seen.surface_m
@@ -143,6 +169,14 @@ class GraspTask(Machine[GraspState, HandMoment, HandCommand]):
             return self._fail(GraspOutcome.NOTHING_THERE, "closed without reaching the force")
         return HandCommand(opening_m=0.0, finger_m_s=p.finger_m_s)
 
+    def load_N(self) -> tuple[float, float]:
+        """Weight felt while lifted beside before, and its standard deviation [N]; NaN where it was not felt."""
+        felt = [np.array([v for v in one if math.isfinite(v)]) for one in (self._unloaded_N, self._loaded_N)]
+        if min(len(one) for one in felt) < 2:
+            return math.nan, math.nan
+        variance = sum(float(np.var(one, ddof=1)) / len(one) for one in felt)
+        return float(felt[1].mean() - felt[0].mean()), math.sqrt(variance)
+
     def _fail(self, outcome: GraspOutcome, why: str) -> HandCommand:
         self.end(False, outcome, why)
         return self.halt()
@@ -153,4 +187,4 @@ def grasp_and_lift(hand: Hand, plan: GraspPlan) -> GraspAndLift:
     task = GraspTask(plan)
     run_hand(hand, task)
     assert task.ending is not None
-    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m)
+    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, *task.load_N())

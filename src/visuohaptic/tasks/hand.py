@@ -11,7 +11,7 @@ import numpy as np
 
 from ..camera import Frame, Pose
 from ..errors import DeviceError
-from ..robots import FrameSource, Gripper, ProbeArm
+from ..robots import FrameSource, Gripper, ProbeArm, require_members
 from .machine import Machine
 
 __all__ = ["FingerReading", "Hand", "HandCommand", "HandMoment", "Place", "run_hand"]
@@ -37,6 +37,8 @@ class Hand:
     gripper: Gripper
     source: FrameSource
     feel: Callable[[Frame], FingerReading]
+    #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
+    weigh: Callable[[Frame], float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,7 @@ class HandMoment:
     felt: bool
     force_N: float
     surface_m: float
+    load_N: float = math.nan  #: downward on the fingers, up to a constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,9 @@ class HandCommand:
 
 def run_hand(hand: Hand, task: Machine[Any, HandMoment, HandCommand]) -> None:
     """Step a task with every frame until it ends; arm and gripper then hold."""
+    require_members(hand.arm, ProbeArm, task.task, "arm")
+    require_members(hand.gripper, Gripper, task.task, "gripper")
+    require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
     last: HandCommand | None = None
     try:
         for frame in hand.source:
@@ -85,6 +91,7 @@ def run_hand(hand: Hand, task: Machine[Any, HandMoment, HandCommand]) -> None:
             moment = HandMoment(
                 frame.t_s, (x, y, z), angle, hand.gripper.state().opening_m, felt,
                 float(reading.force_N), float(reading.surface_m),
+                math.nan if hand.weigh is None else float(hand.weigh(frame)),
             )  # fmt: skip
             command = task.step(moment)
             if command != last:

@@ -11,13 +11,15 @@ command.
 from __future__ import annotations
 
 import math
+import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 from ..errors import InputError
+from ..robots import ClockWatch
 from .trace import Ending, Step, Trace, decoded, encoded
 
 __all__ = ["Machine", "Observation", "Rule", "replay"]
@@ -83,6 +85,9 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
 
     task: ClassVar[str]
     rules: Mapping[Any, Rule[Any]]  #: a class attribute, or set before ``super().__init__``
+    host_clock: Callable[[], float] = staticmethod(
+        time.monotonic
+    )  #: by which a stopped robot clock is noticed
 
     def __init__(self, settings: object = None) -> None:
         self._settings = {} if settings is None else encoded(settings)
@@ -92,6 +97,8 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         self._steps: list[Step] = []
         self._why = ""
         self._last_s = -math.inf
+        # Who polls may ask often between two observations: only the host's time counts.
+        self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
 
     @abstractmethod
     def decide(self, seen: SeenT) -> ToldT:
@@ -105,7 +112,8 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         """Take one observation.
 
         Observations that are not newer than the last one are ignored: the
-        robot is told to stand still until there is a new one.
+        robot is told to stand still until there is a new one. When none comes for
+        :data:`~visuohaptic.robots.MAX_STILL_S` by the host's clock, the task ends.
 
         Raises
         ------
@@ -115,7 +123,10 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         if self.ending is not None:
             found = f"has ended ({self.ending.outcome})"
             raise InputError(self.task, found, remedy="make a new one for a new run")
+        stopped = self._clock.update(seen.t_s)
         if not seen.t_s > self._last_s:
+            if stopped:
+                self.end(False, "clock_stopped", stopped)
             return self.halt()
         if math.isnan(self.entered_s):
             self.entered_s = seen.t_s

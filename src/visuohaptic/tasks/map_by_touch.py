@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from ..navigation.haptic_map import HapticContact, HapticMap
-from ..robots import BaseState, FrameSource, MobileBase
+from ..robots import BaseState, FrameSource, MobileBase, require_members
 from ._map_contacts import Placing, aside_rad, contact_of, face_rad
 from .explore import Exploration, ExploreSettings, Outcome, explore_obstacle
+from .force_guard import ForceGuard, GuardState
 from .machine import Machine, Rule
 from .map_by_touch_records import MapCommand, MapMoment, MapOutcome, MapSettings, MapState
 from .trace import Ending, Trace
@@ -103,11 +104,13 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
         if self.state is MapState.EXPLORE:
             self._moved_s = seen.t_s
             return self._explored(seen) if seen.explored else _EXPLORE
+        if seen.overload:
+            return self._free(seen, "the force is at the platform's limit")
         moved = math.dist(self._last, (seen.x_m, seen.y_m, seen.heading_rad))
         if moved > 0.005:
             self._last, self._moved_s = (seen.x_m, seen.y_m, seen.heading_rad), seen.t_s
         if seen.t_s - self._moved_s > s.stuck_s:
-            return self._free(seen)
+            return self._free(seen, f"stood for {s.stuck_s:g} s")
         if self.state is MapState.COME_FREE:
             return self._coming_free(seen)
         if self.state is MapState.ALONG:
@@ -122,7 +125,7 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             return MapCommand(speed_m_s=s.along_m_s)
         return self._turning(seen)
 
-    def _free(self, seen: MapMoment) -> MapCommand:
+    def _free(self, seen: MapMoment, why: str) -> MapCommand:
         """Another way out than the last time."""
         s = self.settings
         self._frees += 1
@@ -135,7 +138,7 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
                 self._goal_rad = seen.heading_rad + s.free_rad
             self._last_turn = -1.0 if self.state is MapState.TURN_BACK else 1.0
             self._tries = 0
-        self._begin_freeing(seen, f"stood for {s.stuck_s:g} s")
+        self._begin_freeing(seen, why)
         return self._freeing
 
     def _begin_freeing(self, seen: MapMoment, why: str) -> None:
@@ -195,7 +198,7 @@ class TouchMapTask(Machine[MapState, MapMoment, MapCommand]):
             self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
             return MapCommand(turn_rate_rad_s=s.turn_rad_s)
         if seen.explored == Outcome.TIMED_OUT:
-            return self._free(seen)  # told to go on, but held where the foam is not
+            return self._free(seen, "timed out")  # told to go on, but held where the foam is not
         self._empty += 1
         if self._empty >= s.empty_ways:
             self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} ways in a row met nothing")
@@ -250,7 +253,10 @@ def map_by_touch(
     on_contact
         Called after each contact.
     """
+    require_members(base, MobileBase, "map_by_touch")
+    require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
+    guard = ForceGuard(explore.largest_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
     placing = Placing(settings, haptic_map, base.state())
     contacts: list[HapticContact] = []
@@ -259,8 +265,15 @@ def map_by_touch(
     command = _STOP
     try:
         for frame in frames:
-            touched = bool(sensor.read(frame).contacts)
-            command = task.step(_moment(frame.t_s, base.state(), touched))
+            profile = sensor.read(frame)
+            pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
+            allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
+            if allowed is GuardState.UNREAD:
+                task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
+                break
+            overload = allowed is GuardState.TOO_HEAVY
+            moment = _moment(frame.t_s, base.state(), bool(profile.contacts))
+            command = task.step(replace(moment, overload=overload))
             while command.explore and not task.ended:
                 found = explore_obstacle(base, source, sensor, explore)
                 explorations.append(found)

@@ -77,6 +77,7 @@ class MapMoment:
     face_rad: float  #: direction of the touched face in the map, to be driven along; NaN unknown
     #: turn to the left that brings what the end of the foam has met before its middle; NaN where it was met well
     aside_rad: float = math.nan
+    overload: bool = False  #: the force is at the platform's limit
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
+from .force_guard import ForceGuard, GuardState
 
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
 
@@ -41,6 +42,8 @@ class PushEnd(StrEnum):
     LOST = "lost"  #: it is not touched any more
     MISSED = "missed"  #: it was never touched
     TIMED_OUT = "timed out"
+    TOO_HEAVY = "too heavy"  #: the force stays at the platform's limit
+    UNREAD = "force unread"  #: the force was not read for too long
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +55,7 @@ class PushSettings:
     approach_m_s: float = 0.08
     search_m: float = 0.12  #: of the drive without a touch
     touch_N: float = 1.0  #: force that counts as touch
+    max_force_N: float = 20.0  #: what the platform can push
     turn_gain_per_m: float = 6.0  #: K
     integral_per_m: float = 2.0  #: I grows by theta per metre times this
     steer_max_rad: float = 0.35
@@ -64,7 +68,14 @@ class PushSettings:
     timeout_s: float = 120.0
 
     def __post_init__(self) -> None:
-        values = (self.radius_m, self.speed_m_s, self.approach_m_s, self.search_m, self.stall_s)
+        values = (
+            self.radius_m,
+            self.speed_m_s,
+            self.approach_m_s,
+            self.search_m,
+            self.stall_s,
+            self.max_force_N,
+        )
         if not all(math.isfinite(v) and v > 0 for v in values):
             raise InputError("PushSettings", f"found {self}, expected numbers > 0")
 
@@ -108,6 +119,7 @@ class SteeredPush:
         self._begin = self._seen = object_m
         self._offset = np.zeros(2) if offset_m is None else np.asarray(offset_m)
         self._lever_m = max(lever_m, 0.02)
+        self._guard = ForceGuard(self.settings.max_force_N)
         self._integral = 0.0
         self._touch_place: Pose | None = None
         self._last_touch: Pose | None = None
@@ -179,7 +191,7 @@ class SteeredPush:
         pose_m
             Of the platform, map frame.
         force_N, contact_m
-            What its rim feels, and where; 0 and ``None`` without touch.
+            What its rim feels, and where; 0 and ``None`` without touch, a NaN force when it was not read.
         seen_m
             Where the object is now; ``None`` when it is not seen now.
         """
@@ -190,8 +202,11 @@ class SteeredPush:
         if seen_m is not None and self._begin is not None:
             self._seen = seen_m
         self._follow(t_s, pose_m, force_N)
+        allowed = self._guard.update(force_N)
         self.end = self._ended(t_s, pose_m)
-        if self.end is not None:
+        if self.end is None and allowed in (GuardState.TOO_HEAVY, GuardState.UNREAD):
+            self.end = PushEnd(allowed.value)
+        if self.end is not None or allowed is GuardState.HOLD:
             return 0.0, 0.0
         heading = _wrap(float(pose_m[2]) - self._direction)
         if self._touch_place is None:

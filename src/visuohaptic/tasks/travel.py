@@ -31,16 +31,15 @@ from ..navigation.problem import PlanningProblem
 from ..navigation.strategies import make_plan
 from ..navigation.turning_push import TurningPush
 from ..objects import Estimate, HapticTag
-from ..robots import BaseState, MobileBase
+from ..robots import BaseState, MobileBase, require_members
 from .steered_push import PushEnd, PushSettings, SteeredPush
 from .travel_memory import TravelMemory
+from .travel_motion import TravelInterrupted, TravelMotion, force_unread
 from .travel_plans import TravelPlans
 from .travel_trace import TravelRecord
 from .travel_words import TravelOutcome, TravelSenses, TravelSettings, TravelState
 
 __all__ = ["Travel", "TravelOutcome", "TravelSenses", "TravelSettings", "TravelState", "travel"]
-
-PERIOD_S = 0.02
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +84,14 @@ def travel(
         Limits.
     plan
         The planner; asked with a robot that is larger by a margin.
+
+    Raises
+    ------
+    InputError
+        ``base`` or ``senses`` lacks a member of its protocol.
     """
+    require_members(base, MobileBase, "travel")
+    require_members(senses, TravelSenses, "travel", "TravelSenses object")
     return _Machine(problem, base, senses, wait, settings or TravelSettings(), plan).run()
 
 
@@ -110,18 +116,20 @@ class _Machine:
     turning: TurningPush | None = None  #: what follows the tasks
     length_m: float = 0.0
     as_planned: bool = False  #: the last push did what the plan said
-    deadline_s: float = math.inf
+    motion: TravelMotion = field(init=False)
     at_wall: bool = False  #: whether the last push ended at a wall
     behind_m: float = 0.0  #: so far straight behind the robot is known to be free
 
     def __post_init__(self) -> None:
         self.memory = TravelMemory(self.problem)
         self.plans = TravelPlans(self.memory, self.settings, self.planner, self._planned)
+        self.motion = TravelMotion(
+            self.base, self.senses, self.wait, self.problem.robot.push_force_max_N, self.settings.timeout_s
+        )
 
     def run(self) -> Travel:
         """From state to state until the end."""
         begin_s = self._now()
-        self.deadline_s = begin_s + self.settings.timeout_s
         steps = {
             TravelState.PLAN: self._plan,
             TravelState.DRIVE: self._drive,
@@ -132,8 +140,9 @@ class _Machine:
         }
         try:
             while self.state in steps:
-                late = self._now() >= self.deadline_s
-                self.state = self._late() if late else steps[self.state]()
+                self.state = steps[self.state]()
+        except TravelInterrupted as interrupted:
+            self.state = self._end(interrupted.outcome, interrupted.reason)
         finally:
             self.base.stop()
         assert self.outcome is not None
@@ -148,10 +157,6 @@ class _Machine:
             self.plans.asked,
             self.reason,
         )
-
-    def _late(self) -> TravelState:
-        self.base.stop()
-        return self._end(TravelOutcome.TIMED_OUT, f"after {self.settings.timeout_s:.0f} s")
 
     # ---- planning
 
@@ -202,7 +207,7 @@ class _Machine:
         pose = last = self._pose()
         moved_s = begin_s = self._now()
         bumped_s = math.nan
-        force = 0.0
+        self.motion.new_guard()
         while True:
             pose = self._pose()
             t_s = self._now()
@@ -220,13 +225,11 @@ class _Machine:
             force = self.senses.touch()[0]
             if force < self.settings.bump_N or math.isnan(bumped_s):
                 bumped_s = t_s
-            if t_s >= self.deadline_s:
-                return self._late()
             stalled = t_s - moved_s > self.settings.drive_stall_s
             if stalled or t_s - bumped_s > self.settings.bump_s or t_s - begin_s > 20.0 + 10 * task.cost_s:
                 return self._bumped("stalled" if stalled else "bumped", force)
-            self.base.drive(speed, turn)
-            self.wait(PERIOD_S)
+            if not self.motion.go(speed, turn):
+                return self._bumped("overloaded", force)
 
     def _bumped(self, event: str, force_N: float) -> TravelState:
         """Something is where the map has nothing: remember it, back off, plan again."""
@@ -250,26 +253,12 @@ class _Machine:
         away = self._pose()[:2] - point
         ahead = math.atan2(away[1], away[0])
         behind = abs(_wrap(ahead - float(self._pose()[2]))) > 0.5 * math.pi
-        self._turn_to(_wrap(ahead + math.pi) if behind else ahead)
-        begin, begin_s = self._pose(), self._now()
-        while self._now() - begin_s < 3.0:
-            if np.hypot(*(self._pose()[:2] - begin[:2])) > self.settings.leave_m:
-                break
-            self.base.drive(-0.05 if behind else 0.05, 0.0)
-            self.wait(PERIOD_S)
-        self._halt()
+        self.motion.turn_to(_wrap(ahead + math.pi) if behind else ahead)
+        self.motion.straight(-0.05 if behind else 0.05, self.settings.leave_m, 3.0)
 
     def _back_off(self) -> TravelState:
         """Straight back, over floor that it has just driven on."""
-        begin, begin_s = self._pose(), self._now()
-        while True:
-            pose = self._pose()
-            gone = float(np.hypot(*(pose[:2] - begin[:2])))
-            if gone >= self.behind_m or self._now() - begin_s > 4.0 + self.behind_m / 0.05:
-                break
-            self.base.drive(-0.1, 0.0)
-            self.wait(PERIOD_S)
-        self._halt()
+        self.motion.straight(-0.1, self.behind_m, 4.0 + self.behind_m / 0.05)
         if self.as_planned:
             self.tasks.pop(0)
             return self._next()
@@ -299,6 +288,8 @@ class _Machine:
         good = moved > max(self.settings.moved_m, 0.5 * length_m)
         if good or moved > self.settings.moved_m:
             self.memory.pushed(task.object, failed=not good)
+        elif self._too_heavy(push):
+            self.memory.too_heavy(task.object)
         else:
             fixed = (push.end is PushEnd.STALLED and not self.at_wall) or self.memory.failures(
                 task.object
@@ -321,16 +312,16 @@ class _Machine:
             return TravelState.PLAN
         push = self._pushed(after, self.settings.explore_m)
         moved = float(push.moved_m[0]) > self.settings.moved_m
+        robot = self.problem.robot
         first, rest = push.force_N
         observed = math.isfinite(first)
-        # What has moved can be moved: the readings' noise must not say otherwise.
-        first, rest = (min(force, 0.95 * self.problem.robot.push_force_max_N) for force in (first, rest))
         tag = HapticTag(
             static_friction_N=Estimate(first, 0.1 * first) if observed and moved else None,
             dynamic_friction_N=Estimate(rest, 0.1 * rest) if observed and moved else None,
             fixed=not moved,
             explored=1,
             failed=0 if moved else 1,
+            min_static_friction_N=None if moved or not self._too_heavy(push) else robot.push_force_max_N,
         )
         self.memory.explored(task.object, tag)
         self.as_planned = False
@@ -352,6 +343,8 @@ class _Machine:
         moved = bool(np.hypot(off[0], off[1]) > self.settings.moved_m or abs(off[2]) > self.settings.near_rad)
         if moved or before is None or after is None:
             self.memory.pushed(wanted.object, failed=False)
+        elif self._too_heavy(push):
+            self.memory.too_heavy(wanted.object)
         else:
             fixed = self.memory.failures(wanted.object) + 1 >= self.settings.failures
             self.memory.refused(wanted.object, fixed=fixed)
@@ -362,6 +355,10 @@ class _Machine:
             foreseen_rad=wanted.turn_rad, opens=wanted.opens, force_N=_finite(push.force_N[1]),
         )  # fmt: skip
         return TravelState.BACK_OFF
+
+    def _too_heavy(self, push: SteeredPush) -> bool:
+        """Whether a push met an object, and not a wall, that takes more than the platform has."""
+        return push.end is PushEnd.TOO_HEAVY and not self.at_wall
 
     def _pushed(self, task: Task, length_m: float) -> SteeredPush:
         """Push an object through its centre, steering by where it is seen."""
@@ -378,7 +375,7 @@ class _Machine:
         place: Float[np.ndarray, "3"] | None,
     ) -> SteeredPush:
         """Turn to the object, push it, stop; straight where its place is not given."""
-        self._turn_to(direction)
+        self.motion.turn_to(direction)
         robot = self.problem.robot
         offset, lever = self.memory.friction(id)
         speed = min(robot.v_push_m_s, robot.v_max_m_s)
@@ -386,7 +383,8 @@ class _Machine:
             stand, direction, length_m, object_m=place, offset_m=offset, lever_m=lever,
             settings=PushSettings(
                 radius_m=robot.radius_m, speed_m_s=speed, search_m=0.15 + 2 * self.margin_m,
-                timeout_s=min(30.0 + 3.0 * length_m / speed, max(self.deadline_s - self._now(), 0.0)),
+                max_force_N=robot.push_force_max_N,
+                timeout_s=min(30.0 + 3.0 * length_m / speed, self.motion.left_s()),
             ),
         )  # fmt: skip
         begin = self._pose()
@@ -400,38 +398,20 @@ class _Machine:
             speed_m_s, turn = push.command(t_s, self._pose(), force, point, seen)
             if push.end is not None:
                 break
-            self.base.drive(speed_m_s, turn)
-            self.wait(PERIOD_S)
+            self.motion.command(speed_m_s, turn)
+        self.base.stop()
+        if push.end is PushEnd.UNREAD:
+            raise force_unread()
         point = self.senses.touch()[1]
-        self._halt()
+        self.motion.halt()
         gone = float(np.hypot(*(self._pose()[:2] - begin[:2])))
         self.length_m += gone
-        self.at_wall = (
-            push.end is PushEnd.STALLED and point is not None and not self.memory.near(np.array(point))
-        )
+        held = push.end in (PushEnd.STALLED, PushEnd.TOO_HEAVY)
+        self.at_wall = held and point is not None and not self.memory.near(np.array(point))
         if self.at_wall and point is not None:
             self._leave(np.array(point))
         self.behind_m = 0.0 if self.at_wall else min(self.settings.back_off_m, gone + 0.02)
         return push
-
-    def _turn_to(self, heading_rad: float) -> None:
-        begin_s = self._now()
-        while self._now() - begin_s < 20.0:
-            error = _wrap(heading_rad - self._pose()[2])
-            if abs(error) < 0.02:
-                break
-            self.base.drive(0.0, math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error))
-            self.wait(PERIOD_S)
-        self._halt()
-
-    def _halt(self) -> None:
-        """Stand still."""
-        self.base.stop()
-        for _ in range(50):
-            self.wait(PERIOD_S)
-            state = self.base.state()
-            if abs(state.speed_m_s) < 1e-3 and abs(state.turn_rate_rad_s) < 1e-3:
-                break
 
     # ---- perceiving
 

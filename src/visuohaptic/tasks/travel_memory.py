@@ -134,7 +134,12 @@ class TravelMemory:
         tag = known.item.tag or HapticTag()
         known.item = replace(
             known.item,
-            tag=tag.updated(explored=tag.explored + 1, failed=tag.failed + int(failed), fixed=False),
+            tag=tag.updated(
+                explored=tag.explored + 1,
+                failed=tag.failed + int(failed),
+                fixed=False,
+                min_static_friction_N=None,
+            ),
         )
 
     def refused(self, id: str, *, fixed: bool) -> None:
@@ -149,6 +154,21 @@ class TravelMemory:
                 explored=tag.explored + 1, failed=tag.failed + 1, fixed=True if fixed else tag.fixed
             ),
         )
+
+    def too_heavy(self, id: str) -> None:
+        """The platform's largest force did not move an object: a bound, which what was measured lower contradicts."""
+        known = self._known[id]
+        known.failures += 1
+        known.stalled = False  # measured, not bad luck: it gets no other chance
+        tag = known.item.tag or HapticTag()
+        limit_N = self._problem.robot.push_force_max_N
+        known.item = replace(
+            known.item,
+            tag=tag.updated(
+                static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N,
+                explored=tag.explored + 1, failed=tag.failed + 1, fixed=True,
+            ),
+        )  # fmt: skip
 
     def explored(self, id: str, tag: HapticTag) -> None:
         """What an exploration has found."""

@@ -17,7 +17,10 @@ class TravelSenses(Protocol):
         """Where the robot is in the map: x, y [m], heading [rad]."""
 
     def touch(self) -> tuple[float, tuple[float, float] | None]:
-        """Force on the rim [N], and where it acts in the map [m]; 0 and ``None`` without touch."""
+        """Force on the rim [N], and where it acts in the map [m].
+
+        0 and ``None`` without touch; a NaN force when it was not read.
+        """
 
     def look(self, id: str) -> tuple[float, float, float] | None:
         """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
@@ -46,6 +49,8 @@ class TravelOutcome(StrEnum):
     NO_PLAN = "no plan"
     TIMED_OUT = "timed out"
     GAVE_UP = "gave up"  #: after too many plans
+    CLOCK_STOPPED = "clock stopped"  #: the robot's clock stands still
+    SENSOR_FAILED = "sensor failed"  #: the force was not read for too long
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +67,7 @@ class TravelSettings:
         (0.0, 0.0),
     )
     bumps: int = 2  #: into walls that are known, at one margin, before only larger ones are trusted
-    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock
+    timeout_s: float = 1800.0  #: of the whole travel, by the base's clock and by the periods waited
     plans: int = 40  #: at most
     drive_stall_s: float = 5.0  #: without getting on
     bump_N: float = 3.0  #: force that ends a drive, when it lasts

@@ -334,6 +334,8 @@ def _tag_line(tag: str | HapticTag) -> str:
     parts = ["fixed" if tag.fixed else "movable"] if tag.fixed is not None else []
     if tag.dynamic_friction_N is not None:
         parts.append(f"friction {tag.dynamic_friction_N.value:.2f} ± {tag.dynamic_friction_N.sigma:.2f} N")
+    if tag.min_static_friction_N is not None:
+        parts.append(f"friction more than {tag.min_static_friction_N:.0f} N")
     if tag.primitive is not None:
         parts.append(str(tag.primitive.kind))
     if tag.falls:

@@ -13,24 +13,28 @@ from jaxtyping import Float
 from ...errors import InputError
 from ...recognition import (
     UNKNOWN,
+    ContentsModel,
+    ContentsState,
     CurveFit,
     HapticModel,
     ModelSettings,
     SensorNoise,
+    SqueezeSamples,
     TouchReading,
     believe,
     fit_curve,
     fit_model,
     touch_gains,
+    wall_from_stiffness,
 )
+from ...recognition.contents import DEEPEST_M, FORCES_N
 from ...simulation.faults import FaultKind
 from ...simulation.kitchen import KitchenTable
 from ...tasks.classify import ClassifySettings, classify_by_squeezing
-from ...tasks.grasp import GraspPlan, grasp_and_lift
+from ...tasks.grasp import GRAVITY_M_S2, GraspPlan, grasp_and_lift
 from ...tasks.hand import Hand, Place
 from ...tasks.squeeze import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
-from .bottle import GROUPS, HEIGHTS, PLACE, STATES, contained, profile_of, training_objects
-from .contents import DEEPEST_M, FORCES_N, ContentsModel
+from .bottle import GROUPS, HEIGHTS, PLACE, STATES, profile_of, training_objects
 from .probe import set_the_table
 from .story import ChapterResult, Measure, Mission, Picture, done, failed
 
@@ -56,8 +60,10 @@ LEAST_GRIP_N = 2.5
 TOP = 0.85
 #: Slowly up: where the wall narrows, fingers that run ahead of the bottle lose it [m/s].
 LIFT_M_S = 0.02
-#: The wall is found by as many rounds; a stiffness goes with its power so.
-WALL_ROUNDS, WALL_POWER = 5, 2.3
+#: Friction of the fingers' foam on a wall.
+FOAM_FRICTION = 0.6
+#: It is weighed a little above the table [m], twice as firmly as its heaviest contents would need.
+WEIGH_M, WEIGH_MARGIN = 0.01, 2.0
 
 
 @dataclass
@@ -114,7 +120,7 @@ def the_hand(mission: Mission) -> tuple[KitchenTable, Hand]:
             fall_at_s=late if mission.fault is FaultKind.OBJECT_FALLS else never,
         )
     kitchen = mission.kitchen
-    return kitchen, Hand(kitchen.arm, kitchen, kitchen, kitchen.feel)
+    return kitchen, Hand(kitchen.arm, kitchen, kitchen, kitchen.feel, kitchen.weigh)
 
 
 def recognise_the_bottle(mission: Mission) -> ChapterResult:
@@ -139,38 +145,41 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
             f"  squeezed at {1e3 * curve.place.height_m:.0f} mm: {curve.stiffness_N_per_m / 1e3:.2f} N/mm, "
             f"{2e3 * curve.surface_m:.1f} mm wide"
         )
-    told = ", ".join(f"{name} {share:.2f}" for name, share in _sorted(found.belief)[:3])
-    mission.say(f"  classes: {told}")
+    classes = ", ".join(f"{name} {share:.2f}" for name, share in _sorted(found.belief)[:3])
+    mission.say(f"  classes: {classes}")
     if not found.ending.success:
         return failed(f"{found.ending.outcome}: {found.ending.why}")
     if found.best == UNKNOWN:
-        return failed(f"it is like none of the classes that are known ({told})")
+        return failed(f"it is like none of the classes that are known ({classes})")
     known.curves, known.class_name = found.curves, found.best
     known.class_model = _nearest(found.best, known.outline_m)
     if not _is_round(known.class_model):
         return failed(f"it is taken for {found.best}, whose contents can't be told in this way")
-    wall = fit_the_wall(known.outline_m, found.curves, float(known.class_model.wall[0]))
-    state, share, firm = _state(hand, known.outline_m, (x, y, 0.0), wall)
+    gentle = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
+    wall = wall_from_stiffness(known.outline_m, gentle, float(known.class_model.wall[0]))
+    told = _state(hand, known.outline_m, (x, y, 0.0), wall)
     known.wall_factor = wall / float(known.class_model.wall[0])
     parts = [
         Measure("class", found.best, bottle.description.name),
         Measure("squeezes that told it", len(found.curves), None),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
-        Measure("state", state if share > 0 else "not told", bottle.state),
-        Measure("its probability", share, None),
+        Measure("state", told.best, bottle.state),
+        Measure("its probability", told.belief[told.best], None),
+        Measure(
+            "mass felt [kg]", None if told.mass_kg is None else told.mass_kg[0], bottle.container.mass_kg
+        ),
         Picture(
-            _belief_figure(found.belief, asker, firm[-1]),
+            _belief_figure(found.belief, asker, told.curves[-1]),
             "How sure it is of the class, and the last squeeze that tells the state",
         ),
     ]
-    if share < STATE_CONFIDENCE:
-        why = (
-            f"{state} {share:.2f} after {len(firm)} firm squeezes" if share > 0 else "like none that is known"
-        )
-        return failed(f"it is a {found.best}, but its state is doubtful ({why})", *parts)
-    known.state = state
-    right = found.best == bottle.description.name and state == bottle.state
-    why = f"a {found.best} ({found.belief[found.best]:.2f}), {state} ({share:.2f}), after {len(found.curves)} + {len(firm)} squeezes"
+    if not told.sure:
+        return failed(f"it is a {found.best}, but its state is not told: {told.why}", *parts)
+    known.state = told.best
+    right = found.best == bottle.description.name and told.best == bottle.state
+    why = (
+        f"a {found.best} ({found.belief[found.best]:.2f}), {told.why}, {len(found.curves)} gentle ones before"
+    )
     return done(why, right, *parts)
 
 
@@ -199,49 +208,79 @@ def _is_round(model: ContainerDescription) -> bool:
     return model.base.shape == "circle"
 
 
-def fit_the_wall(
-    outline_m: Float[np.ndarray, "k 2"], curves: tuple[SqueezeCurve, ...], start_m: float
-) -> float:
-    """Thickness with which the measured outline is as stiff as it was felt; the modulus is that of PET."""
-    wall = start_m
-    for _ in range(WALL_ROUNDS):
-        thing = contained(outline_m, wall, "closed")
-        ratios = []
-        for curve in curves:
-            k = curve.stiffness_N_per_m
-            expected = thing.force_at(curve.place.height_m, 5e-4) / 5e-4
-            if np.isfinite(k) and k > 0 and expected > 0:
-                ratios.append(k / expected)
-        if not ratios:
-            raise InputError("fit_the_wall", "found no squeeze that tells a stiffness")
-        wall *= float(np.exp(np.mean(np.log(ratios)))) ** (1 / WALL_POWER)
-    return wall
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What squeezes and weight say of the contents."""
+
+    belief: Mapping[str, float]
+    curves: list[SqueezeCurve]  #: of large deformation
+    mass_kg: tuple[float, float] | None  #: and its standard deviation; ``None``: not lifted
+
+    @property
+    def best(self) -> str:
+        """Most probable, ``UNKNOWN`` among them."""
+        return max(self.belief, key=lambda name: self.belief[name])
+
+    @property
+    def sure(self) -> bool:
+        """Whether a known state is claimed: an open container feels alike whatever is in it, so never unweighed."""
+        known = self.best != UNKNOWN and self.mass_kg is not None
+        return known and self.belief[self.best] >= STATE_CONFIDENCE
+
+    @property
+    def why(self) -> str:
+        """One clause."""
+        weight = "could not be weighed" if self.mass_kg is None else f"weighs {1e3 * self.mass_kg[0]:.0f} g"
+        share = f"{self.best} {self.belief[self.best]:.2f} after {len(self.curves)} firm squeezes"
+        if self.best == UNKNOWN:
+            return f"its contents are not known to the model: {share}, {weight}"
+        return f"{share}, {weight}"
 
 
 def _state(
     hand: Hand, outline_m: Float[np.ndarray, "k 2"], object_m: tuple[float, float, float], wall_m: float
-) -> tuple[str, float, list[SqueezeCurve]]:
-    """Squeeze firmly where the states differ most, and once more elsewhere while it is in doubt."""
-    model = ContentsModel(outline_m, wall_m)
+) -> Told:
+    """Squeeze firmly where the states differ most, weigh it, and squeeze elsewhere while it is in doubt."""
+    model = ContentsModel(outline_m, wall_m, {name: ContentsState(*one) for name, one in STATES.items()})
     settings = SqueezeSettings(
         object_m=object_m, forces_N=FORCES_N, deformation_m=DEEPEST_M, hold_frames=STATE_FRAMES
     )
+    # After the heights the same again from the side: wall and noise are others there.
+    heights = model.heights_m()
+    places = [Place(z, angle) for angle in (0.0, 0.5 * math.pi) for z in heights]
     curves: list[SqueezeCurve] = []
-    why, told = "", dict.fromkeys(STATES, 0.0)
-    for place in model.places()[:FIRM]:
+    why, told = "", Told(model.probabilities([]), [], None)
+    for place in places[:FIRM]:
         felt = squeeze(hand, [place], settings)
         why = f"{felt.ending.outcome}: {felt.ending.why}"
         if felt.ending.outcome == SqueezeOutcome.SENSOR_FAILED:
             break
         curves += [curve for curve in felt.curves if len(curve.force_N) >= 4]
         if curves:
-            told = {**dict.fromkeys(STATES, 0.0), **model.probabilities(curves)}
-            if max(told.values()) >= STATE_CONFIDENCE:
+            mass = told.mass_kg or _weighed(hand, model, curves[-1], object_m)
+            samples = [SqueezeSamples(c.place.height_m, c.deformation_m, c.force_N) for c in curves]
+            told = Told(model.probabilities(samples, mass), curves, mass)
+            if told.sure or mass is None:
                 break
     if not curves:
         raise InputError("squeeze", f"{why}; no curve of large deformation")
-    state = max(told, key=lambda name: told[name])
-    return state, told[state], curves
+    return told
+
+
+def _weighed(
+    hand: Hand, model: ContentsModel, curve: SqueezeCurve, object_m: tuple[float, float, float]
+) -> tuple[float, float] | None:
+    """Lift it by a finger's width where it was squeezed, and put it back; ``None`` when it does not come along."""
+    heaviest = max(mass + 3.0 * sigma for mass, sigma in map(model.mass_kg, model.states))
+    wanted = WEIGH_MARGIN * heaviest * GRAVITY_M_S2 / (2.0 * FOAM_FRICTION)
+    plan = GraspPlan(
+        curve.place, min(wanted, float(curve.force_N[-1])), DEEPEST_M + 1e-3, object_m,
+        lift_m=WEIGH_M, arm_m_s=LIFT_M_S, put_back=True,
+    )  # fmt: skip
+    lifted = grasp_and_lift(hand, plan)
+    mass = lifted.mass_kg
+    # What is not felt above the noise of the load was not lifted: the fingers have slipped.
+    return None if mass is None or mass[0] < 3.0 * mass[1] else mass
 
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:

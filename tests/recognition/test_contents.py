@@ -1,0 +1,142 @@
+"""Contents from squeezes and weight: bottles answer by formulas of their own, not by the model that judges them.
+
+A cylinder of PET. Wall: a pinched cylinder (Roark, short shell under opposite radial loads). Ring: an ellipse of
+constant perimeter, whose area is integrated numerically. Gas: Boyle's law. Liquid: its pressure head and its weight.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from visuohaptic.errors import InputError
+from visuohaptic.recognition import UNKNOWN, ContentsModel, ContentsState, SqueezeSamples, wall_from_stiffness
+from visuohaptic.recognition.contents import DEEPEST_M, FORCES_N
+from visuohaptic.recognition.unknown_state import FALSE_ALARM, posterior_with_unknown
+
+RADIUS_M, HEIGHT_M, WALL_M, YOUNG_PA = 0.033, 0.2, 3.5e-4, 2.8e9
+OUTLINE_M = np.array([[RADIUS_M, 0.0], [RADIUS_M, HEIGHT_M]])
+VOLUME_M3 = math.pi * RADIUS_M**2 * HEIGHT_M
+WALL_KG = 1380.0 * WALL_M * 2.0 * math.pi * RADIUS_M * HEIGHT_M
+STATES = {"open": ContentsState(False), "closed": ContentsState(True), "full": ContentsState(True, 0.9)}
+#: Depths of one side, fine enough to differentiate the volume.
+DEPTH_M = np.linspace(0.0, DEEPEST_M, 701)
+#: Of a level's mean: load cell and camera of a finger, and what weighing half a second leaves.
+FORCE_N, SURFACE_M, MASS_KG = 0.025, 1.5e-5, 0.003
+
+
+def lost_area(depth_m):
+    """Area that a ring loses when it becomes an ellipse of the same perimeter, that much narrower."""
+    angle = (np.arange(400) + 0.5) * 2.0 * math.pi / 400
+
+    def perimeter(a, b):
+        return np.hypot(a * np.sin(angle), b * np.cos(angle)).mean() * 2.0 * math.pi
+
+    low, high = RADIUS_M, 2.0 * RADIUS_M
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if perimeter(RADIUS_M - depth_m, middle) < 2.0 * math.pi * RADIUS_M:
+            low = middle
+        else:
+            high = middle
+    return math.pi * (RADIUS_M**2 - (RADIUS_M - depth_m) * low)
+
+
+LOST_M3 = np.array([lost_area(d) for d in DEPTH_M]) * 2.0 * RADIUS_M
+
+
+def response_N(fill, closed, height_m, wall_m=WALL_M):
+    """Force of one finger at every depth."""
+    t, r = wall_m, RADIUS_M
+    k = YOUNG_PA * t / 6.5 * (r / t) ** -1.5 * (HEIGHT_M / r) ** 0.75
+    pressure = np.full_like(DEPTH_M, 9810.0 * max(fill * HEIGHT_M - height_m, 0.0))
+    if closed:
+        air = max(1.0 - fill, 0.02) * VOLUME_M3
+        pressure = pressure + 101_325.0 * (air / (air - LOST_M3) - 1.0)
+    # Two fingers: 2 F dd = p dV.
+    return k * DEPTH_M + 0.5 * pressure * np.gradient(LOST_M3, DEPTH_M)
+
+
+def felt(fill, closed, rng, *, heights=(0.07, 0.1), wall_m=WALL_M):
+    """Squeezes with noise, the mass on lifting, and the model as a robot would have it."""
+    gentle, samples = [], []
+    for z in heights:
+        force = response_N(fill, closed, z, wall_m)
+        gentle.append((z, float(force[50] / DEPTH_M[50])))
+        levels = np.array([level for level in FORCES_N if level <= force[-1]])
+        count = len(levels)
+        depth = np.interp(levels, force, DEPTH_M) + SURFACE_M * rng.standard_normal(count)
+        samples.append(SqueezeSamples(z, depth, levels + FORCE_N * rng.standard_normal(count)))
+    mass = WALL_KG * wall_m / WALL_M + 1000.0 * fill * VOLUME_M3 + MASS_KG * rng.standard_normal()
+    model = ContentsModel(OUTLINE_M, wall_from_stiffness(OUTLINE_M, gentle, 3e-4), STATES)
+    return model, samples, (mass, MASS_KG)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("wall_m", [3e-4, 4e-4])
+@pytest.mark.parametrize(("state", "fill"), [("open", 0.0), ("closed", 0.0), ("full", 0.9)])
+def test_what_the_model_knows_is_told(state, fill, wall_m, seed):
+    model, samples, mass = felt(fill, state != "open", np.random.default_rng(seed), wall_m=wall_m)
+    told = model.probabilities(samples, mass)
+    assert sum(told.values()) == pytest.approx(1.0)
+    assert told[state] > 0.98
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("fill", [0.2, 0.45, 0.65])
+@pytest.mark.parametrize("closed", [True, False])
+def test_partly_filled_bottles_are_not_known(fill, closed, seed):
+    model, samples, mass = felt(fill, closed, np.random.default_rng(seed))
+    told = model.probabilities(samples, mass)
+    assert told[UNKNOWN] > 0.98
+
+
+def test_the_squeeze_alone_doubts_a_smaller_volume_of_gas():
+    """With 45 % of water the gas is 1.8 times as stiff: seven sigma of what is not known of the gas.
+
+    The wall's part, which is left open, takes half of it, so that the squeeze withholds the claim and the
+    weight decides.
+    """
+    model, samples, _ = felt(0.45, True, np.random.default_rng(0))
+    assert model.probabilities(samples)["closed"] < 0.98
+    model, samples, _ = felt(0.0, True, np.random.default_rng(0))
+    assert model.probabilities(samples)["closed"] > 0.98
+
+
+def test_a_curve_that_no_state_has_is_not_known():
+    """A wall that gives way under load: the force falls off where every state would rise."""
+    model, _, _ = felt(0.0, False, np.random.default_rng(0))
+    d = np.linspace(5e-4, 0.007, 10)
+    told = model.probabilities([SqueezeSamples(0.1, d, 12.0 * np.sqrt(d / d[-1]))])
+    assert told[UNKNOWN] > 0.98
+
+
+def test_without_evidence_nothing_is_told():
+    model, _, _ = felt(0.0, False, np.random.default_rng(0))
+    assert set(model.probabilities([]).values()) == {0.25}
+    assert model.probabilities([SqueezeSamples(0.1, np.zeros(0), np.zeros(0))])["open"] == 0.25
+    with pytest.raises(InputError, match="expected 0 to 1"):
+        ContentsState(True, 1.2)
+    with pytest.raises(InputError, match="found states"):
+        ContentsModel(OUTLINE_M, WALL_M, {})
+
+
+def test_the_stated_false_alarm_rate_is_met():
+    """Of Gaussian residuals about one of a thousand counts as unknown, 20 +- 4.5 of 20,000; Bonferroni errs low."""
+    rng = np.random.default_rng(0)
+    freedom = np.array([11, 9, 1])
+    chi2 = np.stack([rng.chisquare(n, 20_000) for n in freedom], axis=1)
+    unknown = [posterior_with_unknown(np.array([-0.5 * q.sum()]), q[None], freedom)[1] for q in chi2]
+    count = int(np.sum(np.array(unknown) > 0.5))
+    expected = FALSE_ALARM * len(chi2)
+    # Pieces are independent here: Bonferroni loses nothing that shows.
+    assert 0.4 * expected < count < expected + 4.0 * math.sqrt(expected)
+
+
+def test_at_the_limit_of_its_test_a_state_is_as_probable_as_the_unknown():
+    # 10.83 is the quantile of chi-square with one degree of freedom at 0.999.
+    known, unknown = posterior_with_unknown(np.array([-5.414]), np.array([[10.828]]), np.array([1]))
+    assert known[0] == pytest.approx(0.5, abs=1e-3)
+    assert unknown == pytest.approx(0.5, abs=1e-3)

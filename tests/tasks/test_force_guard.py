@@ -1,0 +1,238 @@
+"""A platform stops at its largest force, whoever pushes; a clock that stands still and a wrong robot are named."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
+from tests.tasks.block_robot import BlockRobot
+
+from visuohaptic.errors import DeviceError, InputError
+from visuohaptic.navigation.controller import FollowLimits, PathFollower, drive_path
+from visuohaptic.navigation.direct_push import PushLimits
+from visuohaptic.navigation.node_costs import failure_probability, manipulability
+from visuohaptic.navigation.objects_file import objects_from_data
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.objects import HapticTag
+from visuohaptic.objects.tags import merge_tags
+from visuohaptic.robots import ClockWatch, FrameSource, Gripper, MobileBase, ProbeArm, require_members
+from visuohaptic.sensing.tag_file import tag_from_dict, tag_to_dict
+from visuohaptic.tasks.force_guard import ForceGuard, GuardState
+from visuohaptic.tasks.machine import Machine, Rule
+from visuohaptic.tasks.steered_push import PushEnd, PushSettings, SteeredPush
+from visuohaptic.tasks.travel import TravelOutcome, TravelSenses, TravelSettings, travel
+
+LIMIT_N = ROBOT.push_force_max_N
+WALLS = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
+
+
+def go(robot, tag=None, **settings):
+    block = MovableObject("block", box(1.95, 1.4, 0.35), tag)
+    problem = PlanningProblem(
+        with_objects(WALLS, [block]), ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (block,)
+    )
+    return travel(problem, robot, robot, getattr(robot, "wait", None), TravelSettings(**settings))
+
+
+@pytest.mark.parametrize("stiffness", [1e6, 2e3])
+@pytest.mark.parametrize("tag", [None, STOOL])
+def test_travel_stops_at_the_largest_force(stiffness, tag):
+    """A block of 60 N, unknown or believed to be light, is not pushed by a platform of 20 N."""
+    robot = BlockRobot(60.0, stiffness_N_per_m=stiffness)
+    done = go(robot, tag)
+    assert done.outcome is TravelOutcome.NO_PLAN
+    assert robot.overloaded(LIMIT_N) == 0
+    # A rigid rim reaches 60 N within one period: as far as three single periods at 0.08 m/s.
+    assert robot.block_x - 1.95 < 3 * 0.08 * 0.02 + 1e-6
+    found = done.problem.objects[0].tag
+    assert found.fixed
+    assert found.min_static_friction_N == LIMIT_N
+    assert found.static_friction_N is None
+    assert robot.force_N == 0.0  # it has retreated
+
+
+def test_a_block_below_the_limit_is_pushed_and_its_friction_is_what_was_seen():
+    robot = BlockRobot(19.0, stiffness_N_per_m=2e4)
+    done = go(robot, timeout_s=25.0)
+    assert robot.block_x - 1.95 > 0.4
+    assert done.problem.objects[0].tag.min_static_friction_N is None
+    assert done.problem.objects[0].tag.static_friction_N.value == pytest.approx(19.0, rel=0.01)
+
+
+def test_a_force_that_is_not_read_ends_the_travel():
+    robot = BlockRobot(8.0, stiffness_N_per_m=2e4)
+    free = robot.wait
+
+    def wait(period_s):
+        free(period_s)
+        robot.read = robot.force_N == 0.0  # goes blind with the first touch
+
+    robot.wait = wait
+    done = go(robot, STOOL)
+    assert done.outcome is TravelOutcome.SENSOR_FAILED
+    assert "not read" in done.reason
+    assert robot.speed == 0.0
+    assert robot.block_x - 1.95 < 0.08 * 0.02 + 1e-6
+
+
+def test_a_steered_push_alone_stops_too():
+    robot = BlockRobot(60.0, at=(1.5, 1.4))
+    push = SteeredPush(np.array([1.5, 1.4]), 0.0, 0.3, settings=PushSettings(search_m=0.3))
+    while push.end is None:
+        force, point = robot.touch()
+        robot.drive(*push.command(robot.t_s, np.array(robot.pose()), force, point, None))
+        robot.wait(0.02)
+    assert push.end is PushEnd.TOO_HEAVY
+    assert robot.overloaded(20.0) == 0
+
+
+def test_the_guard_tells_blows_from_friction_and_counts_what_is_not_read():
+    guard = ForceGuard(20.0)
+    assert [guard.update(f) for f in (25.0, 0.0, 8.0, 8.0, 24.0, 8.0, 9.0)] == [
+        GuardState.HOLD, GuardState.GO, GuardState.GO, GuardState.GO, GuardState.HOLD, GuardState.GO,
+        GuardState.GO,
+    ]  # fmt: skip
+    guard = ForceGuard(20.0)
+    assert [guard.update(20.0) for _ in range(3)][-1] is GuardState.TOO_HEAVY
+    assert guard.update(30.0, pressing=False) is GuardState.GO
+    assert ForceGuard(20.0, median_of=1).update(19.0, 0.5) is GuardState.TOO_HEAVY
+    guard = ForceGuard(20.0, max_unread=3)
+    assert [guard.update(math.nan) for _ in range(3)] == [GuardState.HOLD, GuardState.HOLD, GuardState.UNREAD]
+    with pytest.raises(InputError, match="expected more than 0"):
+        ForceGuard(math.nan)
+
+
+def test_the_planner_believes_the_bound_and_files_keep_it():
+    tag = HapticTag(explored=1, min_static_friction_N=20.0)
+    assert not manipulability(tag, ROBOT).possible
+    assert "more than 20.0 N" in manipulability(tag, ROBOT).reason
+    assert failure_probability(tag, 0.1, PushLimits(0.17)) == 1.0
+    assert tag_from_dict(tag_to_dict(tag)).min_static_friction_N == 20.0
+    read = objects_from_data(
+        {"objects": [{"id": "a", "footprint_m": box(0, 0, 1).tolist(), "haptic_tag": tag_to_dict(tag)}]}
+    )
+    assert read[0].tag.needs_more_than(20.0)
+    assert not read[0].tag.needs_more_than(25.0)
+    assert merge_tags(tag, HapticTag(fixed=True)).min_static_friction_N == 20.0
+    assert merge_tags(tag, HapticTag(fixed=False)).min_static_friction_N is None
+
+
+def test_a_travel_ends_when_the_robots_clock_stands_still():
+    robot = BlockRobot(8.0)
+    robot.clock_runs = False
+    done = go(robot, STOOL)
+    assert done.outcome is TravelOutcome.CLOCK_STOPPED
+    assert "clock stands at 0 s" in done.reason
+    assert len(robot.pressed) < 300
+
+
+def test_a_slow_clock_does_not_stretch_a_time_out():
+    """It advances by a thousandth: by its own clock the travel would last for half an hour."""
+    robot = BlockRobot(8.0)
+    free = robot.wait
+
+    def wait(period_s):
+        free(period_s)
+        robot.t_s += 1e-3 * period_s
+
+    robot.clock_runs, robot.wait = False, wait
+    robot.drive = lambda speed, turn: None  # it stands, too
+    done = go(robot, STOOL, timeout_s=4.0)
+    assert done.outcome is TravelOutcome.TIMED_OUT
+    assert len(robot.pressed) <= 201
+
+
+def test_a_path_is_not_followed_by_a_clock_that_stands_still():
+    robot = BlockRobot(8.0)
+    robot.clock_runs = False
+    robot.drive = lambda speed, turn: None
+    follower = PathFollower(np.array([[0.7, 1.4], [3.0, 1.4]]), FollowLimits(0.17, 0.3, 0.05))
+    with pytest.raises(DeviceError, match="clock stands"):
+        drive_path(robot, follower, robot.wait)
+
+
+def test_the_host_notices_what_the_periods_do_not():
+    host = [0.0]
+    watch = ClockWatch(max_periods=None, max_host_s=5.0, host_clock=lambda: host[0])
+    for _ in range(1000):
+        assert not watch.update(1.0)
+    host[0] = 5.1
+    assert "stands at 1 s" in watch.update(1.0)
+    assert not watch.update(1.1)
+
+
+class _State(StrEnum):
+    WAIT = "wait"
+
+
+@dataclass(frozen=True)
+class _Seen:
+    t_s: float
+
+
+class _Task(Machine):
+    task = "wait"
+    rules: ClassVar = {_State.WAIT: Rule((), 5.0)}
+
+    def decide(self, seen):
+        return "go"
+
+    def halt(self):
+        return "halt"
+
+
+@pytest.mark.parametrize("frozen_s", [1.0, math.nan])
+def test_every_task_ends_when_no_newer_observation_comes(frozen_s):
+    task, host = _Task(), [0.0]
+    task.host_clock = lambda: host[0]
+    task.step(_Seen(1.0))
+    for _ in range(20):
+        host[0] += 1.0
+        if task.ended:
+            break
+        assert task.step(_Seen(frozen_s)) == "halt"
+    assert task.ending.outcome == "clock_stopped"
+    assert 5.0 < host[0] < 8.0
+
+
+def test_wrong_robots_are_refused_by_name():
+    class Silent:
+        pass
+
+    class NoStop:
+        def drive(self, speed_m_s, turn_rate_rad_s): ...
+        def state(self): ...
+
+    class Number(NoStop):
+        stop = 3
+
+    class Short(NoStop):
+        def stop(self): ...
+        def drive(self, speed_m_s): ...
+
+    for wrong, expected in (
+        (Silent(), r"type Silent without method drive\(speed_m_s, turn_rate_rad_s\), which must return None"),
+        (NoStop(), r"type NoStop without method stop\(\)"),
+        (Number(), "whose stop is int"),
+        (Short(), "whose drive takes other arguments"),
+        (None, "type NoneType without method drive"),
+    ):
+        with pytest.raises(InputError, match=expected) as raised:
+            go(wrong)
+        assert "\n" not in str(raised.value)
+    robot = BlockRobot(8.0)
+    with pytest.raises(InputError, match=r"TravelSenses object of type NoStop without method pose\(\)"):
+        travel(None, robot, NoStop(), robot.wait)
+    with pytest.raises(InputError, match=r"arm of type Silent without method move_linear\("):
+        require_members(Silent(), ProbeArm, "grasp", "arm")
+    with pytest.raises(InputError, match="without property camera, which must return Camera"):
+        require_members(Silent(), FrameSource, "grasp", "frame source")
+    with pytest.raises(InputError, match="without method move"):
+        require_members(Silent(), Gripper, "grasp", "gripper")
+    require_members(robot, MobileBase, "travel")
+    require_members(robot, TravelSenses, "travel")
