@@ -24,7 +24,7 @@ COMMANDS = (
     "track --templates templates --source BAD.mcap --camera camera.yaml",
     "track --templates templates --source photos --camera BAD.yaml",
     "template check BAD.png --width-m 0.1",
-    "calibrate foam BAD.csv",
+    "calibrate foam BAD.csv --width 0.02 --height 0.01",
     "calibrate beam BAD.csv --beam beam.yaml",
     "calibrate beam loads.csv --beam BAD.yaml",
     "calibrate camera BAD.mp4 --squares 9x6 --square-mm 25 --out c.yaml",

@@ -18,7 +18,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);\n"
         "        --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip\n"
         "writes  foam.yaml (curve, covariance, working range, tension) and, on request, a picture\n\n"
-        "example visuohaptic calibrate foam press.csv --out foam.yaml --plate plate.csv --plot foam.png"
+        "example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml"
+        " --plate plate.csv --plot foam.png"
     )
     parser.add_argument("data", type=Path, help="CSV of strain and stress")
     parser.add_argument("--out", type=Path, default=Path("foam.yaml"), help="file to write (foam.yaml)")
@@ -26,10 +27,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--plate", type=Path, help="CSV of contours under a narrow plate: calibrates the tension"
     )
     parser.add_argument(
-        "--width", type=float, default=0.02, metavar="M", help="w, thickness along the compression [m] (0.02)"
+        "--width",
+        type=float,
+        required=True,
+        metavar="M",
+        help="w, thickness of the strip along the compression [m]; zeroing checks it",
     )
     parser.add_argument(
-        "--height", type=float, default=0.01, metavar="M", help="h, height of the strip [m] (0.01)"
+        "--height",
+        type=float,
+        required=True,
+        metavar="M",
+        help="h, height of the strip across the contour [m]; forces are proportional to it, no camera sees it",
     )
     parser.add_argument(
         "--curve", choices=("spline", "cubic"), default="spline", help="model of the curve (spline)"
@@ -71,6 +80,8 @@ def run(args: argparse.Namespace) -> dict[str, Any]:
         "plot": None if args.plot is None else str(args.plot),
         "curve": args.curve,
         "section": args.section,
+        "width_m": material.width_m,
+        "height_m": material.height_m,
         "points_loading": len(data.loading[0]),
         "points_unloading": len(data.unloading[0]),
         "residual_Pa": material.residual_Pa,
@@ -97,6 +108,8 @@ def _lines(result: dict[str, Any]) -> list[str]:
     cubic = result["residual_cubic_Pa"]
     kind = "calibrated" if result["tension_calibrated"] else "default: calibrate it with --plate"
     return [
+        f"strip: width {1e3 * result['width_m']:g} mm along the compression, "
+        f"height {1e3 * result['height_m']:g} mm",
         f"{result['points_loading']} loading and {result['points_unloading']} unloading points",
         f"residual: spline {result['residual_spline_Pa']:.1f} Pa, cubic "
         + ("not fitted" if cubic is None else f"{cubic:.1f} Pa")

@@ -24,7 +24,7 @@ writes, into --out
 
 example
   visuohaptic example foam --out try
-  visuohaptic calibrate foam try/strain_stress.csv --out try/foam.yaml --plot try/foam.png
+  visuohaptic calibrate foam try/strain_stress.csv --width 0.02 --height 0.01 --out try/foam.yaml --plot try/foam.png
   visuohaptic sense foam --config try/sensor.yaml --source try/rest.mp4 --zero
   visuohaptic sense foam --config try/sensor.yaml --source try/push.mp4 --csv try/run.csv --out try/run.mcap
 """

@@ -127,7 +127,7 @@ options, with every verb:
   -q, --quiet        say nothing but errors
   --version          print the version
 
-example: visuohaptic calibrate foam data.csv --out foam.yaml"""
+example: visuohaptic calibrate foam data.csv --width 0.02 --height 0.01 --out foam.yaml"""
 
 
 class UsageError(VisuohapticError):

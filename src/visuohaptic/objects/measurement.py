@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -62,6 +62,11 @@ class ErrorBudget:
     model_N: float = 0.0  #: boundary and hysteresis model
     zero_N: float = 0.0  #: drift of the zero reference
 
+    @classmethod
+    def unknown(cls) -> ErrorBudget:
+        """Of a force that was not read: NaN."""
+        return cls(*[float("nan")] * 4)
+
     @property
     def total_N(self) -> float:
         """Root of the sum of squares [N]."""
@@ -97,7 +102,12 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceProfile:
-    """Force and shape that a laminar sensor reads from one frame; K points along the strip."""
+    """Force and shape that a laminar sensor reads from one frame; K points along the strip.
+
+    Of a frame that is not valid, force, pressure and their standard deviations are NaN, in its contacts too;
+    what was seen of the contour stays, for drawing. A valid frame without contact has a force of zero
+    within the noise of the whole strip.
+    """
 
     t_s: float  #: time of the frame
     valid: bool
@@ -111,6 +121,33 @@ class ForceProfile:
     pressure_sigma_Pa: Float[np.ndarray, "K"]
     point_valid: Bool[np.ndarray, "K"]
     contacts: tuple[Contact, ...] = ()
+
+    def unread(self) -> ForceProfile:
+        """The profile of a frame that is not to be believed: its contours, but neither force nor pressure."""
+        unknown, budget = np.full(len(self.s_m), np.nan), ErrorBudget.unknown()
+        contacts = tuple(
+            replace(
+                contact,
+                force_N=float("nan"),
+                budget=budget,
+                valid=False,
+                reason=self.reason if contact.valid else contact.reason,
+            )
+            for contact in self.contacts
+        )
+        return replace(
+            self,
+            force_N=float("nan"),
+            budget=budget,
+            pressure_Pa=unknown,
+            pressure_sigma_Pa=unknown,
+            contacts=contacts,
+        )
+
+    @property
+    def largest_contact(self) -> Contact | None:
+        """The contact with the largest sum of deflections, whether its force was read or not."""
+        return max(self.contacts, key=lambda contact: float(contact.delta_m.sum()), default=None)
 
     @property
     def force_sigma_N(self) -> float:

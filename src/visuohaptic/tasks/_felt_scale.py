@@ -79,7 +79,7 @@ def felt_stretch(found: Exploration) -> float:
     ]
     if not bears:
         return math.nan
-    deepest = max(bears, key=lambda index: found.profiles[index].force_N)
+    deepest = max(bears, key=lambda index: float(np.nansum(found.profiles[index].delta_m)))
     contact = _largest(found.profiles[deepest])
     pressed = contact.delta_m > 0.6 * float(contact.delta_m.max())
     if pressed.sum() < 3:
@@ -101,4 +101,6 @@ def felt_stretch(found: Exploration) -> float:
 
 
 def _largest(profile: ForceProfile) -> Contact:
-    return max(profile.contacts, key=lambda one: one.force_N)
+    contact = profile.largest_contact
+    assert contact is not None  # only frames with contacts are asked
+    return contact

@@ -86,10 +86,10 @@ def contact_of(found: Exploration, settings: MapSettings | None = None) -> Hapti
 
 
 def _largest(found: Exploration, state: BaseState) -> Contact | None:
-    """The contact that was fitted: at the time of the fit, the one of the largest force."""
+    """The contact that was fitted: at the time of the fit, the largest."""
     for profile, other in zip(reversed(found.profiles), reversed(found.states), strict=True):
         if other.t_s <= state.t_s and profile.contacts:
-            return max(profile.contacts, key=lambda one: one.force_N)
+            return profile.largest_contact
     return None
 
 
@@ -129,7 +129,7 @@ def _held(found: Exploration) -> bool:
     if not met:
         return False
     full = [index for index in met if found.profiles[index].reason is Reason.SATURATED]
-    last = full[0] if full else max(met, key=lambda index: found.profiles[index].force_N)
+    last = full[0] if full else max(met, key=lambda index: float(np.nansum(found.profiles[index].delta_m)))
     first_m, last_m = (float(np.nanmax(found.profiles[index].delta_m)) for index in (met[0], last))
     return float(found.travel_m[last] - found.travel_m[met[0]]) - (last_m - first_m) < HELD_M
 

@@ -334,9 +334,10 @@ class _Run:
             pressed = [i for i, p in enumerate(self.profiles) if p.contacts]
             if not pressed:
                 return None, None
-            best = max(pressed, key=lambda i: self.profiles[i].force_N)
+            best = max(pressed, key=lambda i: float(np.nansum(self.profiles[i].delta_m)))
             profile, state = self.profiles[best], self.states[best]
-        return fit_contact(max(profile.contacts, key=lambda contact: contact.force_N)), state
+        contact = profile.largest_contact
+        return (None, None) if contact is None else (fit_contact(contact), state)
 
     def _tag(self, travel: Float[np.ndarray, "N"], fit: PrimitiveFit | None) -> HapticTag:
         first = self.states[0]
@@ -389,9 +390,9 @@ def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
 
 def _face_angle(profile: ForceProfile) -> float:
     """Angle of the flat face that is touched, in frame F [rad]; NaN without enough contact."""
-    if not profile.contacts:
+    contact = profile.largest_contact
+    if contact is None:
         return math.nan
-    contact = max(profile.contacts, key=lambda one: one.force_N)
     pressed = contact.delta_m > 0.7 * contact.delta_m.max()
     if pressed.sum() < 4:
         return math.nan

@@ -1,6 +1,14 @@
 """Pixels only: contours along lines, templates and tags, points that flow, homographies (Alt 2016, Sec. 2.3)."""
 
-from .contour import SHARED_NOISE, SHARED_POINTS, Contour, ContourSettings, ContourTracker, PointReason
+from .contour import (
+    PIXEL_PX,
+    SHARED_NOISE,
+    SHARED_POINTS,
+    Contour,
+    ContourSettings,
+    ContourTracker,
+    PointReason,
+)
 from .detector import Detection, DetectorSettings, detect_templates
 from .esm import Alignment, EsmSettings, align
 from .esm_template import EsmTemplate
@@ -22,6 +30,7 @@ from .template import Template, TemplateQuality, load_templates, template_qualit
 from .template_tracker import TemplatePose, TemplateTracker, TrackerSettings
 
 __all__ = [
+    "PIXEL_PX",
     "SHARED_NOISE",
     "SHARED_POINTS",
     "Alignment",

@@ -13,12 +13,15 @@ from visuohaptic.errors import CalibrationError, InputError
 from visuohaptic.sensing.foam.boundary import contour_force
 from visuohaptic.sensing.foam.material import FoamMaterial
 
+#: Of the strip that the calibrations are for.
+SIZE = ("--width", "0.02", "--height", "0.01")
+
 
 def run(*arguments):
     parser = argparse.ArgumentParser()
     command.add_arguments(parser)
     lines: list[str] = []
-    args = parser.parse_args([str(a) for a in arguments])
+    args = parser.parse_args([*SIZE, *(str(a) for a in arguments)])
     args.report = lines.append
     return command.run(args), lines
 
@@ -80,3 +83,19 @@ def test_refusals_leave_no_file(tmp_path, press):
     with pytest.raises(InputError, match=r"cannot be written as a picture"):
         run(press, "--out", tmp_path / "foam.yaml", "--plot", tmp_path / "foam.xyz")
     assert not (tmp_path / "foam.yaml").exists()
+
+
+@pytest.mark.parametrize("missing", ["--width", "--height"])
+def test_the_size_of_the_strip_has_no_default(press, missing, capsys):
+    parser = argparse.ArgumentParser()
+    command.add_arguments(parser)
+    other = "--height" if missing == "--width" else "--width"
+    with pytest.raises(SystemExit):
+        parser.parse_args([str(press), other, "0.02"])
+    assert missing in capsys.readouterr().err
+
+
+def test_the_size_of_the_strip_is_printed_and_returned(tmp_path, press):
+    result, lines = run(press, "--out", tmp_path / "foam.yaml", "--width", 0.04, "--height", 0.05)
+    assert (result["width_m"], result["height_m"]) == (0.04, 0.05)
+    assert any("width 40 mm" in line and "height 50 mm" in line for line in lines)

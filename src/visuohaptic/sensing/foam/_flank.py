@@ -66,7 +66,8 @@ def stepped_points(
     index = np.flatnonzero(seen)
     if len(index) < 6:
         return stepped
-    delta, sigma = delta_m[index], sigma_m[index]
+    # Foam that bulges beside a contact, most of all at a free end, is free foam: no foot of a step.
+    delta, sigma = np.maximum(delta_m[index], 0.0), sigma_m[index]
     margin = _OPTICS * width_m
     if delta.max() - delta.min() < margin:
         return stepped

@@ -18,6 +18,10 @@ __all__ = [
 _MARGIN_M = 5e-4
 #: Fourth differences around a point that tell the scatter there, an odd number.
 _AROUND = 21
+#: Largest bulge of free foam by the deflection that it comes from: what swings back furthest is a beam on an
+#: elastic foundation that is pressed at its free end, exp(-x) cos(x), down to -exp(-3 pi / 4) / sqrt(2). Foam,
+#: which carries more by tension and shear, swings back by a fraction of this.
+_MAX_BULGE = float(np.exp(-0.75 * np.pi) / np.sqrt(2.0))
 #: Two blurs that differ by more than this fraction are a different focus.
 _BLUR_CHANGE = 0.12
 
@@ -47,6 +51,11 @@ class OnsetWatch:
         self._last_m = np.full(points, np.nan)
         self._last_s = np.full(points, np.nan)
 
+    def start(self, t_s: float) -> None:
+        """All points were free at this time: what is pressed later has come since."""
+        self._trusted_m[:], self._since_s[:] = 0.0, t_s
+        self._last_m[:], self._last_s[:] = 0.0, t_s
+
     def check(
         self,
         t_s: float,
@@ -61,7 +70,8 @@ class OnsetWatch:
         """
         # A contact may also come from the side: what a neighbour had is no surprise.
         before = _largest_of_three(self._trusted_m)
-        known = seen & np.isfinite(before)
+        # A clock that starts again is another recording's, of which nothing is known.
+        known = seen & np.isfinite(before) & (t_s > self._since_s)
         margin = _MARGIN_M + 5.0 * sigma_m
         reach = margin + self.speed_m_s * (t_s - self._since_s)
         rise = delta_m - before
@@ -135,10 +145,13 @@ def local_roughness(
 
 
 def thicker_than_at_rest(
-    delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"], width_m: float
+    delta_m: Float[np.ndarray, "K"], sigma_m: Float[np.ndarray, "K"], width_m: float, deepest_m: float = 0.0
 ) -> Bool[np.ndarray, "K"]:
-    """Points in front of the resting front: foam is never there, so that edge is another one."""
-    return delta_m < -(0.02 * width_m + 5.0 * sigma_m)
+    """Points further out than foam can be: that edge is another one.
+
+    Foam bulges beside a contact, by a part of the deepest deflection ``deepest_m`` [m] of the strip.
+    """
+    return delta_m < -(0.02 * width_m + _MAX_BULGE * max(deepest_m, 0.0) + 5.0 * sigma_m)
 
 
 def rest_offset(

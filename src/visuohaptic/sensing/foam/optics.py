@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 
 from ...camera import Frame, PlaneView
 from ...errors import InputError
@@ -40,6 +40,7 @@ class ObservedStrip:
     """What one image shows of the strip; K points."""
 
     t_s: float
+    grey: UInt8[np.ndarray, "rows columns"]  #: the image
     reference: Contour  #: reference contour (B) as tracked
     front: Contour  #: front contour as tracked
     reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
@@ -187,6 +188,7 @@ class StripOptics:
         extent = np.nan_to_num(position, nan=-1.0)
         return ObservedStrip(
             frame.t_s,
+            grey,
             base.reference,
             front,
             base.position_px,
@@ -205,6 +207,45 @@ class StripOptics:
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
             float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
         )
+
+    def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """Where a front that lies ``width_m`` [m] before the back is on each line, from its origin [px]."""
+        base_px = strip.reference_points_px
+        back_m = self.plane.cast(base_px)[:, :2]
+        front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
+        return np.einsum("ki,ki->k", front_px - base_px, self._direction_px)
+
+    @property
+    def direction_px(self) -> Float[np.ndarray, "K 2"]:
+        """Unit directions of the lines in the image, from back to front."""
+        return self._direction_px
+
+    def visible_width_m(self, frame: Frame) -> float:
+        """Median distance from the back to the first strong edge before it, however far [m].
+
+        NaN where the back or an edge is not found at half of the points: what the strip measures when
+        it is not as wide as declared.
+        """
+        grey = frame.grey
+        base = self.find_base(grey, None)
+        if base is None or self.stripe is not None:
+            return float("nan")
+        base_px = self._origin_px + base.position_px[:, None] * self._direction_px
+        size = np.array([grey.shape[1] - 1.0, grey.shape[0] - 1.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ahead = np.where(self._direction_px > 0, size - base_px, -base_px) / self._direction_px
+        border = np.nanmin(np.where(self._direction_px == 0, np.inf, ahead), axis=1) - 1.0
+        lines = ConstraintLines(
+            base_px, self._direction_px, _SEARCH_FROM * self._length_px, border, self._half_width_px
+        )
+        front = ContourTracker(self._front_tracker.settings).track(grey, lines)
+        if 2 * front.valid.sum() < len(front.valid):
+            return float("nan")
+        back_m, front_m = self.plane.cast(np.concatenate([base_px, front.points_px])).reshape(2, -1, 2)[
+            ..., :2
+        ]
+        width = np.einsum("ki,ki->k", front_m - back_m, self.geometry.outward)
+        return float(np.median(width[front.valid]))
 
     def _rolling_shutter_px(
         self, motion: ImageMotion, base_px: np.ndarray, front: Contour, t_s: float

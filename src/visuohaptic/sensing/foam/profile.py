@@ -234,6 +234,12 @@ def read_profile(
         image_variance += image2
         model_variance += model2
         zero += float(row[4])
+    if not contacts:
+        # Nothing stands out of the noise: the force is zero within the noise of the whole strip.
+        each = material.height_m * np.gradient(s) * _slope_at_rest(material)
+        image_variance = float(np.sum((each * sigma) ** 2)) + shared_noise * _shared_variance(each * common)
+        model_variance = float(np.sum((each * doubt) ** 2))
+        zero = float(each.sum())
     pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
     pressure[index], pressure_sigma[index] = p, p_sigma
     saturated_points = np.zeros(points, dtype=bool)
@@ -260,6 +266,11 @@ def read_profile(
         valid=not wrong,
         reason=wrong[0] if wrong else Reason.OK,
     )
+
+
+def _slope_at_rest(material: FoamMaterial) -> float:
+    """Pressure by deflection of foam that is hardly pressed [Pa/m]."""
+    return float(material.slope(np.zeros(1))[0]) / material.width_m
 
 
 def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:

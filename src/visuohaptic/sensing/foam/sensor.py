@@ -10,23 +10,23 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from ...camera import Frame, PlaneView
 from ...errors import CalibrationError, InputError
 from ...objects import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking import SHARED_NOISE, PointReason
-from ._appearance import covered_points, other_surface
 from ._flank import stepped_points
 from ._gaps import bridged, plausible
+from ._hidden import hidden_points
 from ._onset_doubt import NewContact, with_unproved
-from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness, thicker_than_at_rest
+from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness
 from .config import FoamSensorConfig, FoamSetup
 from .hysteresis import HysteresisState
 from .optics import ObservedStrip, StripOptics
 from .profile import ContactRegion, FoamReading, read_profile
 from .stripe_view import StripeView
-from .zero import ZeroReference, ZeroWatch
+from .zero import ZeroReference, ZeroWatch, check_width
 
 __all__ = ["FoamSensor"]
 
@@ -67,6 +67,8 @@ class FoamSensor:
         self.setup = setup
         self.optics = self._make_optics()
         self._watch = ZeroWatch(zero) if zero is not None else None
+        if zero is not None:
+            self._check_width(float(np.median(zero.width_m)), setup.zero_path)
         self._images: deque[int] = deque(maxlen=_REMEMBERED_IMAGES)
         self._forget()
         self.strip: ObservedStrip | None = None  #: of the last frame, for drawing
@@ -121,6 +123,9 @@ class FoamSensor:
                 f"the reference contour was found in {len(seen)} of {used} frames",
                 remedy="check pose_camera_foam in sensor.yaml, the light and the focus",
             )
+        wide = self.optics.visible_width_m(frame)
+        if np.isfinite(wide):
+            self._check_width(wide, "zero")
         zero = ZeroReference.from_samples(
             seen[-1].t_s,
             np.array([strip.reference_px for strip in seen]),
@@ -130,10 +135,18 @@ class FoamSensor:
             front_grey=np.array([strip.front_grey for strip in seen]),
             contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
         )
+        self._check_width(float(np.median(zero.width_m)), "zero")
         self._watch = ZeroWatch(zero)
         self._forget()
         self.optics.forget_motion()
+        # Nothing touched it then: what is pressed in the next frame has come since.
+        self._onset.start(zero.t_s)
         return zero
+
+    def _check_width(self, measured_m: float, where: Path | str) -> None:
+        geometry = self.setup.geometry
+        stripe_m = geometry.width_m - self.optics.rest_width_m
+        check_width(measured_m, geometry.width_m, where, stripe_m=stripe_m)
 
     def reset(self) -> None:
         """Forget the last frames and the foam's history; the zero reference stays."""
@@ -204,9 +217,7 @@ class FoamSensor:
         sigma = scale * strip.width_sigma_m
         covered = np.zeros(len(delta), dtype=bool)
         if zero is not None:
-            covered = covered_points(strip.foam_grey, zero.foam_grey, geometry.s_m)
-            covered |= _other_surface(strip, zero)
-            covered |= thicker_than_at_rest(delta, np.hypot(sigma, scale * zero_sigma), geometry.width_m)
+            covered = hidden_points(strip, zero, self.optics, delta, np.hypot(sigma, scale * zero_sigma))
         step = np.abs(strip.front.contrast)
         faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
         good = strip.usable & ~covered & ~faint
@@ -259,7 +270,7 @@ class FoamSensor:
             reason = Reason.LOST
         if watch is not None and reason is Reason.OK:
             watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
-        return ForceProfile(
+        profile = ForceProfile(
             strip.t_s,
             reason is Reason.OK,
             reason,
@@ -273,6 +284,7 @@ class FoamSensor:
             seen,
             tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
         )
+        return profile if profile.valid else profile.unread()
 
     def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
         """Doubt about the hysteresis after a time in which the contact may have turned round unseen."""
@@ -368,7 +380,7 @@ class FoamSensor:
             False,
             reason,
             float("nan"),
-            ErrorBudget(float("nan"), float("nan"), float("nan"), float("nan")),
+            ErrorBudget.unknown(),
             self.setup.geometry.s_m,
             delta_m=unknown,
             delta_sigma_m=unknown,
@@ -381,16 +393,3 @@ class FoamSensor:
 def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
     """What a width may be wrong by where the edge is no clean step [m]: grows with the misfit."""
     return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))
-
-
-def _other_surface(strip: ObservedStrip, zero: ZeroReference) -> Bool[np.ndarray, "K"]:
-    """Points with an edge of the object behind the foam instead of the foam's own."""
-    if zero.front_ratio is None or zero.contrast is None:
-        return np.zeros(len(strip.foam_grey), dtype=bool)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        near = strip.front_grey / strip.foam_grey
-        light = strip.foam_grey / zero.foam_grey
-        # Ten pixels or fewer, and the noise of the line that they are compared with.
-        noise = strip.front.noise_grey / strip.foam_grey / np.sqrt(6.0)
-    seen = strip.usable | strip.doubtful
-    return other_surface(near, zero.front_ratio, strip.front.contrast, light * zero.contrast, seen, noise)

@@ -14,7 +14,10 @@ from ...errors import CalibrationError, InputError
 from ...files import load_yaml_model, save_yaml
 from ..fields import Section
 
-__all__ = ["DriftSettings", "ZeroReference", "ZeroWatch"]
+__all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
+
+#: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
+_WIDTH_TOLERANCE = 0.10
 
 #: Up to this share of the points, no two of them neighbours, may be missing: a line of the floor that meets
 #: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
@@ -158,6 +161,39 @@ class ZeroReference:
         if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
             raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
         return cls(data.t_s, data.frames, **arrays, gain=data.gain)
+
+
+def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
+    """Refuse a zero reference whose strip is not as wide as the foam's file says.
+
+    Measured is the distance between both tracked contours, on the foam's top plane under
+    ``pose_camera_foam``: the width w along the compression. The height h lies along the view of the camera,
+    which cannot measure it.
+
+    Parameters
+    ----------
+    measured_m
+        Median distance from the back to the tracked edge [m].
+    declared_m
+        ``width_m`` of the foam's file [m].
+    where
+        What the message names: the file or the step.
+    stripe_m
+        Width of a colour stripe, whose inner edge is tracked in place of the front [m].
+
+    Raises
+    ------
+    CalibrationError
+        They are more than 10 % apart.
+    """
+    found = measured_m + stripe_m
+    if not abs(found - declared_m) <= _WIDTH_TOLERANCE * declared_m:
+        raise CalibrationError(
+            where,
+            f"the camera measures a strip {1e3 * found:.1f} mm wide, expected {1e3 * declared_m:.1f} mm "
+            f"+- {100 * _WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
+            remedy="calibrate the foam again with the true --width, or mend pose_camera_foam in sensor.yaml",
+        )
 
 
 def _middle(values: Float[np.ndarray, "n K"]) -> Float[np.ndarray, "K"] | None:
