@@ -34,4 +34,4 @@ def run(args: Any) -> dict[str, Any]:
     first = list(islice(objects, 1))  # a wrong folder must not leave a new, empty database
     with opened(args, create=True) as database:
         count = database.add_many(chain(first, objects))
-    return {"database": args.db, "imported": count}
+    return {"database": database.where, "imported": count}
