@@ -19,7 +19,7 @@ READERS = (
     "visuohaptic.recognition.prior_file:load_prior(path)",
     "visuohaptic.recognition:load_feature_set(path)",
     "visuohaptic.tracking.stripe:StripeModel.load(path)",
-    "visuohaptic.files:read_npz(path, 'arrays')",
+    "visuohaptic.files:read_npz(path, 'a set of arrays')",
 )
 
 
@@ -56,7 +56,9 @@ def test_small_files_do_not_unpack_to_large_arrays(tmp_path):
                 for _ in range(count // len(block)):
                     stream.write(block)
     assert path.stat().st_size < 3_000_000
-    assert "more than 1073741824 bytes" in refusal("visuohaptic.files:read_npz(path, 'arrays')", path)
+    assert "more than 1073741824 bytes" in refusal(
+        "visuohaptic.files:read_npz(path, 'a set of arrays')", path
+    )
 
 
 def test_flipped_bytes_are_one_class_of_error(tmp_path):
@@ -71,28 +73,28 @@ def test_flipped_bytes_are_one_class_of_error(tmp_path):
         damaged[place] ^= 0xFF
         path.write_bytes(damaged)
         try:
-            found = read_npz(path, "arrays")
+            found = read_npz(path, "a set of arrays")
         except InputError as error:
             refused.append(str(error))
             continue
         for name in arrays.keys() & found.keys():
             np.testing.assert_array_equal(found[name], arrays[name])
     assert len(refused) > 100
-    assert all("cannot be read as arrays" in text and "\n" not in text for text in refused)
+    assert all("is not a set of arrays" in text and "\n" not in text for text in refused)
 
 
 def test_python_objects_names_and_contents_are_checked(tmp_path):
     path = tmp_path / "x.npz"
     np.savez(path, a=np.array([{}, None]))
     with pytest.raises(InputError, match="Python objects"):
-        read_npz(path, "arrays")
+        read_npz(path, "a set of arrays")
     np.savez(path, a=np.zeros(3))
     with pytest.raises(InputError, match="b: is missing in a map; write it anew"):
         read_npz(path, "a map", names=("a", "b"), remedy="write it anew")
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("a.txt", "hello")
     with pytest.raises(InputError, match="not an array"):
-        read_npz(path, "arrays")
+        read_npz(path, "a set of arrays")
 
 
 def test_whole_files_are_read_as_numpy_does(tmp_path):
@@ -103,7 +105,7 @@ def test_whole_files_are_read_as_numpy_does(tmp_path):
         "c": np.zeros((0, 2)),
     }
     np.savez(path, **arrays)
-    found = read_npz(path, "arrays")
+    found = read_npz(path, "a set of arrays")
     assert found.keys() == arrays.keys()
     for name, values in arrays.items():
         np.testing.assert_array_equal(found[name], values)

@@ -99,7 +99,7 @@ def read_npy(path: Path | str, content: str) -> np.ndarray:
 def _unreadable(path: Path | str, content: str, error: Exception, remedy: str) -> InputError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
     reason = reason if len(reason) <= 100 else reason[:97] + "..."
-    return InputError(path, f"cannot be read as {content} ({type(error).__name__}: {reason})", remedy=remedy)
+    return InputError(path, f"is not {content} ({type(error).__name__}: {reason})", remedy=remedy)
 
 
 def _array_bytes(stream: IO[bytes], size: int) -> int:

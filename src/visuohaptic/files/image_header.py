@@ -59,7 +59,7 @@ def _size(head: bytes, where: object) -> tuple[int, int]:
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
         return _webp_size(head, where)
     expected = "expected a PNG, JPEG, BMP, PGM, PPM, TIFF or WebP image"
-    raise InputError(where, f"begins with {head[:4]!r}, {expected}")
+    raise InputError(where, f"is not an image: begins with {head[:4]!r}, {expected}")
 
 
 def _jpeg_size(head: bytes) -> tuple[int, int]:

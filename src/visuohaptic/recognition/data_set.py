@@ -125,7 +125,7 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
             row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
             values = data["features"][row[0]] if row.size else None
         except (ValueError, IndexError) as error:
-            raise InputError(path, f"is no result of objects build ({error})") from error
+            raise InputError(path, f"is not a result of objects build ({error})") from error
         mapped = ("vertices_m", "stiffness_N_per_m")
         surface = [data[key] for key in mapped] if set(mapped) <= set(data) else []
         if values is None:

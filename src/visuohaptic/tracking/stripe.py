@@ -207,7 +207,7 @@ class StripeModel:
             version, table = int(stored["format"]), stored["table"]
             axis, offset = stored["axis"].astype(np.float64), float(stored["offset"])
         except (TypeError, ValueError) as error:
-            raise InputError(path, "cannot be read as a stripe model", remedy="train it again") from error
+            raise InputError(path, "is not a stripe model", remedy="train it again") from error
         if version != FORMAT:
             raise InputError(path, f"found version {version}, expected {FORMAT}", field="format")
         if table.shape != (CELLS,) * 3 or table.dtype != np.uint8 or axis.shape != (3,):
