@@ -6,6 +6,8 @@ to do. The command line turns each of these into exit code 2 and that line.
 
 from __future__ import annotations
 
+import reprlib
+
 __all__ = [
     "CalibrationError",
     "DatabaseError",
@@ -14,7 +16,18 @@ __all__ = [
     "MissingExtraError",
     "StaleFrameError",
     "VisuohapticError",
+    "brief",
 ]
+
+_BRIEF = reprlib.Repr()
+_BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 60
+
+
+def brief(value: object) -> str:
+    """What was found, for a message: at most 60 characters, however much the value holds."""
+    # Not repr: of nested aliases it would be as large as the memory.
+    text = _BRIEF.repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 class VisuohapticError(Exception):

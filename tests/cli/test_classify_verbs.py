@@ -108,7 +108,7 @@ def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) ->
     ("words", "said"),
     [
         (["train", "--objects", "nowhere", "--out", "tree.txt"], "with .json"),
-        (["train", "--objects", "nowhere", "--out", "tree.json"], "no such file"),
+        (["train", "--objects", "nowhere", "--out", "tree.json"], "No such file"),
         (["train", "--objects", "set.npz", "--out", "tree.json", "--group", "cup"], "expected NAME=CLASS"),
         (["train", "--objects", "set.npz", "--out", "tree.json", "--classes", "soft,mug"], "found 'mug'"),
         (["plan", "nowhere.json"], "cannot be read"),

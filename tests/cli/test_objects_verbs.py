@@ -137,7 +137,7 @@ def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for words, said in (
         (["--prior", saved], "nothing to look at"),
         (["--prior", str(tmp_path / "scene.png"), "--cloud", "x"], "not a visual prior"),
-        (["--prior", saved, "--image", str(tmp_path / "cloud.npy")], "not a readable picture"),
+        (["--prior", saved, "--image", str(tmp_path / "cloud.npy")], "is not an image"),
         (["--prior", saved, "--cloud", str(tmp_path / "scene.png")], "not a .npy file"),
     ):
         assert main(["objects", "recognise", *words]) == 2

@@ -39,7 +39,7 @@ def test_what_is_broken_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no features of the state closed=True"):
         read_build(folder, closed=True)
     (folder / "soft" / "soft-00001.npz").write_bytes(b"PK\x03\x04 not really")
-    with pytest.raises(InputError, match="is no result of objects build"):
+    with pytest.raises(InputError, match="is not a result of objects build"):
         read_build(folder)
     with pytest.raises(InputError, match="run visuohaptic objects build first"):
         read_build(tmp_path)
@@ -47,7 +47,7 @@ def test_what_is_broken_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="inside the folder"):
         read_build(tmp_path)
     (tmp_path / "bad.npz").write_bytes(b"\0" * 100)
-    with pytest.raises(InputError, match="is no feature set"):
+    with pytest.raises(InputError, match="is not a feature set"):
         load_feature_set(tmp_path / "bad.npz")
     data = synthetic(2)
     with pytest.raises(InputError, match="all different"):

@@ -142,7 +142,7 @@ def test_damaged_image_is_left_out_and_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["png", "pgm", "bmp", "jpg", "tiff"])
 def test_header_sizes_are_checked_before_memory_is_taken(tmp_path: Path, kind: str) -> None:
     """The size by the header is the true one; a forged size of 100000 x 100000 is refused at once."""
-    from visuohaptic.recording.ros_image import image_size
+    from visuohaptic.files import image_size
 
     grey = picture(3, size=(70, 50), colour=False)
     path = tmp_path / f"a.{kind}"

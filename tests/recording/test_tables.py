@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -114,3 +116,50 @@ def test_bad_files(tmp_path: Path) -> None:
         read_force_table(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         read_force_table(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_what_a_killed_run_has_left_is_kept(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, suffix: str
+) -> None:
+    path = tmp_path / f"k.{suffix}"
+    part = tmp_path / f"k.{suffix}.part"
+    for number in (1, 2):
+        part.write_bytes(b"rows of run %d" % number)
+        with TableWriter(path) as table:
+            table.write(PROFILES[0])
+        assert (tmp_path / f"k.recovered{number}.{suffix}").read_bytes() == b"rows of run %d" % number
+        assert not part.exists()
+    assert len(read_force_table(path).t_s) == 1
+    assert [record.getMessage().count("kept as") for record in caplog.records] == [1, 1]
+
+
+def test_a_full_disk_leaves_no_table_with_its_final_name(tmp_path: Path) -> None:
+    """The limit for the size of files stands for the disk: it fails in the same system call."""
+    script = (
+        "import resource, signal, sys\n"
+        "from tests.recording.helpers import profile\n"
+        "from visuohaptic.recording import TableWriter\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000))\n"
+        "try:\n"
+        "    with TableWriter(sys.argv[1]) as table:\n"
+        "        for n in range(100):\n"
+        "            table.write(profile(0.1 * n, valid=True, force_N=1.0))\n"
+        "except ValueError as error:\n"
+        "    print(error)\n"
+    )
+    path = tmp_path / "o.csv"
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+        cwd=Path(__file__).parents[2],
+    )
+    assert done.returncode == 0, done.stderr
+    assert str(path) in done.stdout
+    assert "o.csv.part" in done.stdout
+    assert done.stdout.count("\n") == 1
+    assert [one.name for one in tmp_path.iterdir()] == ["o.csv.part"]

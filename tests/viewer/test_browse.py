@@ -159,7 +159,7 @@ def test_files_become_views(tmp_path, cup):
         ("a.json", '{"steps": [["a", 1]]}', r"expected a list of \[question, answer\]"),
         ("a.txt", "", "found suffix '.txt'"),
         ("a.pgm", "P5", "give the .yaml of the map beside it"),
-        ("a.npz", "no zip", "cannot be read as a stiffness map"),
+        ("a.npz", "no zip", "is not a stiffness map"),
         ("a.yaml", "image: nowhere.pgm\n", "a.yaml"),
     ],
 )

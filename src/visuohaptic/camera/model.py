@@ -14,12 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
+from ..files import MAX_PIXELS, load_yaml_model, save_yaml
 from .pose import Pose
 
 __all__ = ["Camera"]
-
-#: Images with more pixels than this are refused before memory is taken.
-MAX_PIXELS = 100_000_000
 
 #: Allowed numbers of distortion coefficients and their ROS names.
 _DISTORTION_MODELS = {0: "plumb_bob", 4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
@@ -135,7 +133,6 @@ class Camera:
         InputError
             Names the file, the field, what was found and what was expected.
         """
-        from ..files import load_yaml_model
         from ._camera_info import CameraInfoFile
 
         info = load_yaml_model(path, CameraInfoFile)
@@ -146,7 +143,6 @@ class Camera:
 
     def save(self, path: Path | str) -> None:
         """Write a ROS ``camera_info`` YAML file."""
-        from ..files import save_yaml
         from ._camera_info import camera_info_dict
 
         save_yaml(path, camera_info_dict(self))

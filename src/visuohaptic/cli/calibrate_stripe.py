@@ -85,17 +85,11 @@ def _draw(path: Path, frame: Frame, stripe: Any, rest: Any) -> None:
 
 def _read(source: str, camera: Any) -> Frame:
     from ..camera import Frame
+    from ..files import read_image
     from ..recording import open_source
 
     if Path(source).suffix.lower() in {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}:
-        import cv2
-        import numpy as np
-
-        data = np.frombuffer(Path(source).read_bytes(), np.uint8)
-        image = cv2.imdecode(data, cv2.IMREAD_COLOR) if data.size else None
-        if image is None:
-            raise InputError(source, "cannot be read as an image")
-        return Frame(np.asarray(image, dtype=np.uint8), 0.0, 0)
+        return Frame(read_image(source, "colour"), 0.0, 0)
     with open_source(source, camera=camera) as frames:
         for frame in frames:
             return frame

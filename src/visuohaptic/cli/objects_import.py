@@ -31,10 +31,11 @@ def run(args: Any) -> dict[str, Any]:
     """Import; the mapping is what ``--json`` prints."""
     from itertools import chain, islice
 
+    from ..objects.database import BATCH
     from ..objects.exchange import import_objects
 
     objects = chain.from_iterable(import_objects(folder) for folder in args.folder)
-    first = list(islice(objects, 1))  # a wrong folder must not leave a new, empty database
+    first = list(islice(objects, BATCH))  # what is refused must not leave a new, empty database
     with opened(args, create=True) as database:
         count = database.add_many(chain(first, objects))
-    return {"database": args.db, "imported": count}
+    return {"database": database.where, "imported": count}

@@ -40,6 +40,7 @@ def needs(args: Any) -> set[str]:
 
 def run(args: Any) -> dict[str, Any]:
     """Recognise; the mapping is what ``--json`` prints."""
+    from ..files import read_image
     from ..recognition.prior import VisualPrior, model_probabilities
     from ..recognition.prior_file import load_prior, save_prior
 
@@ -56,7 +57,7 @@ def run(args: Any) -> dict[str, Any]:
     if not (args.image or args.cloud):
         return {"objects": len(prior), "candidates": []}
     found = prior.candidates(
-        None if args.image is None else _picture(args.image),
+        None if args.image is None else read_image(args.image, "grey", upright=True),
         None if args.cloud is None else _cloud(args.cloud),
         [word for word in args.context.split(",") if word],
         least=args.least,
@@ -79,28 +80,11 @@ def run(args: Any) -> dict[str, Any]:
     }
 
 
-def _picture(path: str) -> Any:
-    import cv2
-    import numpy as np
-
-    try:
-        data = np.fromfile(path, np.uint8)
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if len(data) else None
-    if image is None:
-        raise InputError(path, "is not a readable picture")
-    return image
-
-
 def _cloud(path: str) -> Any:
-    import numpy as np
+    from ..files import read_npy
 
     if path.endswith(".ply"):
         from ..recording.ply import read_ply
 
         return read_ply(path).vertices_m
-    try:
-        return np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
-        raise InputError(path, f"is not a .npy file of points ({error})") from error
+    return read_npy(path, "a .npy file of points")

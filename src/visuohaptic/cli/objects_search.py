@@ -34,8 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Search; the mapping is what ``--json`` prints."""
-    import numpy as np
-
+    from ..files import read_npy
     from ..objects.search import index_of
 
     with opened(args) as database:
@@ -45,10 +44,7 @@ def run(args: Any) -> dict[str, Any]:
                 raise InputError(args.like, f"has no features {args.kind!r}, only {sorted(features)}")
             query = features[args.kind].values
         else:
-            try:
-                query = np.load(args.features, allow_pickle=False)
-            except (ValueError, EOFError) as error:
-                raise InputError(args.features, f"is not a .npy file of numbers ({error})") from error
+            query = read_npy(args.features, "a .npy file of numbers")
         found = index_of(database, args.kind).nearest(query, args.count)
     for one in found:
         args.report(f"{one.distance:10.4g}  {one.id}")

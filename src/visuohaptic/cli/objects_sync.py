@@ -31,14 +31,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Synchronise; the mapping is what ``--json`` prints."""
+    from ..objects.connection import shown_url
     from ..objects.database import open_database
     from ..objects.sync import synchronise
 
     if not _is_there(args.db) and not _is_there(args.shared):
         # Else a mistyped name would make two empty databases and call it done.
         raise InputError(
-            args.shared,
-            f"is not a database of objects, and neither is {args.db}",
+            shown_url(args.shared),
+            f"is not a database of objects, and neither is {shown_url(args.db)}",
             remedy="check both names, or add an object first",
         )
     if "://" not in args.db + args.shared and Path(args.db).resolve() == Path(args.shared).resolve():

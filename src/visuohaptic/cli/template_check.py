@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Look at the picture; the mapping is what ``--json`` prints."""
-    from ..recording import read_image
+    from ..files import read_image
     from ..tracking.sheet import SheetItem, save_sheet
     from ..tracking.template import Template, template_quality
 
@@ -53,7 +53,7 @@ def run(args: Any) -> dict[str, Any]:
         args.report(f"{'problem':<24}{problem}")
     sheet: dict[str, float] | None = None
     if args.sheet:
-        item = SheetItem(template.name, read_image(args.image, grey=True), width)
+        item = SheetItem(template.name, read_image(args.image, "grey"), width)
         sheet = save_sheet(args.sheet, [item], paper=args.paper, dpi=args.dpi)
         args.report(f"{'sheet':<24}{args.sheet}")
     return {

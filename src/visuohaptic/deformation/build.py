@@ -12,8 +12,7 @@ import io
 import json
 import logging
 import platform
-import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from .._version import __version__
 from ..errors import InputError, MissingExtraError, VisuohapticError
-from ..files import atomic_path, load_yaml_model, write_text
+from ..files import atomic_path, load_yaml_model, read_npz, write_text
 from .banded_map import object_map
 from .container import ContainerDescription, load_container
 from .contents import Contents
@@ -256,7 +255,7 @@ def build(
             else:
                 with atomic_path(folder / job.file) as temporary:
                     temporary.write_bytes(data)
-                digests[job.file] = _digest(io.BytesIO(data))
+                digests[job.file] = _digest(read_npz(folder / job.file, "a result of objects build"))
             done += 1
             if progress:
                 progress(done, len(jobs))
@@ -360,23 +359,19 @@ def _existing(path: Path, key: str) -> str:
     if not path.is_file():
         return ""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["key"]) != key:
-                return ""
-        return _digest(path)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        data = read_npz(path, "a result of objects build", names=("key",))
+        return _digest(data) if str(data["key"]) == key else ""
+    except InputError:
         _log.warning("%s is damaged and computed again", path)
         return ""
 
 
-def _digest(file: Any) -> str:
+def _digest(data: Mapping[str, np.ndarray]) -> str:
     """Of names, types, shapes and values: does not depend on how they were packed."""
     out = hashlib.sha256()
-    with np.load(file, allow_pickle=False) as data:
-        for name in sorted(data.files):
-            values = data[name]
-            out.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
-            out.update(np.ascontiguousarray(values).tobytes())
+    for name, values in sorted(data.items()):
+        out.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        out.update(np.ascontiguousarray(values).tobytes())
     return out.hexdigest()
 
 

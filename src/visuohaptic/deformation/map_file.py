@@ -5,14 +5,13 @@ from __future__ import annotations
 import base64
 import json
 import struct
-import zipfile
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from ..errors import InputError
-from ..files import atomic_path
+from ..files import atomic_path, read_npz
 from ..objects.model import StiffnessMap
 
 __all__ = ["check_suffix", "colours", "load_map", "plot_map", "save_map"]
@@ -50,16 +49,7 @@ def save_map(path: Path | str, found: StiffnessMap) -> None:
 
 def load_map(path: Path | str) -> StiffnessMap:
     """Read an NPZ map and check it."""
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            missing = [name for name in _ARRAYS if name not in data]
-            if missing:
-                raise InputError(path, "is missing", field=missing[0], remedy="write it with save_map")
-            arrays = {name: data[name] for name in _ARRAYS}
-    except InputError:
-        raise
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, MemoryError) as error:
-        raise InputError(path, f"cannot be read as a stiffness map ({type(error).__name__})") from error
+    arrays = read_npz(path, "a stiffness map", names=_ARRAYS, remedy="write it with save_map")
     vertices, faces = arrays["vertices_m"], arrays["faces"]
     count = len(vertices) if vertices.ndim else 0
     good = vertices.dtype.kind == "f" and vertices.ndim == 2 and vertices.shape[1] == 3

@@ -18,6 +18,7 @@ from ..deformation.material import IsotropicMaterial
 from ..deformation.mesher import STIFF_CAP_M
 from ..deformation.mitc4 import mitc4_factor, mitc4_stiffness
 from ..errors import InputError
+from ..files import parse_yaml
 from ..recognition.data_set import HEIGHTS
 
 __all__ = [
@@ -106,12 +107,10 @@ class RealObject:
 
 def description(name: str) -> ContainerDescription:
     """A class that is shipped or made up here, with its ranges."""
-    import yaml
-
     text = CUT_BOTTLE if name == "cut-bottle" else UNKNOWN.get(name)
     if text is None:
         return load_container(name)
-    return ContainerDescription.model_validate({"name": name, **yaml.safe_load(text)})
+    return ContainerDescription.model_validate({"name": name, **parse_yaml(text, name)})
 
 
 def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ..errors import InputError
-from ..files import atomic_path, load_yaml_model, save_yaml
+from ..files import atomic_path, load_yaml_model, read_image, save_yaml
 from ..recording import OccupancyMap
 
 __all__ = ["Layer", "load_layer", "save_layer"]
@@ -179,17 +179,12 @@ def load_layer(path: Path | str) -> Layer:
     InputError
         Names the file and the field, with what was found and what was expected.
     """
-    import cv2
-
-    from ..recording._map_picture import read_picture
-
     path = Path(path)
     info = load_yaml_model(path, _LayerFile)
     if Path(info.image).name != info.image:
         raise InputError(path, f"found {info.image!r}, expected the name of a file beside it", field="image")
     picture = path.parent / info.image
-    read_picture(picture)  # refuses what is damaged
-    pixels = np.asarray(cv2.imdecode(np.fromfile(picture, dtype=np.uint8), cv2.IMREAD_UNCHANGED))[::-1]
+    pixels = read_image(picture, "unchanged")[::-1]
     layer = info.layer
     shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[
         layer.coding

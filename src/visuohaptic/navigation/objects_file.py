@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, brief
 from ..files import load_yaml
 from ..objects import Estimate, HapticTag
 from .problem import MovableObject, RobotModel
@@ -127,7 +127,7 @@ def _object(entry: Any, where: str, place: str) -> MovableObject:
             raise InputError(where, "is missing", field=f"{place}.{name}")
     name = fields["id"]
     if isinstance(name, bool) or not isinstance(name, str | int) or not str(name).strip():
-        raise InputError(where, f"found {name!r}, expected a name", field=f"{place}.id")
+        raise InputError(where, f"found {brief(name)}, expected a name", field=f"{place}.id")
     raw = fields["footprint_m"]
     if not isinstance(raw, list) or not all(isinstance(row, list) and len(row) == 2 for row in raw):
         raise InputError(where, "expected a list of [x, y] corners", field=f"{place}.footprint_m")
@@ -160,13 +160,15 @@ def _tag(data: Any, where: str, place: str) -> HapticTag:
     for name in _FLAGS:
         flag = fields.get(name)
         if flag is not None and not isinstance(flag, bool):
-            raise InputError(where, f"found {flag!r}, expected true, false or null", field=f"{place}.{name}")
+            raise InputError(
+                where, f"found {brief(flag)}, expected true, false or null", field=f"{place}.{name}"
+            )
         values[name] = flag
     for name in _COUNTERS:
         counter = fields.get(name)
         counter = 0 if counter is None else counter
         if isinstance(counter, bool) or not isinstance(counter, int) or counter < 0:
-            raise InputError(where, f"found {counter!r}, expected a count >= 0", field=f"{place}.{name}")
+            raise InputError(where, f"found {brief(counter)}, expected a count >= 0", field=f"{place}.{name}")
         values[name] = counter
     return HapticTag(**values)
 
@@ -213,5 +215,5 @@ def _number(value: Any, where: str, place: str) -> float:
         with suppress(ValueError):
             value = float(value)  # YAML 1.1 reads 1e-3 as a text
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(where, f"found {value!r}, expected a finite number", field=place)
+        raise InputError(where, f"found {brief(value)}, expected a finite number", field=place)
     return float(value)

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
-from ..files import load_yaml
+from ..errors import InputError, brief
+from ..files import load_yaml, read_bytes
 from ..objects import Estimate, HapticTag
 from ..recording import OccupancyMap
 from ..recording.occupancy_map import FREE, OCCUPIED
@@ -123,7 +123,7 @@ def _namosim_yaml(path: Path) -> Scene:
     names = {key: data.get(key) for key in ("map_yaml", "svg_file")}
     for key, name in names.items():
         if not isinstance(name, str) or Path(name).name != name:
-            raise InputError(path, f"found {name!r}, expected a file name beside this file", field=key)
+            raise InputError(path, f"found {brief(name)}, expected a file name beside this file", field=key)
     grid = OccupancyMap.load(path.parent / str(names["map_yaml"]))
     svg = path.parent / str(names["svg_file"])
     root = _svg_root(svg)
@@ -228,12 +228,7 @@ def _svg_root(path: Path) -> Any:
     """Root of an SVG file; entities are refused, they are how small files become large."""
     import xml.etree.ElementTree as ElementTree
 
-    try:
-        if path.stat().st_size > MAX_SVG_BYTES:
-            raise InputError(path, f"is larger than {MAX_SVG_BYTES} bytes")
-        text = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    text = read_bytes(path, MAX_SVG_BYTES)
     if b"<!ENTITY" in text or b"<!DOCTYPE" in text:
         raise InputError(path, "has a document type, expected plain SVG")
     try:

@@ -20,8 +20,8 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..errors import InputError
-from .model import Estimate, Geometry, StiffnessMap, VisuoHapticObject
+from ..errors import InputError, brief
+from .model import Estimate, Geometry, HapticTag, Provenance, Sighting, StiffnessMap, VisuoHapticObject
 
 __all__ = ["Arrays", "arrays_digest", "card_text", "decode", "digest_of", "encode", "order_of"]
 
@@ -32,6 +32,18 @@ Arrays = dict[str, np.ndarray]
 DTYPES = frozenset(
     {"bool", "uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"}
 )
+#: Of a haptic tag, what has no sign.
+_MAGNITUDES = (
+    "static_friction_N",
+    "dynamic_friction_N",
+    "deceleration_s",
+    "deformability",
+    "stiffness_N_per_m",
+)
+#: Noise brings a magnitude below zero by more than this many standard deviations once in 10^9.
+_MAX_NOISE = 6.0
+#: A contour is what a platform touches at once; farther than any building is long are no coordinates of it.
+_MAX_CONTOUR_M = 1e3
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
@@ -110,12 +122,7 @@ class _Context:
         self.where = where
 
     def refuse(self, place: str, found: Any, expected: str) -> InputError:
-        text = repr(found)
-        return InputError(
-            self.where,
-            f"found {text if len(text) <= 60 else text[:57] + '...'}, expected {expected}",
-            field=place,
-        )
+        return InputError(self.where, f"found {brief(found)}, expected {expected}", field=place)
 
 
 _Reader = Callable[[Any, _Context, str], Any]
@@ -200,7 +207,7 @@ def _read_dataclass(kind: type) -> _Reader:
         if unknown := sorted(str(name) for name in value.keys() - readers.keys()):
             raise InputError(
                 context.where,
-                f"unknown field {unknown[0]!r}",
+                f"unknown field {brief(unknown[0])}",
                 field=place,
                 remedy="it may come from a newer version",
             )
@@ -208,8 +215,8 @@ def _read_dataclass(kind: type) -> _Reader:
             raise InputError(context.where, f"the field {missing[0]!r} is missing", field=place)
         inside = f"{place}." if place else ""
         made = kind(**{name: readers[name](item, context, f"{inside}{name}") for name, item in value.items()})
-        if kind in (Geometry, StiffnessMap):
-            _check_mesh(made, context, place)
+        if kind in _CHECKS:
+            _CHECKS[kind](made, context, place)
         return made
 
     return read_dataclass
@@ -238,8 +245,9 @@ def _read_array(hint: Any) -> _Reader:
 def _read_float(value: Any, context: _Context, place: str) -> float:
     if isinstance(value, str) and value in _NOT_FINITE:
         return _NOT_FINITE[value]
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise context.refuse(place, value, "a number")
+    # A card says "nan" where something is not known; a bare .nan is what a broken program writes.
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        raise context.refuse(place, value, "a finite number")
     return float(value)
 
 
@@ -291,6 +299,43 @@ def _check_mesh(mesh: Geometry | StiffnessMap, context: _Context, place: str) ->
         len(mesh.stiffness_N_per_m) == len(mesh.stiffness_sigma_N_per_m) == count
     ):
         raise InputError(context.where, f"expected one stiffness and sigma for {count} vertices", field=place)
+
+
+def _check_tag(tag: HapticTag, context: _Context, place: str) -> None:
+    """Magnitudes are not negative, but for their noise; a contour fits into a building."""
+    for name in _MAGNITUDES:
+        found: Estimate | None = getattr(tag, name)
+        if found is not None and found.value < -_MAX_NOISE * found.predictive_sigma:
+            raise InputError(
+                context.where, f"found {found.value:g}, expected >= 0", field=f"{place}.{name}.value"
+            )
+    contour = tag.deformation_shape_m
+    if contour is not None and not (np.abs(contour) <= _MAX_CONTOUR_M).all():
+        raise InputError(
+            context.where,
+            f"expected coordinates within {_MAX_CONTOUR_M:g} m",
+            field=f"{place}.deformation_shape_m",
+        )
+
+
+def _check_sighting(seen: Sighting, context: _Context, place: str) -> None:
+    numbers = (*seen.position_m, seen.sigma_m, seen.t_s)
+    if not all(map(math.isfinite, numbers)) or seen.sigma_m < 0:
+        raise InputError(context.where, "expected finite position_m, sigma_m >= 0 and t_s", field=place)
+
+
+def _check_provenance(origin: Provenance, context: _Context, place: str) -> None:
+    if math.isinf(origin.t_s):  # it would win every merge
+        raise context.refuse(f"{place}.t_s", origin.t_s, "a finite number")
+
+
+_CHECKS: dict[type, Callable[[Any, _Context, str], None]] = {
+    Geometry: _check_mesh,
+    StiffnessMap: _check_mesh,
+    HapticTag: _check_tag,
+    Provenance: _check_provenance,
+    Sighting: _check_sighting,
+}
 
 
 def card_text(card: Any) -> str:

@@ -27,7 +27,7 @@ from sqlalchemy.exc import DBAPIError
 from ..closing import Closing
 from ..errors import DatabaseError, InputError
 from . import codec, schema
-from .connection import connect_file, connect_server
+from .connection import connect_file, connect_server, shown_url
 from .integrity import Check, check_all
 from .merge import merge_objects
 from .model import VisuoHapticObject
@@ -43,6 +43,7 @@ _log = logging.getLogger(__name__)
 BATCH = 512  # each waits for the disk four times
 #: Ids are names of folders in an export, too.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
+_NOT_STORED = "; what was being written is not stored"
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +87,7 @@ class ObjectDatabase(Closing):
         self._turn = threading.RLock()
         if "://" in self.where:
             self._engine = connect_server(self.where)
-            # A password does not belong into messages.
-            self.where = self._engine.url.render_as_string(hide_password=True)
+            self.where = shown_url(self.where)
         else:
             folder = Path(location)
             if not create and not (folder / "objects.sqlite").is_file():
@@ -384,26 +384,24 @@ class ObjectDatabase(Closing):
 
     @contextmanager
     def _reading(self) -> Iterator[Connection]:
-        with self._guarded(), self._engine.connect() as connection:
+        with self._guarded(""), self._engine.connect() as connection:
             yield connection
 
     @contextmanager
     def _transaction(self) -> Iterator[Connection]:
         engine = self._engine.execution_options(writes=True)
-        with self._guarded(), engine.connect() as connection, connection.begin():
+        with self._guarded(_NOT_STORED), engine.connect() as connection, connection.begin():
             yield connection
 
     @contextmanager
-    def _guarded(self) -> Iterator[None]:
-        """Errors of the libraries below in our words."""
+    def _guarded(self, loss: str) -> Iterator[None]:
+        """Errors of the libraries below in our words, with what was lost by them."""
         try:
             yield
         except DBAPIError as error:
             said = " ".join(str(error.orig).split())
-            raise DatabaseError(f"{self.where}: {said}; what was being written is not stored") from error
+            raise DatabaseError(f"{self.where}: {said}{loss}") from error
         except FileNotFoundError:
             raise
         except OSError as error:
-            raise DatabaseError(
-                f"{self.where}: {error.strerror or error}; what was being written is not stored"
-            ) from error
+            raise DatabaseError(f"{self.where}: {error.strerror or error}{loss}") from error

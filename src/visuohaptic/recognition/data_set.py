@@ -6,7 +6,6 @@ Made from a folder of ``visuohaptic objects build``; kept as one small NPZ file.
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,11 +15,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..errors import InputError
-from ..files import atomic_path
+from ..files import atomic_path, read_npz
 from .places import HEIGHTS, SIDES
 from .posed import posed_changes
 
 __all__ = ["HEIGHTS", "SIDES", "FeatureSet", "load_feature_set", "read_build", "save_feature_set"]
+
+#: What the file of a feature set must hold.
+_ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,15 +119,15 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
     posed: list[np.ndarray] = []
     for number, entry in enumerate(listed):
         path = folder / entry["file"]
+        data = read_npz(path, "a result of objects build", names=("states", "feature_points_m", "features"))
+        states, points = data["states"], data["feature_points_m"]
         try:
-            with np.load(path, allow_pickle=False) as data:
-                states, points = data["states"], data["feature_points_m"]
-                row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
-                values = data["features"][row[0]] if row.size else None
-                mapped = ("vertices_m", "stiffness_N_per_m")
-                surface = [data[key] for key in mapped] if set(mapped) <= set(data.files) else []
-        except (OSError, ValueError, KeyError, IndexError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(path, f"is no result of objects build ({error})") from error
+            row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
+            values = data["features"][row[0]] if row.size else None
+        except (ValueError, IndexError) as error:
+            raise InputError(path, f"is not a result of objects build ({error})") from error
+        mapped = ("vertices_m", "stiffness_N_per_m")
+        surface = [data[key] for key in mapped] if set(mapped) <= set(data) else []
         if values is None:
             raise InputError(
                 path,
@@ -177,24 +179,21 @@ def load_feature_set(source: Path | str) -> FeatureSet:
     path = Path(source)
     if path.is_dir():
         return read_build(path)
+    remedy = "make one with classify train"
+    data = read_npz(path, "a feature set", names=_ARRAYS, remedy=remedy)
     try:
-        with np.load(path, allow_pickle=False) as data:
-            found = FeatureSet(
-                data["features"],
-                data["width_m"],
-                tuple(str(text) for text in data["label"]),
-                tuple(str(text) for text in data["name"]),
-                bool(data["nonlinear"]),
-                data["posed"].astype(np.float32) if "posed" in data.files else None,
-            )
+        found = FeatureSet(
+            data["features"],
+            data["width_m"],
+            tuple(str(text) for text in data["label"]),
+            tuple(str(text) for text in data["name"]),
+            bool(data["nonlinear"]),
+            data["posed"].astype(np.float32) if "posed" in data else None,
+        )
     except InputError as error:
         raise InputError(path, error.problem, field=error.field) from error
-    except FileNotFoundError as error:
-        raise InputError(path, "there is no such file") from error
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(
-            path, f"is no feature set ({error})", remedy="make one with classify train"
-        ) from error
+    except (TypeError, ValueError) as error:
+        raise InputError(path, f"is not a feature set ({error})", remedy=remedy) from error
     if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
         raise InputError(path, "has numbers that are not finite", field="features")
     if found.posed is not None and not np.isfinite(found.posed).all():

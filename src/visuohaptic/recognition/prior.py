@@ -26,6 +26,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..errors import InputError
+from ..files import decode_image
 from ..objects import VisuoHapticObject
 from .haptic_model import UNKNOWN
 from .shape import ShapeViews, describe_cloud, fit_shape, shape_views
@@ -184,12 +185,8 @@ class VisualPrior:
         """Store what the database knows of the looks of an object."""
         images, cloud = [], None
         if obj.appearance is not None and obj.appearance.template_png:
-            import cv2
-
-            image = cv2.imdecode(np.frombuffer(obj.appearance.template_png, np.uint8), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise InputError(obj.id, "is not a readable picture", field="appearance.template_png")
-            images.append(image)
+            where = f"{obj.id}: appearance.template_png"
+            images.append(decode_image(obj.appearance.template_png, where, "grey", upright=True))
         shape = obj.geometry
         if (
             shape is not None

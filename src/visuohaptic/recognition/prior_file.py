@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections import Counter
 from dataclasses import asdict
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files import atomic_path
+from ..files import atomic_path, read_npz
 from .prior import Entry, PriorSettings, VisualPrior
 from .shape import DESCRIPTOR_LENGTH, ShapeViews
 from .words import LocalFeatures
@@ -20,6 +19,7 @@ from .words import LocalFeatures
 __all__ = ["load_prior", "save_prior"]
 
 _FORMAT = "visuohaptic visual prior 1"
+_ARRAYS = ("card", "places", "descriptors", "points_m", "directions", "views")
 
 
 def save_prior(path: Path | str, prior: VisualPrior) -> None:
@@ -72,13 +72,10 @@ def load_prior(path: Path | str) -> VisualPrior:
         There is no such file, or it is damaged.
     """
     path = Path(path)
-    if not path.is_file():
-        raise InputError(path, "there is no such file")
+    arrays = read_npz(path, "a visual prior", names=_ARRAYS, remedy="write it again")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
         return _decoded(json.loads(bytes(arrays["card"])), arrays)
-    except (ValueError, KeyError, TypeError, AttributeError, OSError, EOFError, zipfile.BadZipFile) as error:
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(path, f"is not a visual prior ({error})", remedy="write it again") from error
 
 

@@ -3,9 +3,10 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from ..files import read_image
 from .depth_pictures import DepthEncoding, read_depth, write_depth
 from .frames import open_source
-from .image_folder import ImageFolderSource, read_image
+from .image_folder import ImageFolderSource
 from .live import CameraBackend, CameraSettings, FoundCamera, LiveSource, find_cameras, open_camera
 from .mcap_in import McapSource
 from .mcap_out import MeasurementWriter

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ..camera.model import MAX_PIXELS
 from ..errors import InputError
+from ..files import MAX_PIXELS
 
 __all__ = ["decode_exr"]
 

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ..files import load_yaml_model, save_yaml
+from ..files import MAX_IMAGE_BYTES, image_size, load_yaml_model, read_bytes, save_yaml
 from .depth_pictures import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
 from .depth_sequence import _matched, _pictures
 from .poses import StampedPose, read_poses, write_poses
@@ -244,10 +244,7 @@ def _pose_of_text(matrix: Float[np.ndarray, "4 4"], name: str) -> StampedPose:
 
 
 def _camera_of(picture: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
-    from .ros_image import image_size
-
-    with picture.open("rb") as stream:
-        width, height = image_size(stream.read(1 << 16), str(picture))
+    width, height = image_size(read_bytes(picture, MAX_IMAGE_BYTES), picture)
     return Camera(width, height, intrinsic, name="color")
 
 

@@ -9,16 +9,13 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from ..errors import InputError
+from ..files import MAX_IMAGE_BYTES, atomic_path, decode_image, image_size, read_bytes
 from ._exr import decode_exr
-from ._map_picture import _check_png
-from .ros_image import image_size
 
 __all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
 
 #: Kinds of file that are read.
 DEPTH_SUFFIXES = (".png", ".exr")
-#: Files larger than this are no single depth pictures [bytes].
-_MAX_FILE_BYTES = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +63,7 @@ def read_depth(
         of its depths lies in the range of the encoding.
     """
     path = Path(path)
-    try:
-        bytes_ = path.stat().st_size
-        if bytes_ > _MAX_FILE_BYTES:
-            raise InputError(path, f"has {bytes_} bytes, expected at most {_MAX_FILE_BYTES}")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    data = read_bytes(path, MAX_IMAGE_BYTES)
     if data[:4] == b"v/1\x01":
         values = decode_exr(data, str(path))
         invalid = ~np.isfinite(values) | (values <= 0)
@@ -100,17 +91,14 @@ def read_depth(
 
 
 def _png_words(path: Path, data: bytes, size: tuple[int, int] | None) -> UInt16[np.ndarray, "rows columns"]:
-    import cv2
-
     if data[:8] != b"\x89PNG\r\n\x1a\n":
         raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR picture")
-    width, height = image_size(data[: 1 << 16], str(path))
+    width, height = image_size(data, path)
     _check_size(path, width, height, size)
     if len(data) < 26 or (data[24], data[25]) != (16, 0):
         raise InputError(path, "is no PNG of one 16-bit channel", remedy="depth pictures are 16-bit grey")
-    _check_png(path, data)
-    words = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if words is None or words.dtype != np.uint16 or words.shape != (height, width):
+    words = decode_image(data, path, "unchanged")
+    if words.dtype != np.uint16 or words.ndim != 2:
         raise InputError(path, "is a damaged PNG: it cannot be decoded")
     return words
 
@@ -125,8 +113,6 @@ def _check_size(path: Path, width: int, height: int, size: tuple[int, int] | Non
 def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], scale_m: float = 0.001) -> None:
     """Write depth as a 16-bit PNG; what is NaN or does not fit becomes 0."""
     import cv2
-
-    from ..files import atomic_path
 
     with np.errstate(invalid="ignore"):
         units = np.rint(np.asarray(depth_m, dtype=np.float64) / scale_m)

@@ -26,9 +26,8 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
 
 from ..camera import Camera, Pose
 from ..errors import InputError
-from ..files import load_yaml_model
+from ..files import load_yaml_model, read_image
 from .depth_pictures import DEPTH_SUFFIXES, DepthEncoding, read_depth
-from .image_folder import read_image
 from .poses import StampedPose, interpolate_pose, read_poses
 
 __all__ = ["DepthFrame", "DepthSequence", "SequenceFile"]

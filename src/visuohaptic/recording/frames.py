@@ -7,6 +7,7 @@ from pathlib import Path
 
 from ..camera import Camera
 from ..errors import InputError
+from ..files import read_head
 from ..robots import FrameSource
 from .image_folder import ImageFolderSource
 from .live import open_camera
@@ -73,12 +74,11 @@ def open_source(
             path, camera=camera, rate_Hz=rate_Hz, start_s=start_s, stop_s=stop_s, grey=grey
         )
     try:
-        with path.open("rb") as stream:
-            head = stream.read(8)
-    except OSError as error:
+        head = read_head(path, 8)
+    except InputError as error:
         raise InputError(
             text,
-            f"cannot be read ({error.strerror})",
+            error.problem,
             remedy="expected a video, a folder of images, file.mcap[:/topic] or camera:0",
         ) from error
     if not head:

@@ -13,38 +13,16 @@ from jaxtyping import Float, Int, UInt8
 
 from ..camera import Camera
 from ..errors import InputError
-from .ros_image import decode_compressed
+from ..files import ImageMode, read_image
 from .source import RecordedSource
 
-__all__ = ["ImageFolderSource", "read_image"]
+__all__ = ["ImageFolderSource"]
 
 _log = logging.getLogger(__name__)
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff"}
 #: ``left_0012.500.png`` or ``frame_12.5.jpg``: seconds with decimals at the end of the name.
 _SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
-
-#: Files larger than this are no single images (bytes).
-_MAX_FILE_BYTES = 1 << 30
-
-
-def read_image(path: Path | str, *, grey: bool = False) -> UInt8[np.ndarray, "rows columns *colour"]:
-    """Read an image file as grey or BGR, 8 bit; its size is checked before memory is taken.
-
-    Raises
-    ------
-    InputError
-        The file is missing, of no known kind, too large or damaged.
-    """
-    path = Path(path)
-    try:
-        size = path.stat().st_size
-        if size > _MAX_FILE_BYTES:
-            raise InputError(path, f"has {size} bytes, expected at most {_MAX_FILE_BYTES}")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    return decode_compressed(data, str(path), grey=grey)
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:
@@ -143,9 +121,10 @@ class ImageFolderSource(RecordedSource):
     def _images(
         self, chosen: Int[np.ndarray, "k"]
     ) -> Iterator[tuple[int, UInt8[np.ndarray, "rows columns *colour"]]]:
+        mode: ImageMode = "grey" if self._grey else "any"
         for position, place in enumerate(chosen):
             try:
-                image = read_image(self._paths[place], grey=self._grey)
+                image = read_image(self._paths[place], mode, check_pixels=False)
             except InputError as error:
                 _log.warning("frame left out: %s", error)
                 continue

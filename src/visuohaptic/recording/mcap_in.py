@@ -13,8 +13,9 @@ from jaxtyping import Int, UInt8
 
 from ..camera import Camera
 from ..errors import InputError
+from ..files import ImageMode, decode_image
 from .mcap_records import McapDamage, McapFile, McapMessage
-from .ros_image import decode_compressed, decode_raw
+from .ros_image import decode_raw
 from .source import RecordedSource
 
 __all__ = ["McapSource", "camera_from_message"]
@@ -157,7 +158,8 @@ class McapSource(RecordedSource):
 
                     image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
             else:
-                image = decode_compressed(memoryview(fields.data), self._where, grey=self._grey)
+                mode: ImageMode = "grey" if self._grey else "any"
+                image = decode_image(fields.data, self._where, mode, check_pixels=False)
         except InputError as error:
             if error.field == "encoding":  # no frame of this topic can be read
                 raise

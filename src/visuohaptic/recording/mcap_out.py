@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import logging
 import os
 from pathlib import Path
 from typing import IO, Any
 
 from ..closing import Closing
 from ..errors import InputError, MissingExtraError
+from ..files import keep_unfinished
 from . import ros_messages as ros
 from ._ros_definitions import definition
 from .measurement_sink import MeasurementSink
 
 __all__ = ["MeasurementWriter"]
-
-_log = logging.getLogger(__name__)
 
 
 class MeasurementWriter(MeasurementSink, Closing):
@@ -70,11 +68,8 @@ class MeasurementWriter(MeasurementSink, Closing):
             raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
         if self.path.is_dir():
             raise InputError(path, "is a folder, expected a file name")
-        if self.part.exists():
-            kept = self._free_name()
-            self.part.rename(kept)
-            _log.warning("%s is left of a run that did not end; kept as %s", self.part, kept)
         try:
+            keep_unfinished(self.part, self.path)
             self._stream: IO[bytes] = self.part.open("xb")
         except OSError as error:
             raise InputError(path, f"cannot be written ({error.strerror})") from error
@@ -84,12 +79,6 @@ class MeasurementWriter(MeasurementSink, Closing):
         self._schemas: dict[str, Any] = {}
         self._counts: dict[str, int] = {}
         self._open = True
-
-    def _free_name(self) -> Path:
-        number = 1
-        while (kept := self.path.with_name(f"{self.path.stem}.recovered{number}.mcap")).exists():
-            number += 1
-        return kept
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
         """Write the fields of any standard message that this library knows."""

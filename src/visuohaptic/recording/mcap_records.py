@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from ..errors import InputError, MissingExtraError
+from ..files import read_head
 
 __all__ = ["McapDamage", "McapFile", "McapMessage", "Topic"]
 
@@ -101,11 +102,7 @@ class McapFile:
         self.schemas: dict[int, _Schema] = {}
         self.channels: dict[int, _Channel] = {}
         self._decoders: dict[int, Any] = {}
-        try:
-            with self.path.open("rb") as stream:
-                head = stream.read(len(_MAGIC))
-        except OSError as error:
-            raise InputError(path, f"cannot be read ({error.strerror})") from error
+        head = read_head(self.path, len(_MAGIC))
         if head != _MAGIC:
             raise InputError(path, f"begins with {head!r}, expected an MCAP file")
 

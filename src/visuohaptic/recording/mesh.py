@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..errors import InputError, MissingExtraError, VisuohapticError
+from ..files import read_bytes
 from ._mesh_diagnosis import diagnose, first_zero_index, missing_lines
 
 __all__ = ["FORMATS", "TriangleMesh", "load_mesh"]
@@ -49,13 +50,7 @@ def load_mesh(path: Path | str) -> TriangleMesh:
     kind = path.suffix.lower()
     if kind not in FORMATS:
         raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(FORMATS)}")
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(path, f"has {size} bytes, expected at most {MAX_BYTES}")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    data = read_bytes(path, MAX_BYTES)
     if not data:
         raise InputError(path, "is empty")
     _distrust(path, kind, data)

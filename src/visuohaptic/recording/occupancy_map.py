@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8
 
-from ..camera.model import MAX_PIXELS
 from ..errors import InputError
+from ..files import MAX_PIXELS
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
 

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..errors import InputError
+from ..files import atomic_path, read_bytes
 
 __all__ = ["PlyMesh", "read_ply", "write_ply"]
 
@@ -51,12 +52,7 @@ def read_ply(path: Path | str) -> PlyMesh:
         The file is missing, damaged, or has vertices without finite x, y, z.
     """
     path = Path(path)
-    try:
-        if path.stat().st_size > _MAX_FILE_BYTES:
-            raise InputError(path, f"is larger than {_MAX_FILE_BYTES} bytes")
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    data = read_bytes(path, _MAX_FILE_BYTES)
     try:
         kind, elements, place = _header(path, data)
         if kind == "ascii":
@@ -193,8 +189,6 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
 
 def write_ply(path: Path | str, mesh: PlyMesh) -> None:
     """Write a binary PLY file, whole or not at all; coordinates and further numbers are float32."""
-    from ..files import atomic_path
-
     columns: list[tuple[str, str, np.ndarray]] = [
         (axis, "float", mesh.vertices_m[:, k]) for k, axis in enumerate("xyz")
     ]

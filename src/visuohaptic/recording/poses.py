@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ..camera import Pose
 from ..errors import InputError
-from ..files import read_text
+from ..files import read_head, read_text, write_text
 
 __all__ = ["StampedPose", "interpolate_pose", "read_poses", "write_poses"]
 
@@ -53,13 +53,8 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
         The file is missing, of no such kind, or has no line of poses.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(8)
-        if head == b"\x89MCAP0\r\n":
-            return _from_mcap(path, topic)
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    if read_head(path, 8) == b"\x89MCAP0\r\n":
+        return _from_mcap(path, topic)
     text = read_text(path, _MAX_FILE_BYTES)
     found = list(_from_rows(path, _rows(path, text)))
     if not found:
@@ -192,8 +187,6 @@ def interpolate_pose(
 
 def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
     """Write poses as TUM text: ``t tx ty tz qx qy qz qw``, camera to world."""
-    from ..files import write_text
-
     lines = ["# t_s tx_m ty_m tz_m qx qy qz qw, camera to world"]
     for time_s, pose in poses:
         numbers = [*pose.translation_m, *pose.quaternion_xyzw]

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
 
-from ..camera.model import MAX_PIXELS
 from ..errors import InputError
+from ..files import MAX_PIXELS
 
-__all__ = ["decode_compressed", "decode_raw", "image_size"]
+__all__ = ["decode_raw"]
 
 #: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
 _ENCODINGS: dict[str, tuple[int, int, str]] = {
@@ -77,102 +76,3 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
         image = cv2.cvtColor(image, getattr(cv2, conversion))
     # ``frombuffer`` gives a read-only view of the message: a frame owns its pixels.
     return image if image.flags.writeable else image.copy()
-
-
-def decode_compressed(
-    data: bytes | memoryview, where: str, *, grey: bool = False
-) -> UInt8[np.ndarray, "rows columns *colour"]:
-    """Grey or BGR image, 8 bit, of a JPEG, PNG, BMP, PGM or TIFF file in memory.
-
-    A colour file stays in colour unless ``grey`` is asked for. The size in the
-    header is checked before memory is taken.
-
-    Raises
-    ------
-    InputError
-        The data is of no known kind, too large, or damaged.
-    """
-    import cv2
-
-    width, height = image_size(bytes(data[: 1 << 20]), where)
-    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
-        raise InputError(
-            where,
-            f"its header says {width} x {height}, expected a positive size of at most {MAX_PIXELS} px",
-        )
-    flags = cv2.IMREAD_IGNORE_ORIENTATION | (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_ANYCOLOR)
-    try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
-    except cv2.error as error:
-        raise InputError(where, f"is a damaged image ({error.err})") from error
-    if image is None:
-        raise InputError(where, f"is a damaged image: {width} x {height} by its header, cannot be decoded")
-    if image.shape[:2] != (height, width):
-        raise InputError(
-            where, f"is a damaged image: {image.shape[1]} x {image.shape[0]}, header {width} x {height}"
-        )
-    return image
-
-
-def image_size(head: bytes, where: str) -> tuple[int, int]:
-    """Width and height [px] by the header of a PNG, JPEG, BMP, PGM/PPM or TIFF file.
-
-    Raises
-    ------
-    InputError
-        The bytes are not the begin of such a file.
-    """
-    try:
-        if head[:8] == b"\x89PNG\r\n\x1a\n":
-            width, height = struct.unpack(">II", head[16:24])
-            return width, height
-        if head[:2] == b"\xff\xd8":
-            return _jpeg_size(head)
-        if head[:2] == b"BM":
-            width, height = struct.unpack("<ii", head[18:26])
-            return width, abs(height)
-        if head[:1] == b"P" and head[1:2] in b"123456" and len(head) > 2:
-            return _netpbm_size(head)
-        if head[:4] in (b"II*\0", b"MM\0*"):
-            return _tiff_size(head)
-    except (struct.error, IndexError, ValueError, KeyError) as error:
-        raise InputError(where, "is a damaged image: its header has no size") from error
-    raise InputError(where, f"begins with {head[:4]!r}, expected a PNG, JPEG, BMP, PGM, PPM or TIFF image")
-
-
-def _jpeg_size(head: bytes) -> tuple[int, int]:
-    place = 2
-    while True:
-        if head[place] != 0xFF:
-            raise ValueError
-        marker = head[place + 1]
-        if marker == 0xFF:  # fill byte
-            place += 1
-            continue
-        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
-            height, width = struct.unpack(">HH", head[place + 5 : place + 9])
-            return width, height
-        place += 2 + int(struct.unpack(">H", head[place + 2 : place + 4])[0])
-
-
-def _netpbm_size(head: bytes) -> tuple[int, int]:
-    words: list[bytes] = []
-    for line in head[2:4096].split(b"\n"):
-        words += line.split(b"#", 1)[0].split()
-        if len(words) >= 2:
-            break
-    return int(words[0]), int(words[1])
-
-
-def _tiff_size(head: bytes) -> tuple[int, int]:
-    order = "<" if head[:1] == b"I" else ">"
-    (place,) = struct.unpack(order + "I", head[4:8])
-    (count,) = struct.unpack(order + "H", head[place : place + 2])
-    values = {}
-    for entry in range(count):
-        start = place + 2 + 12 * entry
-        tag, kind = struct.unpack(order + "HH", head[start : start + 4])
-        code = {3: "H", 4: "I"}.get(kind)
-        if tag in (256, 257) and code:
-            (values[tag],) = struct.unpack_from(order + code, head, start + 8)
-    return values[256], values[257]

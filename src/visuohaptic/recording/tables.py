@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 
 from ..closing import Closing
 from ..errors import InputError, MissingExtraError
+from ..files import keep_unfinished
 from ..objects import ForceProfile, Reason, Wrench
 
 __all__ = [
@@ -108,7 +109,8 @@ class TableWriter(Closing):
     The kind of the first row fixes the columns. The file is called
     ``NAME.part`` until it is closed. A CSV row is with the operating system
     when ``write`` returns, so that a crash loses nothing; Parquet is written
-    in groups of rows and is whole only after ``close``.
+    in groups of rows and is whole only after ``close``. What a killed run has
+    left in ``NAME.part`` is kept under another name.
 
     Parameters
     ----------
@@ -141,48 +143,70 @@ class TableWriter(Closing):
                 f"found a {type(measured).__name__}, expected {self._kind.__name__} as before",
             )
         row = _force_row(measured) if isinstance(measured, ForceProfile) else _wrench_row(measured)
-        if self._parquet is not None:
-            if isinstance(measured, ForceProfile):
-                row += [np.asarray(getattr(measured, name), dtype=np.float64) for name in _PROFILE_COLUMNS]
-            self._parquet.add(row)
-        elif self._stream is not None:
-            # ``repr`` of a float is the shortest text that reads back as the same number.
-            texts = [
-                str(v).lower() if isinstance(v, bool) else (repr(v) if isinstance(v, float) else v)
-                for v in row
-            ]
-            csv.writer(self._stream, lineterminator="\n").writerow(texts)
-            self._stream.flush()
+        try:
+            if self._parquet is not None:
+                if isinstance(measured, ForceProfile):
+                    row += [
+                        np.asarray(getattr(measured, name), dtype=np.float64) for name in _PROFILE_COLUMNS
+                    ]
+                self._parquet.add(row)
+            elif self._stream is not None:
+                # ``repr`` of a float is the shortest text that reads back as the same number.
+                texts = [
+                    str(v).lower() if isinstance(v, bool) else (repr(v) if isinstance(v, float) else v)
+                    for v in row
+                ]
+                csv.writer(self._stream, lineterminator="\n").writerow(texts)
+                self._stream.flush()
+        except OSError as error:
+            raise self._stopped(error) from error
 
     def _begin(self, kind: type) -> None:
         self._columns = FORCE_COLUMNS if kind is ForceProfile else WRENCH_COLUMNS
         try:
+            keep_unfinished(self.part, self.path)
             if self.path.suffix == ".parquet":
                 lists = _PROFILE_COLUMNS if kind is ForceProfile else ()
                 self._parquet = _ParquetRows(self.part, self._columns, lists)
             else:
-                self._stream = self.part.open("w", newline="", encoding="utf-8")
+                self._stream = self.part.open("x", newline="", encoding="utf-8")
                 csv.writer(self._stream, lineterminator="\n").writerow(self._columns)
         except OSError as error:
             raise InputError(self.path, f"cannot be written ({error.strerror})") from error
         self._kind = kind
 
+    def _stopped(self, error: OSError) -> InputError:
+        """Nothing more is written, and what is not whole does not get the name of the table."""
+        self._open = False
+        return InputError(
+            self.path,
+            f"cannot be written ({error.strerror or error}); the rows so far are in {self.part.name}",
+        )
+
     def close(self) -> None:
         """Finish the file and give it its name; harmless when repeated.
 
         Without any row it is a force table with its header only.
+
+        Raises
+        ------
+        InputError
+            The disk is full: the rows so far stay in ``NAME.part``.
         """
         if not self._open:
             return
         if self._kind is None:
             self._begin(ForceProfile)
         self._open = False
-        if self._parquet is not None:
-            self._parquet.close()
-        if self._stream is not None:
-            self._stream.flush()
-            os.fsync(self._stream.fileno())
-            self._stream.close()
+        try:
+            if self._parquet is not None:
+                self._parquet.close()
+            if self._stream is not None:
+                self._stream.flush()
+                os.fsync(self._stream.fileno())
+                self._stream.close()
+        except OSError as error:
+            raise self._stopped(error) from error
         self.part.replace(self.path)
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from ..camera import Camera
-from ..camera.model import MAX_PIXELS
 from ..errors import InputError, MissingExtraError
+from ..files import MAX_PIXELS
 from .source import RecordedSource
 
 __all__ = ["VideoSource"]

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ..errors import InputError
+from ..errors import InputError, brief
 from ..files import load_yaml, load_yaml_model
 from .graph import check_node, resolve_name
 from .node import ROUTER, RosOptions
@@ -102,5 +102,5 @@ def sensor_kind(path: Path) -> str:
     data: Any = load_yaml(path)
     found = data.get("kind") if isinstance(data, dict) else None
     if found not in ("foam", "beam", "scene"):
-        raise InputError(path, f"found {found!r}, expected foam, beam or scene", field="kind")
+        raise InputError(path, f"found {brief(found)}, expected foam, beam or scene", field="kind")
     return str(found)

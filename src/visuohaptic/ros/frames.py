@@ -15,8 +15,9 @@ from jaxtyping import UInt8
 from ..camera import Camera, Frame
 from ..closing import Closing
 from ..errors import DeviceError, InputError, StaleFrameError
+from ..files import ImageMode, decode_image
 from ..recording.mcap_in import camera_from_message
-from ..recording.ros_image import decode_compressed, decode_raw
+from ..recording.ros_image import decode_raw
 from .graph import Qos
 from .node import Received, RosNode
 
@@ -190,7 +191,8 @@ class TopicFrames(Closing):
 
     def _image(self, received: Received) -> UInt8[np.ndarray, "rows columns *colour"]:
         if self.topic.endswith("/compressed"):
-            return decode_compressed(received.message.data, self.topic, grey=self._grey)
+            mode: ImageMode = "grey" if self._grey else "any"
+            return decode_image(received.message.data, self.topic, mode, check_pixels=False)
         return decode_raw(received.message, self.topic)
 
     def __iter__(self) -> Iterator[Frame]:

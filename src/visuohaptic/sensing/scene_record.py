@@ -13,6 +13,7 @@ import numpy as np
 from ..camera import Frame, Pose
 from ..closing import Closing
 from ..errors import InputError
+from ..files import keep_unfinished
 from ..recording import ros_messages as ros
 
 if TYPE_CHECKING:
@@ -112,7 +113,8 @@ class SceneTable(Closing):
             raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
         self.part = self.path.with_name(self.path.name + ".part")
         try:
-            self._stream: IO[str] | None = self.part.open("w", newline="", encoding="utf-8")
+            keep_unfinished(self.part, self.path)
+            self._stream: IO[str] | None = self.part.open("x", newline="", encoding="utf-8")
         except OSError as error:
             raise InputError(path, f"cannot be written ({error.strerror})") from error
         csv.writer(self._stream, lineterminator="\n").writerow(SCENE_COLUMNS)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, brief
 from ..objects import Estimate, HapticTag, Primitive, PrimitiveKind
 
 __all__ = ["tag_from_dict", "tag_to_dict"]
@@ -72,12 +72,12 @@ def tag_from_dict(data: Mapping[str, Any], *, where: str = "haptic_tag") -> Hapt
     for name in _FLAGS:
         flag = data.get(name)
         if flag is not None and not isinstance(flag, bool):
-            raise InputError(where, f"found {flag!r}, expected true, false or null", field=name)
+            raise InputError(where, f"found {brief(flag)}, expected true, false or null", field=name)
         values[name] = flag
     for name in _COUNTERS:
         counter = data.get(name, 0)
         if isinstance(counter, bool) or not isinstance(counter, int) or counter < 0:
-            raise InputError(where, f"found {counter!r}, expected a count >= 0", field=name)
+            raise InputError(where, f"found {brief(counter)}, expected a count >= 0", field=name)
         values[name] = counter
     if data.get("primitive") is not None:
         values["primitive"] = _primitive(data["primitive"], where)
@@ -95,7 +95,7 @@ def _number(value: Any, where: str, field: str) -> float:
         except ValueError:
             value = None
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(where, f"found {value!r}, expected a finite number", field=field)
+        raise InputError(where, f"found {brief(value)}, expected a finite number", field=field)
     return float(value)
 
 

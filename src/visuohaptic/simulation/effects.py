@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ..errors import InputError
+from ..files import decode_image
 from ._kernels import develop
 
 __all__ = ["CameraEffects"]
@@ -119,6 +120,5 @@ def _through_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
     done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise InputError("CameraEffects", f"JPEG refuses an image of shape {image.shape}")
-    flag = cv2.IMREAD_COLOR if image.shape[2] == 3 else cv2.IMREAD_GRAYSCALE
-    decoded: UInt8[np.ndarray, "..."] = np.asarray(cv2.imdecode(data, flag))
+    decoded = decode_image(data.tobytes(), "CameraEffects", "colour" if image.shape[2] == 3 else "grey")
     return decoded.reshape(image.shape)

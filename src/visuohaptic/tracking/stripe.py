@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ..errors import CalibrationError, InputError, MissingExtraError
-from ..files import atomic_path
+from ..files import atomic_path, read_npz
 from .lines import ConstraintLines
 
 __all__ = ["StripeModel"]
@@ -201,12 +201,13 @@ class StripeModel:
         InputError
             The file is missing, damaged, or of another kind.
         """
+        names = ("format", "table", "axis", "offset")
+        stored = read_npz(path, "a stripe model", names=names, remedy="train it again")
         try:
-            with np.load(path, allow_pickle=False) as stored:
-                version, table = int(stored["format"]), stored["table"]
-                axis, offset = stored["axis"].astype(np.float64), float(stored["offset"])
-        except Exception as error:  # zip, zlib, tokenizer: a damaged file raises many kinds
-            raise InputError(path, "cannot be read as a stripe model", remedy="train it again") from error
+            version, table = int(stored["format"]), stored["table"]
+            axis, offset = stored["axis"].astype(np.float64), float(stored["offset"])
+        except (TypeError, ValueError) as error:
+            raise InputError(path, "is not a stripe model", remedy="train it again") from error
         if version != FORMAT:
             raise InputError(path, f"found version {version}, expected {FORMAT}", field="format")
         if table.shape != (CELLS,) * 3 or table.dtype != np.uint8 or axis.shape != (3,):

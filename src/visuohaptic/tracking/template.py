@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32, UInt8
 
 from ..errors import InputError
+from ..files import MAX_IMAGE_BYTES, decode_image, read_bytes
 from ._dpi import pixels_per_metre
 from .esm_template import MIN_SIDE_PX, EsmTemplate
 
@@ -109,16 +110,9 @@ class Template:
         InputError
             Not an image, no resolution in the file and no width given, or no contrast.
         """
-        import cv2
-
         path = Path(path)
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise InputError(path, f"cannot be read ({error.strerror})") from error
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
-        if image is None:
-            raise InputError(path, "is not an image that can be read", remedy="use PNG or JPEG")
+        data = read_bytes(path, MAX_IMAGE_BYTES)
+        image = decode_image(data, path, "grey", upright=True)
         if width_m is None:
             resolution = pixels_per_metre(data)
             if resolution is None:

@@ -9,6 +9,7 @@ from typing import Any
 
 from ..deformation import class_names, load_map, load_object
 from ..errors import InputError
+from ..files import read_text
 from ..grasping import GraspTask
 from .map_view import MapView
 from .object_view import ObjectView
@@ -78,12 +79,12 @@ def _map_view(path: Path) -> MapView:
 
 def _is_map(path: Path) -> bool:
     """map_server's YAML names a picture; a container has sections."""
-    return any(line.startswith("image:") for line in _text(path).splitlines())
+    return any(line.startswith("image:") for line in read_text(path, _MOST_BYTES).splitlines())
 
 
 def _json_view(path: Path) -> View:
     try:
-        data: Any = json.loads(_text(path))
+        data: Any = json.loads(read_text(path, _MOST_BYTES))
     except (json.JSONDecodeError, RecursionError) as error:
         raise InputError(path, f"is not JSON ({error})") from error
     if isinstance(data, Mapping) and "steps" in data:
@@ -104,14 +105,3 @@ def _steps(path: Path, data: Mapping[str, Any]) -> StepsView:
     if not good:
         raise InputError(path, "expected a list of [question, answer], both texts", field="steps")
     return StepsView(path.stem, [(step[0], step[1]) for step in steps], str(data.get("result") or ""))
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise InputError(path, f"is larger than {_MOST_BYTES} bytes")
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except UnicodeDecodeError as error:
-        raise InputError(path, "is not text in UTF-8") from error

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
-from ...files import atomic_path, write_text
+from ...files import atomic_path, read_image, write_text
 from .runner import EXPERIMENTS, read_result
 
 __all__ = ["write_gallery", "write_index"]
@@ -87,9 +87,7 @@ def _section(key: str, result: dict[str, Any], pictures: list[str]) -> list[str]
 def _shrink(source: Path, target: Path) -> None:
     import cv2
 
-    image = cv2.imread(str(source), cv2.IMREAD_COLOR)
-    if image is None:
-        raise InputError(source, "found no picture that can be read")
+    image = read_image(source, "colour")
     scale = WIDTH_px / image.shape[1]
     if scale < 1.0:
         image = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -1,0 +1,38 @@
+"""One gate per file format: every file from outside is distrusted here, and nowhere else.
+
+A reader refuses what it cannot read in one line, before it takes memory: special files (pipes, devices),
+YAML whose aliases multiply, arrays and images whose headers promise more than a program should hold.
+Writers leave a whole file or none.
+"""
+
+from __future__ import annotations
+
+from .arrays import MAX_ARRAY_BYTES, read_npy, read_npz
+from .atomic import atomic_path, keep_unfinished, write_text
+from .image_header import MAX_PIXELS, image_size
+from .images import MAX_IMAGE_BYTES, ImageMode, decode_image, read_image
+from .regular import file_size, read_bytes, read_head, read_text
+from .yaml_text import load_yaml, load_yaml_model, parse_yaml, save_yaml
+
+__all__ = [
+    "MAX_ARRAY_BYTES",
+    "MAX_IMAGE_BYTES",
+    "MAX_PIXELS",
+    "ImageMode",
+    "atomic_path",
+    "decode_image",
+    "file_size",
+    "image_size",
+    "keep_unfinished",
+    "load_yaml",
+    "load_yaml_model",
+    "parse_yaml",
+    "read_bytes",
+    "read_head",
+    "read_image",
+    "read_npy",
+    "read_npz",
+    "read_text",
+    "save_yaml",
+    "write_text",
+]

@@ -1,0 +1,199 @@
+"""Images of unknown origin: checked against their size before OpenCV sees them.
+
+A decoder for photographs fills what is missing with grey and believes every length in a header: a PNG of
+261 bytes makes OpenCV take 4 GB. Here every chunk is held against the size of the file first.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InputError
+from .image_header import image_size
+from .regular import read_bytes
+
+__all__ = ["MAX_IMAGE_BYTES", "ImageMode", "decode_image", "read_image"]
+
+#: Files larger than this are no single images [bytes].
+MAX_IMAGE_BYTES = 1 << 30
+#: Bytes that a file may have beside its pixels (comments, tables, profiles).
+_EXTRA_BYTES = 1 << 24
+_PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+
+#: ``any``: grey or BGR as in the file, 8 bit; ``unchanged``: all channels and bits of the file.
+ImageMode = Literal["any", "grey", "colour", "unchanged"]
+
+
+def read_image(
+    path: Path | str, mode: ImageMode = "any", *, upright: bool = False, check_pixels: bool = True
+) -> np.ndarray:
+    """Read an image file; see :func:`decode_image`.
+
+    Raises
+    ------
+    InputError
+        The file is missing, no regular file, of no known kind, too large or damaged.
+    """
+    data = read_bytes(path, MAX_IMAGE_BYTES)
+    return decode_image(data, path, mode, upright=upright, check_pixels=check_pixels)
+
+
+def decode_image(
+    data: bytes | memoryview,
+    where: object,
+    mode: ImageMode = "any",
+    *,
+    upright: bool = False,
+    check_pixels: bool = True,
+) -> np.ndarray:
+    """Image of a PNG, JPEG, BMP, PGM, PPM, TIFF or WebP file in memory.
+
+    Parameters
+    ----------
+    data
+        The file.
+    where
+        File, topic or field that it comes from, for messages.
+    mode
+        Channels and bits of the result.
+    upright
+        Turn a photograph as its metadata say; images of calibrated cameras must not be turned.
+    check_pixels
+        Unpack a PNG to count its pixels, which takes about half as long as decoding it. Frames of a
+        recording go without: their checksums say enough.
+
+    Returns
+    -------
+    ndarray
+        (rows, columns) or (rows, columns, channels in the order BGR); uint8, or the file's type for
+        ``unchanged``.
+
+    Raises
+    ------
+    InputError
+        The data are of no known kind, too large, cut or damaged.
+    """
+    import cv2
+
+    data = bytes(data)
+    width, height = image_size(data, where)
+    if len(data) > 24 * width * height + _EXTRA_BYTES:
+        raise InputError(where, f"has {len(data)} bytes, far more than {width} x {height} pixels need")
+    if data[:8] == b"\x89PNG\r\n\x1a\n":
+        _check_png(where, data, check_pixels)
+    elif data[:2] == b"BM":
+        _check_bmp(where, data, width, height)
+    elif data[:2] == b"\xff\xd8":
+        _check_jpeg(where, data)
+    flags = {
+        "any": cv2.IMREAD_ANYCOLOR,
+        "grey": cv2.IMREAD_GRAYSCALE,
+        "colour": cv2.IMREAD_COLOR,
+        "unchanged": cv2.IMREAD_UNCHANGED,
+    }[mode]
+    try:
+        image = cv2.imdecode(
+            np.frombuffer(data, dtype=np.uint8), flags if upright else flags | cv2.IMREAD_IGNORE_ORIENTATION
+        )
+    except cv2.error as error:
+        raise InputError(where, f"is a damaged image ({error.err})") from error
+    if image is None:
+        raise InputError(where, f"is a damaged image: {width} x {height} by its header, cannot be decoded")
+    rows, columns = image.shape[:2]
+    if (columns, rows) != (width, height) and not (upright and (rows, columns) == (width, height)):
+        raise InputError(where, f"is a damaged image: {columns} x {rows}, header {width} x {height}")
+    return np.asarray(image)
+
+
+def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
+    """Chunks with right checksums up to the end, and as many pixels as the header says."""
+    place, ended, header, packed = 8, False, b"", []
+    while place + 12 <= len(data) and not ended:
+        length, kind = struct.unpack_from(">I4s", data, place)
+        if place + 12 + length > len(data):
+            break
+        body = memoryview(data)[place + 8 : place + 8 + length]
+        (checksum,) = struct.unpack_from(">I", data, place + 8 + length)
+        if zlib.crc32(body, zlib.crc32(kind)) != checksum:
+            raise InputError(where, f"is damaged: the checksum of its chunk {kind!r} is wrong")
+        if (kind == b"IHDR") != (place == 8):
+            raise InputError(where, "is damaged: a PNG begins with its only header")
+        if kind == b"IHDR":
+            header = bytes(body)
+        elif kind == b"IDAT":
+            packed.append(body)
+        elif kind == b"acTL":
+            raise InputError(where, "is an animated PNG, expected a single picture")
+        ended = kind == b"IEND"
+        place += 12 + length
+    if not ended:
+        raise InputError(where, "is cut: a PNG file without its end")
+    limit = _png_bytes(where, header)
+    if not check_pixels:
+        return
+    if data[place:].strip(b"\0 \r\n"):
+        raise InputError(where, f"has {len(data) - place} bytes behind the end of its picture")
+    _check_png_pixels(where, packed, limit, interlaced=header[12] != 0)
+
+
+def _check_png_pixels(where: object, packed: list[memoryview], limit: int, *, interlaced: bool) -> None:
+    """Unpack block by block, and no further than the header says."""
+    unpack, unpacked = zlib.decompressobj(), 0
+    blocks = [body[start : start + (1 << 16)] for body in packed for start in range(0, len(body), 1 << 16)]
+    try:
+        for block in blocks:
+            rest: bytes | memoryview = block
+            while not unpack.eof and unpacked <= limit:
+                found = unpack.decompress(rest, 1 << 20)
+                unpacked += len(found)
+                rest = unpack.unconsumed_tail
+                if not rest and not found:
+                    break
+    except zlib.error as error:
+        raise InputError(where, f"is damaged: its pixels cannot be unpacked ({error})") from error
+    if not unpack.eof or unpacked > limit or (unpacked != limit and not interlaced):
+        raise InputError(where, f"has {unpacked} bytes of pixels, expected {limit}")
+
+
+def _png_bytes(where: object, header: bytes) -> int:
+    """Bytes of the unpacked pixels; of an interlaced picture an upper bound."""
+    if len(header) != 13:
+        raise InputError(where, "is damaged: its header has a wrong length")
+    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
+    if colour not in _PNG_CHANNELS:
+        raise InputError(where, f"found {colour}, expected a PNG colour type", field="IHDR")
+    row = (width * depth * _PNG_CHANNELS[colour] + 7) // 8
+    if interlaced:
+        return int(2 * (row + 8) * (height + 8))
+    return int((row + 1) * height)
+
+
+def _check_bmp(where: object, data: bytes, width: int, height: int) -> None:
+    """The file has the length that its header says, and room for its pixels."""
+    try:
+        (length,) = struct.unpack_from("<I", data, 2)
+        start, header = struct.unpack_from("<II", data, 10)
+        if header == 12:  # OS/2
+            (bits,), packing = struct.unpack_from("<H", data, 24), 0
+        else:
+            bits, packing = struct.unpack_from("<HI", data, 28)
+    except struct.error as error:
+        raise InputError(where, "is cut: its header is not whole") from error
+    needed = start + (0 if packing in (1, 2) else (width * bits + 31) // 32 * 4 * height)
+    if len(data) < max(length, needed):
+        raise InputError(where, f"is cut: has {len(data)} bytes, expected {max(length, needed)}")
+
+
+def _check_jpeg(where: object, data: bytes) -> None:
+    """An end-of-image marker behind the begin of the pixels; cameras append to it what they like."""
+    place = 2
+    while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != 0xDA:
+        fill = data[place + 1] == 0xFF
+        place += 1 if fill else 2 + int(struct.unpack_from(">H", data, place + 2)[0])
+    if data.find(b"\xff\xd9", place) < 0:
+        raise InputError(where, "is cut: a JPEG file without its end")

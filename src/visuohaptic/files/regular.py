@@ -1,0 +1,108 @@
+"""Regular files of bounded size: pipes, devices, sockets and folders are refused before they are opened."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+from ..errors import InputError
+
+__all__ = ["file_size", "read_bytes", "read_head", "read_text"]
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[InputError] = InputError) -> int:
+    """Size of a regular file [bytes], without opening it.
+
+    Parameters
+    ----------
+    path
+        File; symbolic links are followed.
+    max_bytes
+        Largest size that is accepted [bytes]; None: any.
+    error
+        Class that is raised.
+
+    Raises
+    ------
+    InputError
+        As ``error``: there is no such file, it is larger, or it is a folder, pipe, device or socket.
+    """
+    try:
+        found = Path(path).stat()
+    except (OSError, ValueError) as problem:
+        raise error(path, _unreadable(problem)) from problem
+    if not stat.S_ISREG(found.st_mode):
+        kind = next((name for check, name in _KINDS if check(found.st_mode)), "a special file")
+        raise error(path, f"cannot be read: it is {kind}, expected a file")
+    if max_bytes is not None and found.st_size > max_bytes:
+        raise error(path, f"has {found.st_size} bytes, expected at most {max_bytes}")
+    return found.st_size
+
+
+def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> bytes:
+    """Contents of a regular file of at most ``max_bytes``.
+
+    Raises
+    ------
+    InputError
+        As ``error``: see :func:`file_size`; or it cannot be read.
+    """
+    size = file_size(path, max_bytes, error=error)
+    try:
+        with Path(path).open("rb") as stream:
+            parts = [stream.read(size)]
+            # Files of the kernel say 0 bytes and hold more; others grow.
+            while size <= max_bytes and (more := stream.read(1 << 20)):
+                parts.append(more)
+                size += len(more)
+    except OSError as problem:
+        raise error(path, _unreadable(problem)) from problem
+    if size > max_bytes:
+        raise error(path, f"has more than {max_bytes} bytes")
+    return b"".join(parts)
+
+
+def read_head(path: Path | str, count: int) -> bytes:
+    """First bytes of a regular file, at most ``count``: what kind is it?
+
+    Raises
+    ------
+    InputError
+        See :func:`file_size`; or it cannot be read.
+    """
+    file_size(path)
+    try:
+        with Path(path).open("rb") as stream:
+            return stream.read(count)
+    except OSError as problem:
+        raise InputError(path, _unreadable(problem)) from problem
+
+
+def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> str:
+    """Text of a UTF-8 file of at most ``max_bytes``; a byte order mark is taken off.
+
+    Line ends become ``\\n``, as with files opened for text.
+
+    Raises
+    ------
+    InputError
+        As ``error``: see :func:`read_bytes`; or it is not UTF-8.
+    """
+    try:
+        text = read_bytes(path, max_bytes, error=error).decode("utf-8-sig")
+    except UnicodeDecodeError as problem:
+        raise error(path, f"is not UTF-8 text (byte {problem.start})") from problem
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _unreadable(problem: OSError | ValueError) -> str:
+    reason = problem.strerror if isinstance(problem, OSError) else problem
+    return f"cannot be read ({reason})"

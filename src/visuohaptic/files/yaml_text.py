@@ -1,0 +1,193 @@
+"""YAML of unknown origin: plain data of bounded size, and schemas that report all problems at once."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ..errors import InputError, brief
+from .atomic import write_text
+from .regular import read_text
+
+if TYPE_CHECKING:
+    import yaml
+    from pydantic import BaseModel
+
+    Model = TypeVar("Model", bound=BaseModel)
+
+__all__ = ["load_yaml", "load_yaml_model", "parse_yaml", "save_yaml"]
+
+#: Larger files are refused before they are parsed [bytes].
+MAX_YAML_BYTES = 16 * 1024 * 1024
+#: What aliases may add to a file when each is written out: values and characters together. Nine levels of
+#: ``[*a, *a, ...]`` in 500 bytes would add 10^8, the anchors of a file written by hand a few thousand.
+MAX_ALIAS_SIZE = 1_000_000
+#: Longest text of a whole number that is converted: 64 bits in binary, with underscores.
+_MAX_DIGITS = 100
+_INTEGER = "tag:yaml.org,2002:int"
+_FLOAT = "tag:yaml.org,2002:float"
+
+
+@cache
+def _loader() -> Any:
+    """YAML 1.1 without base 60, long integers and multiplying aliases."""
+    import re
+
+    import yaml
+
+    class Loader(yaml.SafeLoader):
+        def get_single_node(self) -> yaml.Node | None:
+            node = super().get_single_node()
+            if node is not None:
+                _check_aliases(node)
+            return node
+
+        def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
+            _check_number(node)
+            value = int(super().construct_yaml_int(node))
+            if not -(2**63) <= value < 2**64:
+                raise _refused(node, "an integer of more than 64 bits; write it in quotes if it is a text")
+            return value
+
+        def construct_yaml_float(self, node: yaml.ScalarNode) -> float:
+            _check_number(node)
+            return float(super().construct_yaml_float(node))
+
+    Loader.yaml_implicit_resolvers = {
+        first: [(tag, pattern) for tag, pattern in kinds if tag not in (_INTEGER, _FLOAT)]
+        for first, kinds in yaml.SafeLoader.yaml_implicit_resolvers.items()
+    }
+    # As in PyYAML's resolver, less its last alternative: 1:30 is a text, not 90.
+    Loader.add_implicit_resolver(
+        _INTEGER,
+        re.compile(r"^[-+]?(?:0b[0-1_]+|0[0-7_]+|0|[1-9][0-9_]*|0x[0-9a-fA-F_]+)$"),
+        list("-+0123456789"),
+    )
+    Loader.add_implicit_resolver(
+        _FLOAT,
+        re.compile(
+            r"^(?:[-+]?[0-9][0-9_]*\.[0-9_]*(?:[eE][-+][0-9]+)?|\.[0-9][0-9_]*(?:[eE][-+][0-9]+)?"
+            r"|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+        ),
+        list("-+0123456789."),
+    )
+    Loader.add_constructor(_INTEGER, Loader.construct_yaml_int)
+    Loader.add_constructor(_FLOAT, Loader.construct_yaml_float)
+    return Loader
+
+
+def _refused(node: yaml.Node, problem: str) -> Exception:
+    from yaml.constructor import ConstructorError
+
+    return ConstructorError(None, None, f"found {problem}", node.start_mark)
+
+
+def _check_number(node: yaml.ScalarNode) -> None:
+    """Explicit tags (``!!int 59:59``) come past the resolver."""
+    if len(node.value) > _MAX_DIGITS:
+        raise _refused(node, f"a number of {len(node.value)} characters, expected at most {_MAX_DIGITS}")
+    if ":" in node.value:
+        raise _refused(node, "a number in base 60, expected base 10")
+
+
+def _check_aliases(root: yaml.Node) -> None:
+    """Count what the file would be without aliases, before anything is expanded."""
+    size: dict[int, int] = {}  # of each node, aliases written out
+    written = 0  # of all nodes, each once
+    open_nodes: set[int] = set()
+    stack = [(root, False)]
+    while stack:
+        node, left = stack.pop()
+        key = id(node)
+        if isinstance(node.value, str):
+            parts = []
+        else:
+            parts = [one for item in node.value for one in (item if isinstance(item, tuple) else (item,))]
+        if left:
+            open_nodes.discard(key)
+            own = 1 + (len(node.value) if isinstance(node.value, str) else 0)
+            written += own
+            size[key] = own + sum(size[id(part)] for part in parts)
+        elif key in open_nodes:
+            raise _refused(node, "an alias inside of what it stands for")
+        elif key not in size:
+            open_nodes.add(key)
+            stack.append((node, True))
+            stack.extend((part, False) for part in parts)
+    if size[id(root)] - written > MAX_ALIAS_SIZE:
+        raise _refused(root, f"aliases that stand for more than {MAX_ALIAS_SIZE} values and characters")
+
+
+def parse_yaml(text: str, where: object) -> Any:
+    """Plain data of a YAML text.
+
+    Numbers in base 60 (``1:30``) stay texts; aliases may not multiply a text beyond ``MAX_ALIAS_SIZE``.
+
+    Parameters
+    ----------
+    text
+        One document.
+    where
+        File or argument that it comes from, for messages.
+
+    Raises
+    ------
+    InputError
+        It is not YAML, or larger than it looks; with the line.
+    """
+    import yaml
+
+    try:
+        return yaml.load(text, _loader())
+    except (
+        Exception
+    ) as error:  # beside YAMLError: whatever int(), float() or datetime() say of a tagged value
+        mark = getattr(error, "problem_mark", None)
+        line = f"line {mark.line + 1}" if mark is not None else ""
+        problem = getattr(error, "problem", None) or type(error).__name__
+        raise InputError(where, f"is not valid YAML: {problem}", field=line) from error
+
+
+def load_yaml(path: Path | str) -> Any:
+    """Plain data of a YAML file; see :func:`parse_yaml`.
+
+    Raises
+    ------
+    InputError
+        The file is missing, no regular file, too large, not UTF-8 or not YAML.
+    """
+    return parse_yaml(read_text(path, MAX_YAML_BYTES), path)
+
+
+def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
+    """Read a YAML file into a pydantic model; all problems are reported at once.
+
+    Raises
+    ------
+    InputError
+        With every field that is missing, unknown or of the wrong kind.
+    """
+    from pydantic import ValidationError
+
+    data = load_yaml(path)
+    if not isinstance(data, dict):
+        raise InputError(path, f"found {type(data).__name__}, expected a mapping of fields")
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        problems = error.errors(include_url=False, include_context=False)
+        first = ".".join(str(part) for part in problems[0]["loc"]) or "file"
+        texts = []
+        for index, problem in enumerate(problems):
+            place = ".".join(str(part) for part in problem["loc"]) or "file"
+            said = f"{problem['msg']} (found {brief(problem['input'])})"
+            texts.append(said if index == 0 else f"{place}: {said}")
+        raise InputError(path, "; ".join(texts), field=first) from error
+
+
+def save_yaml(path: Path | str, data: dict[str, Any]) -> None:
+    """Write plain data (numbers, texts, lists, mappings) as YAML, whole or not at all."""
+    import yaml
+
+    write_text(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100))
