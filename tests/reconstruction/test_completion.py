@@ -225,6 +225,39 @@ def test_a_mirrored_contact_is_on_the_other_side_where_the_cross_section_changes
     assert np.linalg.norm(mirrored - contact) > 0.01
 
 
+def test_rings_of_an_improbable_symmetry_are_not_invented():
+    """A flattened lower part under a lopsided upper one: a touch says nothing of the other side of its height."""
+
+    def wall(theta, z):
+        low = (np.abs(np.cos(theta) / 0.045) ** 4 + np.abs(np.sin(theta) / 0.03) ** 4) ** -0.25
+        high = 0.032 * (1 + 0.25 * np.cos(theta - 0.5) + 0.08 * np.cos(3 * theta + 1))
+        share = np.clip((z - 0.05) / 0.09, 0, 1)
+        return (1 - share) * low + share * high
+
+    def part(low_m, high_m):
+        z, theta = np.meshgrid(np.linspace(low_m, high_m, 24), np.arange(64) * 2 * np.pi / 64, indexing="ij")
+        rho = wall(theta, z)
+        vertices = np.stack([rho * np.cos(theta), rho * np.sin(theta), z], axis=-1).reshape(-1, 3)
+        row, column = np.meshgrid(np.arange(23), np.arange(64), indexing="ij")
+        a, b = 64 * row + column, 64 * row + (column + 1) % 64
+        faces = np.stack([[a, b, a + 64], [b, b + 64, a + 64]]).transpose(0, 2, 3, 1).reshape(-1, 3)
+        return SurfaceMesh(vertices, faces)
+
+    visible = part(0.0, 0.054).joined(part(0.146, 0.2))
+    hidden = part(0.054, 0.146).vertices_m
+    region = HoleRegion.of_points(hidden.mean(axis=0) + 0.9 * (hidden - hidden.mean(axis=0)))
+    each = [Completion(visible, region, CompletionSettings(use_priors=use)) for use in (True, False)]
+    assert each[0].prior.p_sweep < 0.1
+    assert each[0].prior.p_mirror < 0.5
+    for z in (0.08, 0.1, 0.12):
+        contact = np.array([wall(0.4, z) * np.cos(0.4), wall(0.4, z) * np.sin(0.4), z])
+        for completion in each:
+            completion.add(Touch(contact, sigma_m=SIGMA_M))
+    with_priors, without = (completion.implicit(hidden) for completion in each)
+    # Nothing was invented: what remains apart is below the noise of a contact.
+    assert np.abs(with_priors - without).max() < SIGMA_M
+
+
 def test_touches_of_another_frame_are_registered():
     bottle = bellied()
     visible, region, hole = scene(bottle)

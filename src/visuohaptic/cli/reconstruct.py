@@ -56,6 +56,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 def run(args: Arguments) -> dict[str, Any]:
     """Read, detect, fuse, write; returns what is printed."""
+    from dataclasses import asdict
+
     from ..errors import InputError
     from ..reconstruction.pipeline import reconstruct
     from ..reconstruction.sensor_noise import SENSOR_NOISE, sensor_noise
@@ -87,6 +89,7 @@ def run(args: Arguments) -> dict[str, Any]:
         size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
         args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
     args.report(f"{len(found.regions)} transparent parts, {len(found.surface.faces)} triangles in {args.out}")
+    args.report(f"{'searched' if found.search.found else 'nothing found'}: {found.search.text}")
     if args.view:
         _show(found, args)
     return {
@@ -97,8 +100,10 @@ def run(args: Arguments) -> dict[str, Any]:
             for region in found.regions
         ],
         "triangles": len(found.surface.faces),
-        "views": found.used,
-        "skipped": {**sequence.skipped, **found.skipped},
+        "views": found.search.compared,
+        "skipped": {**sequence.skipped, **found.search.skipped},
+        "search": asdict(found.search),
+        "reason": found.search.text,
     }
 
 

@@ -198,17 +198,20 @@ class Completion:
         if self.prior is None:
             return
         radius = float(np.linalg.norm(contact[:2] - self._axis))
-        if radius < 1e-6:
-            return
         points, spread = self.prior.ring(contact, self.settings.ring_points)
+        held = np.full(len(points), self.prior.p_sweep)
         if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
             # The cross-section changes between the bands; that both sides are alike still holds.
             mirrored, off_m = self.prior.mirrored(contact)
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
+            held = np.append(self.prior.p_mirror, held)
         spread = np.hypot(spread * self.prior_inflation, sigma_m)
+        # A mixture: with the probability of its symmetry a point is where it says, else anywhere about the spline.
+        expected = self._visible.kriging_sigma_m(points)
+        spread = np.sqrt(held * spread**2 + (1 - held) * np.maximum(expected, spread) ** 2)
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
-        # What was measured nearby is better than what is guessed.
-        near = gaps < 0.04 * self.region.size_m
+        # What was measured nearby is better than a guess, and so is the spline where the guess is unlikely.
+        near = (gaps < 0.04 * self.region.size_m) | (held < 0.5)
         for point, sigma, known_better in zip(points, spread, near, strict=True):
             if sigma < _USELESS * radius and not known_better:
                 into.put(point, 0.0, float(sigma))

@@ -5,7 +5,8 @@ What differs from the published one (:mod:`.transparency`):
 - the model is made of views over a wide baseline, where they are there on both sides of the present one;
 - a surface is believed when other views see it and do not look past it, no mean is taken;
 - a missing depth counts where the surface is known and neither a shadow nor an edge explains it;
-- voxels count confirmed rays against the others, so that one wrong ray does not outweigh ten clean ones.
+- the bad rays of a voxel are tested against chance, so that what is found has a stated rate of false alarms with
+  few views and with many (:mod:`.ray_statistics`).
 """
 
 from __future__ import annotations
@@ -16,13 +17,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, UInt8, UInt16
+from jaxtyping import Bool, Float, Float32, Int32, UInt8, UInt16
 
 from ..recording.depth_sequence import DepthFrame
 from .background import ideal_depth, intrinsics, motions
+from .ray_statistics import SearchReport, chance_log_odds, edge_share, report, search_threshold
 from .regions import TransparentRegion, find_regions
 from .sensor_noise import SENSOR_NOISE, SensorNoise
 from .shadows import explained_dropouts
+from .view_selection import signed_baselines, views_at_baselines
 from .volume import SpaceGrid
 
 __all__ = ["ConsistencyDetector", "ConsistencySettings", "RayImage", "ray_image"]
@@ -45,14 +48,11 @@ class ConsistencySettings:
     margin_m: float = 0.01  #: space before a surface of which its ray says nothing [m]
     edge_px: int = 3  #: margin around edges and shadows in which missing depths mean nothing [px]
     most_wrong: float = 0.3  #: frames with a larger share of contradicted rays are left out
-    least_share: float = 0.8  #: share of bad rays of a transparent voxel
-    strong_share: float = 0.85  #: and of the voxels that found a region
-    least_bad: int = 5  #: bad rays that a voxel needs
-    prior_rays: float = 3.0  #: clean rays that every voxel is given beforehand
+    false_alarms: float = 0.01  #: expected voxels of a search that chance alone makes transparent
     #: Margin around expected edges and the unknown in which depths mean nothing; that of the camera's edges by
     #: default [px].
     erosion_px: int | None = None
-    least_voxels: int = 20  #: voxels of ``strong_share`` that a region needs
+    least_voxels: int = 1  #: voxels of such evidence that a region needs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,7 +174,7 @@ class ConsistencyDetector:
         return self._compare(len(self._frames) - 1)
 
     def run(self, frames: Sequence[DepthFrame]) -> None:
-        """Compare every view of a sequence with views before and after it."""
+        """Compare every view of a sequence with views around it; their order does not matter."""
         self._frames, self._way_m = [], []
         for frame in frames:
             self._remember(frame)
@@ -190,22 +190,9 @@ class ConsistencyDetector:
         self._way_m.append(way)
 
     def _others(self, index: int) -> list[DepthFrame]:
-        """Views at the wanted ways to both sides; where one side is missing, farther ones of the other."""
-        way = np.array(self._way_m) - self._way_m[index]
-        wanted = np.array(self.settings.way_m)
-        least = 0.5 * wanted[0]
-        chosen: set[int] = set()
-        for target in [*wanted, *-wanted]:
-            nearest = int(np.argmin(np.abs(way - target)))
-            if abs(way[nearest]) >= least:
-                chosen.add(nearest)
-        between = 0.5 * (wanted[1:] + wanted[:-1])
-        for target in [*between, 1.4 * wanted[-1], 1.8 * wanted[-1]]:
-            for sign in (1, -1):
-                nearest = int(np.argmin(np.abs(way - sign * target)))
-                if len(chosen) < 2 * len(wanted) and abs(way[nearest]) >= least:
-                    chosen.add(nearest)
-        return [self._frames[i] for i in sorted(chosen)]
+        """Views at the wanted baselines to both sides; where these are missing, the nearest ones."""
+        baselines_m = signed_baselines([frame.pose_world_camera for frame in self._frames], index)
+        return [self._frames[k] for k in views_at_baselines(baselines_m, self.settings.way_m, index=index)]
 
     def _compare(self, index: int) -> RayImage | None:
         frame, others = self._frames[index], self._others(index)
@@ -257,17 +244,60 @@ class ConsistencyDetector:
         return self._clean + bricks[:nx, :ny, :nz]
 
     def score(self) -> Float[np.ndarray, "x y z"]:
-        """Share of bad rays of each voxel, 0-1."""
-        bad = self.contradicted.astype(np.float32) + self.dropped
-        return bad / (bad + self.clean() + np.float32(self.settings.prior_rays))
+        """Share of bad rays of each voxel, 0-1; 0 where no ray says anything."""
+        bad, rays = self._counts()
+        found: Float[np.ndarray, "x y z"] = bad / np.maximum(rays, 1).astype(np.float32)
+        return found
+
+    def _counts(self) -> tuple[Int32[np.ndarray, "x y z"], Int32[np.ndarray, "x y z"]]:
+        """Bad rays, and all that say anything, of each voxel."""
+        bad = self.contradicted.astype(np.int32) + self.dropped
+        return bad, bad + self.clean()
+
+    def chance_rate(self) -> float:
+        """Share of bad rays in the whole volume, with half a bad one imagined."""
+        bad, rays = (float(part.sum()) for part in self._counts())
+        return (bad + 0.5) / (rays + 1.0)
+
+    def log_odds(self) -> Float[np.ndarray, "x y z"]:
+        """Evidence of each voxel that more than chance is in it [nat]."""
+        return chance_log_odds(*self._counts(), self.chance_rate())
+
+    @property
+    def threshold(self) -> float:
+        """Evidence that founds a region [nat]."""
+        return search_threshold(self.contradicted.size, self.settings.false_alarms)
+
+    def _parts(self) -> tuple[Bool[np.ndarray, "x y z"], Bool[np.ndarray, "x y z"]]:
+        """Voxels that found a region, and those that may belong to one."""
+        bad, rays = self._counts()
+        log_odds = self.log_odds()
+        strong = log_odds >= self.threshold
+        if not strong.any():
+            return strong, strong
+        share = edge_share(bad[strong], rays[strong], log_odds[strong])
+        # A single ray tells nothing of how far a part reaches.
+        weak = (bad >= share * rays) & (bad >= 2)
+        return strong & weak, weak
 
     def inside(self) -> Bool[np.ndarray, "x y z"]:
         """Voxels that count as transparent."""
-        bad = self.contradicted + self.dropped
-        return (self.score() >= self.settings.least_share) & (bad >= self.settings.least_bad)
+        return self._parts()[1]
 
     def regions(self) -> tuple[TransparentRegion, ...]:
         """Clusters of transparent voxels with their hulls."""
-        score, weak = self.score(), self.inside()
-        strong = weak & (score >= self.settings.strong_share)
-        return find_regions(score, strong, weak, self.grid, least_voxels=self.settings.least_voxels)
+        strong, weak = self._parts()
+        return find_regions(self.score(), strong, weak, self.grid, least_voxels=self.settings.least_voxels)
+
+    def report(self) -> SearchReport:
+        """What was searched, and why nothing was found where nothing was."""
+        return report(
+            self._counts(),
+            self.log_odds(),
+            views=len(self._frames),
+            compared=self.used,
+            skipped=self.skipped,
+            rate=self.chance_rate(),
+            threshold=self.threshold,
+            regions=len(self.regions()),
+        )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from .consistency import ConsistencyDetector
 from .fusion import TsdfVolume
 from .mesh import SurfaceMesh
 from .pose_refinement import refine_poses
+from .ray_statistics import SearchReport
 from .regions import TransparentRegion, outer_points, save_regions
 from .seen_through import without_seen_through
 from .sensor_noise import SENSOR_NOISE, SensorNoise
@@ -38,8 +39,7 @@ class Reconstruction:
     points_m: Float[np.ndarray, "n 3"]  #: outer voxels of the transparent parts, world [m]
     scores: Float[np.ndarray, "n"]  #: score of each of these points
     grid: SpaceGrid
-    used: int  #: views that were compared
-    skipped: dict[str, int]  #: views that were not, by cause
+    search: SearchReport  #: what was compared, and why nothing was found where nothing was
 
     def save(self, folder: Path | str) -> None:
         """Write ``surface.ply``, ``transparency.ply`` (points with ``score``) and ``regions.json``."""
@@ -57,7 +57,9 @@ class Reconstruction:
             low=self.grid.low_m.tolist(),
             high=self.grid.high_m.tolist(),
             voxel_m=self.grid.voxel_m,
-            views=self.used,
+            views=self.search.compared,
+            search=asdict(self.search),
+            reason=self.search.text,
         )
 
 
@@ -74,7 +76,7 @@ def reconstruct(
     Parameters
     ----------
     frames
-        Views of one camera, in order.
+        Views of one camera; in order for ``published``.
     grid
         Space of interest; a cube of 1 m around what the camera looks at by default.
     noise
@@ -115,5 +117,4 @@ def reconstruct(
     kept = np.zeros(len(points_m), dtype=bool)
     for region in regions:
         kept |= region.contains(points_m)
-    skipped = dict(detector.skipped)
-    return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.used, skipped)
+    return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.report())

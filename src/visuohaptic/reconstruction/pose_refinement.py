@@ -19,11 +19,12 @@ from ..camera import Pose
 from ..recording.depth_sequence import DepthFrame
 from .background import background_model, ideal_depth
 from .sensor_noise import SENSOR_NOISE, SensorNoise
+from .view_selection import nearest_on_both_sides, signed_baselines
 
 __all__ = ["alignment_step", "refine_poses"]
 
-#: Neighbours of a view on both sides, by number: near enough to see the same, more than one for a mean.
-_OFFSETS = (-5, -3, -2, -1, 1, 2, 3, 5)
+#: Neighbours of a view on each side, by rank: near enough to see the same, more than one for a mean.
+_RANKS = (1, 2, 3, 5)
 #: Residuals of neighbouring pixels are not independent: one in so many counts.
 _SHARED = 40.0
 
@@ -55,9 +56,10 @@ def refine_poses(
     told = [frame.pose_world_camera for frame in frames]
     poses = list(told)
     model_noise = noise.with_tracking(0.01)
+    around = [nearest_on_both_sides(signed_baselines(told, i), _RANKS, index=i) for i in range(len(told))]
     for _ in range(sweeps if len(frames) >= 4 else 0):
         for i, frame in enumerate(frames):
-            near = [i + offset for offset in _OFFSETS if 0 <= i + offset < len(frames)]
+            near = around[i]
             others = [replace(frames[k], pose_world_camera=poses[k]) for k in near]
             if len(others) < 3:
                 continue

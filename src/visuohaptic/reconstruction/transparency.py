@@ -8,8 +8,9 @@ detector is in :mod:`.consistency`; both have the same methods.
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -17,6 +18,7 @@ from jaxtyping import Bool, Float, Float32
 from ..camera import Camera, Pose
 from ..recording.depth_sequence import DepthFrame
 from .background import BackgroundModel, LocalViews, background_model, ideal_depth, intrinsics
+from .ray_statistics import SearchReport, report
 from .regions import TransparentRegion, find_regions
 from .sensor_noise import SENSOR_NOISE, SensorNoise
 from .volume import SpaceGrid
@@ -94,6 +96,7 @@ class TransparencyDetector:
     noise: SensorNoise = SENSOR_NOISE["kinect"]
     settings: TransparencySettings = field(default_factory=TransparencySettings)
     volume: Float32[np.ndarray, "x y z"] = field(init=False)  #: summed scores
+    views: int = 0  #: views that were given
     used: int = 0  #: views that were compared
     skipped: Counter[str] = field(default_factory=Counter)  #: views that were not, by cause
     _views: LocalViews = field(init=False)
@@ -106,6 +109,7 @@ class TransparencyDetector:
 
     def add(self, frame: DepthFrame) -> ErrorImage:
         """Compare one view with its model and cast its error rays."""
+        self.views += 1
         views, settings = self._views, self.settings
         if views.jumped(frame):
             views.clear()
@@ -171,3 +175,19 @@ class TransparencyDetector:
         """Clusters of transparent voxels with their hulls."""
         inside = self.inside()
         return find_regions(self.score(), inside, inside, self.grid, least_voxels=self.settings.least_voxels)
+
+    def report(self) -> SearchReport:
+        """What was searched, and why nothing was found where nothing was."""
+        # Summed scores are evidence of another kind: a view adds at most 1 to a voxel.
+        bad, rays = (self.volume > 0).astype(np.int32), np.full(self.volume.shape, self.used, np.int32)
+        found = report(
+            (bad, rays),
+            self.volume,
+            views=self.views,
+            compared=self.used,
+            skipped=self.skipped,
+            rate=math.exp(-1.0),
+            threshold=self.settings.least_sum,
+            regions=len(self.regions()),
+        )
+        return replace(found, bad_rate=math.nan)
