@@ -38,10 +38,11 @@ def test_only_the_decorator_calls_numba():
     """A second way to compile would have a cache that can be stale."""
     jits = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "generated_jit", "overload"}
     for path in ROOT.rglob("*.py"):
-        if path != ROOT / "kernels.py":
-            for node in ast.walk(ast.parse(path.read_text())):
-                names = {name.name for name in node.names} if isinstance(node, ast.ImportFrom) else set()
-                if isinstance(node, ast.Import):
-                    assert "numba" not in {name.name for name in node.names}, path
-                if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("numba"):
-                    assert not names & jits, f"{path}: use visuohaptic.kernels.kernel"
+        for node in ast.walk(ast.parse(path.read_text())) if path != ROOT / "kernels.py" else ():
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("numba"):
+                found = {name.name for name in node.names} & jits
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                found = {node.attr} & jits if node.value.id in {"nb", "numba"} else set()
+            else:
+                continue
+            assert not found, f"{path}:{node.lineno}: use visuohaptic.kernels.kernel"
