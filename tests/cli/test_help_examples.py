@@ -661,7 +661,7 @@ def _viewed(results: list[Any]) -> None:
 
 
 def _warm(results: list[Any]) -> None:
-    assert len(results[0]["seconds"]) == len(__import__("visuohaptic.cli.warmup", fromlist=["W"]).WARMUPS)
+    assert {"visuohaptic.tracking", "visuohaptic.navigation"} <= set(results[0]["seconds"])
 
 
 def _healthy(results: list[Any]) -> None:

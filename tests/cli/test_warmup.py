@@ -1,12 +1,11 @@
-"""The warm-up calls what is there and skips what is not."""
+"""The warm-up compiles the signatures of the list, and the list has all that the parts of the library call."""
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import json
+import subprocess
 import sys
-import types
 from pathlib import Path
 
 import pytest
@@ -15,48 +14,73 @@ from numba.core.event import install_recorder
 from visuohaptic.cli import main as command
 from visuohaptic.cli import warmup
 
+#: Warms up, runs every part, and prints the signatures that the list did not have.
+COVERAGE = """
+from benchmarks.kernel_signatures import PARTS
+from visuohaptic.cli.main import main
+from visuohaptic.kernels import KERNELS
+assert main(["warmup", "--json"]) == 0
+warm = {one: set(one.overloads) for one in KERNELS}
+for part in PARTS:
+    part()
+for one in KERNELS:
+    for arguments in set(one.overloads) - warm.get(one, set()):
+        print("MISSING", one.py_func.__module__, one.py_func.__qualname__, arguments)
+"""
 
-def test_it_times_each_package(monkeypatch, capsys):
-    called = []
-    module = types.ModuleType("some_package._warmup")
-    module.warmup = lambda: called.append(1)
-    monkeypatch.setitem(sys.modules, "some_package._warmup", module)
-    monkeypatch.setattr(
-        warmup, "WARMUPS", ("some_package._warmup:warmup", "visuohaptic.absent._warmup:warmup")
+
+@pytest.fixture
+def one_line(tmp_path, monkeypatch):
+    """A list of one small kernel, and a cache of its own."""
+    path = tmp_path / "signatures.txt"
+    path.write_text(
+        "visuohaptic.navigation._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)\n"
     )
+    monkeypatch.setattr(warmup, "SIGNATURES", path)
+    monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
+
+
+def test_it_times_each_package_and_compiles_nothing_twice(one_line, tmp_path, capsys):
     assert command.main(["warmup", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert called == [1]
-    assert list(result["seconds"]) == ["some_package"]
+    assert list(result["seconds"]) == ["visuohaptic.navigation"]
     assert result["total_s"] == pytest.approx(sum(result["seconds"].values()))
     assert "compiled or read from the cache" in captured.err
-
-
-@pytest.mark.parametrize("entry", warmup.WARMUPS)
-def test_each_warm_up_runs_and_compiles_nothing_twice(entry):
-    """The second run finds every kernel ready: the first has left nothing to its chance."""
-    name, _, function = entry.partition(":")
-    if importlib.util.find_spec(name) is None:
-        pytest.skip(f"{name} is not part of this version")
-    run = getattr(importlib.import_module(name), function)
-    run()
     with install_recorder("numba:compile") as recorder:
-        run()
+        assert command.main(["warmup"]) == 0
     assert recorder.buffer == []
 
 
-def test_a_fault_inside_a_warm_up_is_not_skipped(tmp_path, monkeypatch, capsys):
-    (tmp_path / "broken_warmup.py").write_text("import no_such_library")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(warmup, "WARMUPS", ("broken_warmup:warmup",))
+def test_it_removes_what_no_kernel_can_load(one_line, tmp_path, capsys):
+    from visuohaptic.kernels import cache_folder
+
+    folder = cache_folder()
+    folder.mkdir(parents=True)
+    (folder / "visuohaptic.navigation._gone.kernel-0123-4567").touch()
+    assert command.main(["warmup", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["removed"] == 1
+
+
+def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
+    path = tmp_path / "signatures.txt"
+    path.write_text("visuohaptic.navigation._region_kernels:no_such_kernel (int64,)\n")
+    monkeypatch.setattr(warmup, "SIGNATURES", path)
     assert command.main(["warmup"]) == 1
-    assert "no_such_library" in capsys.readouterr().err
+    assert "no_such_kernel" in capsys.readouterr().err
 
 
-def test_every_package_with_kernels_has_a_warm_up():
-    """Grasping, recognition and tasks have no kernels of their own: they call those of the packages below."""
-    root = Path(warmup.__file__).parents[1]
-    with_kernels = {path.parent for path in root.rglob("*.py") if "@numba.njit" in path.read_text()}
-    warmed = {root.parent / Path(*entry.partition(":")[0].split(".")[:-1]) for entry in warmup.WARMUPS}
-    assert with_kernels <= warmed
+@pytest.mark.slow
+def test_the_list_has_every_signature_of_the_parts():
+    """When this fails, a kernel was added, moved or changed: ``python -m benchmarks.kernel_signatures``."""
+    root = Path(__file__).parents[2]
+    done = subprocess.run([sys.executable, "-c", COVERAGE], cwd=root, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "MISSING" not in done.stdout
+
+
+def test_every_line_names_a_kernel():
+    for module, signatures in warmup.read_signatures().items():
+        kernels = importlib.import_module(module)
+        for function, _ in signatures:
+            assert hasattr(kernels, function), f"{module}:{function}, see the test above"

@@ -4,60 +4,60 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import logging
 import time
+from pathlib import Path
 from typing import Any
 
 from ._console import Arguments
 
-__all__ = ["EPILOG", "HELP", "WARMUPS", "add_arguments", "run"]
+__all__ = ["EPILOG", "HELP", "SIGNATURES", "add_arguments", "read_signatures", "run"]
 
 HELP = "Compile the kernels once, so that later starts are fast."
 EPILOG = """\
 reads   nothing
-writes  numba's cache beside the installed package (or in NUMBA_CACHE_DIR)
+writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other
+        sources of this library left there
 
 example: visuohaptic warmup
 """
 
-#: "module:function" of each package that has kernels; the function compiles all of them.
-WARMUPS = (
-    "visuohaptic.objects._warmup:warmup",
-    "visuohaptic.tracking._warmup:warmup",
-    "visuohaptic.sensing._warmup:warmup",
-    "visuohaptic.sensing.foam._warmup:warmup",
-    "visuohaptic.sensing.beam._warmup:warmup",
-    "visuohaptic.navigation._warmup:warmup",
-    "visuohaptic.reconstruction._warmup:warmup",
-    "visuohaptic.deformation._warmup:warmup",
-    "visuohaptic.simulation._warmup:warmup",
-)
-
-_log = logging.getLogger(__name__)
+#: One line for each kernel that Python calls, ``module:function (types of the arguments)``; the kernels that
+#: these call follow. Written by ``python -m benchmarks.kernel_signatures``.
+SIGNATURES = Path(__file__).parents[1] / "kernel_signatures.txt"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """It has no arguments of its own."""
 
 
+def read_signatures() -> dict[str, list[tuple[str, str]]]:
+    """(function, types of its arguments) of each signature, by module."""
+    found: dict[str, list[tuple[str, str]]] = {}
+    for line in SIGNATURES.read_text(encoding="utf-8").splitlines():
+        name, _, arguments = line.partition(" ")
+        module, _, function = name.partition(":")
+        found.setdefault(module, []).append((function, arguments))
+    return found
+
+
 def run(args: Arguments) -> dict[str, Any]:
-    """Call each package's warm-up and time it."""
+    """Compile or load each signature, and time each package."""
+    from ..kernels import remove_stale
+
     seconds: dict[str, float] = {}
-    for entry in WARMUPS:
-        module_name, _, function = entry.partition(":")
-        package = module_name.rpartition(".")[0]
+    for module, signatures in read_signatures().items():
         started_s = time.perf_counter()
-        try:
-            module = importlib.import_module(module_name)
-        except ModuleNotFoundError as error:
-            # Absent because this version has no such kernels; anything else is a real fault.
-            if error.name is None or not module_name.startswith(error.name):
-                raise
-            _log.debug("%s has nothing to compile", package)
-            continue
-        getattr(module, function)()
-        seconds[package] = time.perf_counter() - started_s
-        args.report(f"{package:<32}{seconds[package]:7.2f} s")
+        kernels = importlib.import_module(module)
+        for function, arguments in signatures:
+            compiled = getattr(kernels, function)
+            if hasattr(compiled, "compile"):  # it has not with NUMBA_DISABLE_JIT
+                compiled.compile(arguments)
+        package = module.rpartition(".")[0]
+        if package not in seconds:
+            args.report(f"{package} ...")
+        seconds[package] = seconds.get(package, 0.0) + time.perf_counter() - started_s
+    for package, package_s in seconds.items():
+        args.report(f"{package:<32}{package_s:7.2f} s")
     total_s = sum(seconds.values())
     args.report(f"{'compiled or read from the cache':<32}{total_s:7.2f} s")
-    return {"seconds": seconds, "total_s": total_s}
+    return {"seconds": seconds, "total_s": total_s, "removed": remove_stale()}

@@ -8,12 +8,12 @@ a spin into the rate of a rotation vector.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._shell_kernels import rotate_blocks, triangle_frame
 
 
-@njit(cache=True)
+@kernel
 def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
     """Axis times angle of a rotation matrix; exact near no rotation, angle below pi."""
     w0, w1, w2 = r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]
@@ -24,7 +24,7 @@ def rotation_vector(r: np.ndarray, out: np.ndarray) -> None:
     out[0], out[1], out[2] = factor * w0, factor * w1, factor * w2
 
 
-@njit(cache=True)
+@kernel
 def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
     """exp(spin) R for each node."""
     out = np.empty_like(rotations)
@@ -51,7 +51,7 @@ def rotate_nodes(rotations: np.ndarray, spins: np.ndarray) -> np.ndarray:
     return out
 
 
-@njit(cache=True)
+@kernel
 def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.ndarray) -> None:
     """H(theta), and M = d(H^T moment)/d(spin) at a fixed moment."""
     t0, t1, t2 = theta[0], theta[1], theta[2]
@@ -90,7 +90,7 @@ def _spin_to_rate(theta: np.ndarray, moment: np.ndarray, h: np.ndarray, m: np.nd
             m[i, j] = inner[i, 0] * h[0, j] + inner[i, 1] * h[1, j] + inner[i, 2] * h[2, j]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+@kernel(fastmath={"reassoc", "contract", "nsz"})
 def forces_and_tangent(
     points: np.ndarray,
     rotations: np.ndarray,
@@ -287,7 +287,7 @@ def forces_and_tangent(
     return energy
 
 
-@njit(cache=True)
+@kernel
 def pressure_tangent(
     points: np.ndarray, faces: np.ndarray, share: np.ndarray, pressure: float, out: np.ndarray
 ) -> None:

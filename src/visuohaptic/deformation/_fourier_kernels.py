@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def _strains(
     n: float,
     h0: np.ndarray,
@@ -49,7 +50,7 @@ def _strains(
         out[5, base + 2] = -2 * nz * n * twist / (speed * r)
 
 
-@njit(cache=True)
+@kernel
 def _element(
     n: float,
     size: float,
@@ -91,7 +92,7 @@ def _element(
             out[j, i] = out[i, j]
 
 
-@njit(cache=True)
+@kernel
 def _eliminate(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> bool:
     """out = b^T a^-1 b for a positive definite (6, 6); ``a`` is overwritten by its factor."""
     for j in range(6):
@@ -121,7 +122,7 @@ def _eliminate(a: np.ndarray, b: np.ndarray, out: np.ndarray) -> bool:
     return True
 
 
-@njit(cache=True)
+@kernel
 def nodal_compliance(
     harmonics: np.ndarray,
     size: np.ndarray,

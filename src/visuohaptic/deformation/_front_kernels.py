@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def split(
     nodes: np.ndarray,
     label: np.ndarray,
@@ -67,7 +68,7 @@ def split(
     return found
 
 
-@njit(cache=True)
+@kernel
 def borders(
     order: np.ndarray, first: np.ndarray, starts: np.ndarray, neighbours: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -120,7 +121,7 @@ def borders(
     return place, owner, parent, offset, found[:used].copy()
 
 
-@njit(cache=True)
+@kernel
 def local_places(
     items: np.ndarray,
     item_front: np.ndarray,
@@ -151,7 +152,7 @@ def local_places(
     return out
 
 
-@njit(cache=True)
+@kernel
 def add_blocks(
     f11: np.ndarray,
     f21: np.ndarray,
@@ -190,7 +191,7 @@ def add_blocks(
                 f22[row - split_at, column - split_at] += block[p, q]
 
 
-@njit(cache=True)
+@kernel
 def add_elements(
     f11: np.ndarray,
     f21: np.ndarray,
@@ -207,7 +208,7 @@ def add_elements(
         add_blocks(f11, f21, f22, f12, matrices[elements[k]], places[k], size, full)
 
 
-@njit(cache=True)
+@kernel
 def add_rows(
     top: np.ndarray,
     bottom: np.ndarray,
@@ -229,7 +230,7 @@ def add_rows(
                     bottom[row - split_at, column] += values[size * a + i, q]
 
 
-@njit(cache=True)
+@kernel
 def constrain(matrices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> None:
     """Zero the rows and columns of fixed freedoms in element matrices (e, s k, s k), in place."""
     corners = faces.shape[1]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def across(
     points: np.ndarray, faces: np.ndarray, first: np.ndarray, axis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

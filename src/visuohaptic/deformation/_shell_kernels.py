@@ -7,14 +7,15 @@ has (u, v, theta_z) and the plate (w, theta_x, theta_y), which are uncoupled in 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: Places of the membrane's and of the plate's freedoms among the 18 of an element.
 MEMBRANE = np.array([0, 1, 5, 6, 7, 11, 12, 13, 17])
 PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
 
 
-@njit(cache=True)
+@kernel
 def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     """Axes (rows) with x along a-b and z along the normal, corner coordinates (3, 2), area."""
     frame = np.empty((3, 3))
@@ -38,7 +39,7 @@ def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndar
     return frame, corners, 0.5 * twice
 
 
-@njit(cache=True)
+@kernel
 def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float) -> None:
     """out += weight b^T d b for b (3, 9) and d (3, 3)."""
     db = np.empty((3, 9))
@@ -50,7 +51,7 @@ def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float)
             out[i, j] += b[0, i] * db[0, j] + b[1, i] * db[1, j] + b[2, i] * db[2, j]
 
 
-@njit(cache=True)
+@kernel
 def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0: float) -> np.ndarray:
     """OPT membrane (9, 9) in (u, v, theta_z) per corner; ``stiffness`` is force per length.
 
@@ -116,7 +117,7 @@ def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0
     return out
 
 
-@njit(cache=True)
+@kernel
 def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.ndarray:
     """Curvature (3, 9) of the discrete Kirchhoff triangle in (w, theta_x, theta_y) per corner.
 
@@ -183,7 +184,7 @@ def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.nd
     return out
 
 
-@njit(cache=True)
+@kernel
 def local_stiffness(
     xy: np.ndarray, area: float, membrane: np.ndarray, plate: np.ndarray, beta0: float
 ) -> np.ndarray:
@@ -200,7 +201,7 @@ def local_stiffness(
     return out
 
 
-@njit(cache=True)
+@kernel
 def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None:
     """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes)."""
     half = np.empty((3, 3))
@@ -220,7 +221,7 @@ def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None
                     )
 
 
-@njit(cache=True)
+@kernel
 def element_stiffness(
     vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
 ) -> np.ndarray:
@@ -237,7 +238,7 @@ def element_stiffness(
     return out
 
 
-@njit(cache=True)
+@kernel
 def element_frames(
     vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

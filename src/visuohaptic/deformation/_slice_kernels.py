@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def ring_crossings(points: Any, faces: Any, heights: Any, around: int, radius: Any, count: Any) -> None:
     """Radii at which the rays from (0, 0) at ``around`` angles cross the mesh, at each height.
 

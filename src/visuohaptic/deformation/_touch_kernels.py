@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def distance_to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
     """From a point to the nearest point of a triangle (Ericson 2005, Sec. 5.1.5)."""
     ab0, ab1, ab2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -40,7 +41,7 @@ def distance_to_triangle(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndar
     return float(np.sqrt(x * x + y * y + z * z))
 
 
-@njit(cache=True)
+@kernel
 def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> bool:
     """Whether the line from p to q meets a triangle between its ends (Moeller and Trumbore 1997)."""
     e10, e11, e12 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
@@ -63,7 +64,7 @@ def goes_through(p: np.ndarray, q: np.ndarray, a: np.ndarray, b: np.ndarray, c: 
     return 0 <= t <= 1
 
 
-@njit(cache=True)
+@kernel
 def meetings(
     points: np.ndarray, faces: np.ndarray, edges: np.ndarray, near: float, cell: float, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -148,7 +149,7 @@ def meetings(
     return vertex[:count], face[:count], distance[:count]
 
 
-@njit(cache=True)
+@kernel
 def distances(points: np.ndarray, faces: np.ndarray, vertex: np.ndarray, face: np.ndarray) -> np.ndarray:
     """From vertices to faces, pair by pair."""
     out = np.empty(vertex.size)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["FAR", "distance_rows", "distance_update", "vertical_cells", "vertical_update"]
 
@@ -13,7 +14,7 @@ __all__ = ["FAR", "distance_rows", "distance_update", "vertical_cells", "vertica
 FAR = np.uint16(65535)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vertical: np.ndarray) -> None:
     """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` where there is none.
 
@@ -43,7 +44,7 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
             vertical[row, column] = np.uint16(min(np.int32(vertical[row, column]), below))
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def vertical_update(
     cells: np.ndarray,
     threshold: int,
@@ -81,7 +82,7 @@ def vertical_update(
             vertical[row, column] = counted
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _envelope(
     line: np.ndarray,
     column: int,
@@ -127,7 +128,7 @@ def _envelope(
     return count
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
     """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], a whole number.
 
@@ -141,7 +142,7 @@ def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
     return squared
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def distance_rows(
     vertical: np.ndarray,
     resolution_m: float,
@@ -193,7 +194,7 @@ def distance_rows(
             column = end
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def distance_update(
     vertical: np.ndarray,
     first_row: int,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def distance_at(distance, grid, x, y):
     """Distance to the nearest obstacle at a point [m]; 0 outside the map.
 
@@ -20,7 +21,7 @@ def distance_at(distance, grid, x, y):
     return float(distance[row, column])
 
 
-@njit(cache=True)
+@kernel
 def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     """Whether all ``points`` of a footprint at a pose are ``least`` away from obstacles.
 
@@ -39,7 +40,7 @@ def fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     return True
 
 
-@njit(cache=True)
+@kernel
 def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     """How many samples of a footprint at a pose are nearer to obstacles than ``least``."""
     if fits(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
@@ -53,7 +54,7 @@ def samples_inside(distance, grid, points, least, inside_m, reach_m, x, y, yaw):
     return count
 
 
-@njit(cache=True)
+@kernel
 def blocked_parts(distance, grid, ring, radius, x, y, yaw):
     """Number of runs of the closed ``ring`` where obstacles are nearer than ``radius``: Eq. (4.3)."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -73,7 +74,7 @@ def blocked_parts(distance, grid, ring, radius, x, y, yaw):
     return count
 
 
-@njit(cache=True)
+@kernel
 def push_goals(
     distance,
     from_path,
@@ -115,7 +116,7 @@ def push_goals(
                 goal[row, column] = True
 
 
-@njit(cache=True)
+@kernel
 def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):
     """First of the first ``rows`` poses at which the footprint clashes; ``rows`` when none does.
 
@@ -135,7 +136,7 @@ def first_clash(distance, grid, points, least, inside_m, reach_m, poses, rows):
     return rows
 
 
-@njit(cache=True)
+@kernel
 def least_distance(distance, grid, poses):
     """Smallest distance from obstacles along a path [m]."""
     least = np.inf
@@ -144,7 +145,7 @@ def least_distance(distance, grid, poses):
     return least
 
 
-@njit(cache=True)
+@kernel
 def first_goal(
     distance, from_path, grid, points, ring, border, least, inside_m, reach_m, radius, objects, platforms
 ):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._push_kernels import features
 
 
-@njit(cache=True)
+@kernel
 def impulse_push(outline, round_m, centroid, ratio, radius, contact_range, path, start, trace, contact):
     """Fill ``trace`` (k x 3 poses) and ``contact`` (k x 2); returns the last row with contact, or -1.
 

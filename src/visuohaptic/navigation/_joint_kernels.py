@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._outline_kernels import inside_polygon, polygon_distance, segment_distance
 
 #: Crumbs of an object's cells are looked for so far around its outline [cells].
 CRUMB_REACH = 1.25
 
 
-@njit(cache=True)
+@kernel
 def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
     """Whether a cell's square meets a polygon's inside."""
     x, y = column + 0.5, row + 0.5
@@ -41,7 +41,7 @@ def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
     return False
 
 
-@njit(cache=True)
+@kernel
 def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: int) -> None:
     """Free an object's cells in a window that begins at (row0, column0).
 
@@ -92,7 +92,7 @@ def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: i
                     occupied[stack[i, 0], stack[i, 1]] = False
 
 
-@njit(cache=True)
+@kernel
 def place_node(
     clearance: np.ndarray,
     radius: float,
@@ -115,7 +115,7 @@ def place_node(
     return found
 
 
-@njit(cache=True)
+@kernel
 def region_of_node(
     clearance: np.ndarray, radius: float, seed: np.ndarray, row0: int, column0: int, start: int
 ) -> np.ndarray:
@@ -139,7 +139,7 @@ def region_of_node(
     return mine
 
 
-@njit(cache=True)
+@kernel
 def border_costs(
     cost: np.ndarray,
     mine: np.ndarray,
@@ -187,7 +187,7 @@ def border_costs(
     return names[:count], costs[:count]
 
 
-@njit(cache=True)
+@kernel
 def bounded_ways(
     start: np.ndarray,
     ends: np.ndarray,

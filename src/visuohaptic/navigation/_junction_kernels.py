@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._line_kernels import BITS, cost, longer, measure
 
 __all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def gather_junctions(
     cell: np.ndarray,
     masks: np.ndarray,
@@ -86,7 +86,7 @@ def gather_junctions(
     return owner, parent, way
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _step(
     here: float, there: float, direction: int, resolution_m: float, speeds: np.ndarray
 ) -> tuple[float, float]:
@@ -95,7 +95,7 @@ def _step(
     return length, 0.5 * length * (cost(here, speeds) + cost(there, speeds))
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def join_lines(
     distance: np.ndarray,
     cell: np.ndarray,
@@ -196,7 +196,7 @@ def join_lines(
     )
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def edge_paths(
     edge_ways: np.ndarray,
     ways: np.ndarray,
@@ -250,7 +250,7 @@ def edge_paths(
     return start, out[:size].copy()
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def measure_paths(
     path_start: np.ndarray, path: np.ndarray, distance: np.ndarray, resolution_m: float, speeds: np.ndarray
 ) -> np.ndarray:
@@ -264,7 +264,7 @@ def measure_paths(
     return measures
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _reverse(path: np.ndarray, begin: int, end: int) -> None:
     low, high = begin, end - 1
     while low < high:

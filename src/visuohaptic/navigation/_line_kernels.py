@@ -16,8 +16,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._skeleton_kernels import ADJACENT, COLUMN_STEP, ROW_STEP
 
 __all__ = ["BITS", "cost", "find_ends", "find_lines", "forget_lines", "gather_paths", "longer", "measure"]
@@ -28,7 +28,7 @@ _DEAD = np.int32(-2)
 BITS = np.array([bin(mask).count("1") for mask in range(256)], np.uint8)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def longer(array: np.ndarray) -> np.ndarray:
     """The same array with room for as much again."""
     larger = np.empty(2 * len(array) + 16, array.dtype)
@@ -36,7 +36,7 @@ def longer(array: np.ndarray) -> np.ndarray:
     return larger
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _linked(mark: np.ndarray, row: int, column: int) -> int:
     """Mask of the neighbours that a skeleton cell is linked to."""
     rows, columns = mark.shape
@@ -48,14 +48,14 @@ def _linked(mark: np.ndarray, row: int, column: int) -> int:
     return _ADJACENT[mask]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def cost(distance: float, speeds: np.ndarray) -> float:
     """Eq. (4.1) [s/m]; ``speeds`` = (radius, 1 / v_min, 1 / v_max)."""
     share = min(max((distance / speeds[0] - 1.0) / 2.0, 0.0), 1.0)
     return speeds[1] + share * (speeds[2] - speeds[1])
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def measure(
     path: np.ndarray,
     begin: int,
@@ -85,7 +85,7 @@ def measure(
     return (straight + math.sqrt(2.0) * diagonal) * resolution_m, 0.5 * total * resolution_m, clearance
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def forget_lines(
     mark: np.ndarray,
     place: np.ndarray,
@@ -154,7 +154,7 @@ def forget_lines(
     return found[:count], near[:beside], lost
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def find_ends(
     distance: np.ndarray,
     mark: np.ndarray,
@@ -242,7 +242,7 @@ def find_ends(
     return cell, masks, keys, links, out[:total].copy(), look[:some]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _walk(
     mark: np.ndarray, place: np.ndarray, before: int, here: int, line: int, path: np.ndarray, size: int
 ) -> tuple[np.ndarray, int]:
@@ -271,7 +271,7 @@ def _walk(
     return path, size + 1
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _walk_ring(
     mark: np.ndarray,
     place: np.ndarray,
@@ -319,7 +319,7 @@ def _walk_ring(
     return path, size
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def find_lines(
     distance: np.ndarray,
     mark: np.ndarray,
@@ -395,7 +395,7 @@ def find_lines(
     return table, measured, path, used, size
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def gather_paths(table: np.ndarray, path: np.ndarray, used: int, size: int) -> tuple[np.ndarray, int]:
     """A new array with the paths of the lines that are left; graphs of before keep the old one."""
     out = np.empty(2 * size + 4096, np.int32)

@@ -9,12 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["add_beams", "correlate", "nearest_lines"]
 
 
-@njit(cache=True)
+@kernel
 def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit, miss, bound):
     """Add one scan to the log-odds, in place; each cell changes once per scan, a hit wins.
 
@@ -55,7 +56,7 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
                 j += step_j
 
 
-@njit(cache=True)
+@kernel
 def correlate(field, points, rows, columns, cosines, sines):
     """Mean of ``field`` at the points, for every shift and turn: (turns, rows, columns).
 
@@ -80,7 +81,7 @@ def correlate(field, points, rows, columns, cosines, sines):
     return result / len(points)
 
 
-@njit(cache=True)
+@kernel
 def nearest_lines(mean_row, mean_column, count, points, reach):
     """For every point the nearest mean of a cell and the normal of the means around it.
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._distance_kernels import distance_rows, vertical_cells
 from ._joint_kernels import border_costs, bounded_ways, free_object, place_node, region_of_node
 from ._push_search_kernels import FAR, travel_field
@@ -14,7 +14,7 @@ __all__ = ["node_in_window", "useful_neighbours"]
 _BLOCKED = np.int8(100)
 
 
-@njit(cache=True)
+@kernel
 def clearance_without(
     cells: np.ndarray,
     threshold: int,
@@ -55,7 +55,7 @@ def clearance_without(
     return distance[i0 - r0 + top : i1 - r0 + top, j0 - c0 + left : j1 - c0 + left].copy()
 
 
-@njit(cache=True)
+@kernel
 def node_in_window(
     cells: np.ndarray,
     threshold: int,
@@ -109,7 +109,7 @@ def node_in_window(
     return start, region[:count].copy(), names, costs
 
 
-@njit(cache=True)
+@kernel
 def useful_neighbours(
     first: np.ndarray,
     ends: np.ndarray,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 NEVER = np.int32(2**31 - 1)
 
 
-@njit(cache=True)
+@kernel
 def cell_price(
     cell: int,
     at_rows: np.ndarray,
@@ -35,7 +36,7 @@ def cell_price(
     return slow + share * (1.0 - slow)
 
 
-@njit(cache=True)
+@kernel
 def product_search(
     move_cells: np.ndarray,
     move_start: np.ndarray,

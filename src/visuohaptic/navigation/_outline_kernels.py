@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Distance of a point from a segment."""
     dx, dy = bx - ax, by - ay
@@ -23,7 +24,7 @@ def segment_distance(px: float, py: float, ax: float, ay: float, bx: float, by: 
     return math.hypot(px - ax - t * dx, py - ay - t * dy)
 
 
-@njit(cache=True)
+@kernel
 def inside_polygon(px: float, py: float, polygon: np.ndarray) -> bool:
     """Even-odd rule."""
     inside = False
@@ -39,7 +40,7 @@ def inside_polygon(px: float, py: float, polygon: np.ndarray) -> bool:
     return inside
 
 
-@njit(cache=True)
+@kernel
 def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
     """Distance of a point from a filled polygon; 0 inside."""
     if inside_polygon(px, py, polygon):
@@ -53,7 +54,7 @@ def polygon_distance(px: float, py: float, polygon: np.ndarray) -> float:
     return best
 
 
-@njit(cache=True)
+@kernel
 def distance_patch(rows: int, columns: int, polygon: np.ndarray, reach: float) -> tuple[np.ndarray, int, int]:
     """Distance of the cells around a polygon from it, and the first row and column of the patch."""
     c0 = min(columns, max(0, int(math.floor(polygon[:, 0].min() - reach))))
@@ -67,7 +68,7 @@ def distance_patch(rows: int, columns: int, polygon: np.ndarray, reach: float) -
     return patch, r0, c0
 
 
-@njit(cache=True)
+@kernel
 def disc_touches_at(polygon: np.ndarray, dir_x: float, dir_y: float, radius: float, reach: float) -> float:
     """How far from the origin a disc stops that comes from ``-reach * dir`` towards a polygon; -1 when it passes.
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._search_kernels import half_edges
 
 __all__ = ["keep_edges", "label_components", "prune"]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:
     """The half-edge by which a line goes on through a node of degree 2; ``came`` arrives there."""
     for k in range(start[node], start[node + 1]):
@@ -19,7 +19,7 @@ def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np
     return -1
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def prune(
     clearance: np.ndarray, ends: np.ndarray, lengths: np.ndarray, stub_length_m: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,7 +105,7 @@ def prune(
     return alive, stays, degree
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _keep_one(
     gone: np.ndarray,
     ends: np.ndarray,
@@ -142,7 +142,7 @@ def _keep_one(
                 stays[node] = True
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def keep_edges(
     cells: np.ndarray,
     clearance: np.ndarray,
@@ -245,7 +245,7 @@ def keep_edges(
     )
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
     """Component of each node, numbered by their smallest nodes, and how many there are."""
     root = np.arange(count).astype(np.int32)
@@ -268,7 +268,7 @@ def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
     return -1 - root, components
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _top(root: np.ndarray, node: int) -> int:
     while root[node] >= 0:
         node = root[node]

@@ -8,7 +8,8 @@ floor are needed. Poses are (x, y, yaw) of the object's reference point.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
 SOFT_M = 1e-4
@@ -32,7 +33,7 @@ _SUMS = {"reassoc", "contract", "arcp", "nsz"}
 _CONTACTS = 4
 
 
-@njit(cache=True)
+@kernel
 def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
     """Places where the rim of a disc is nearest to the outline, those nearer than ``reach``.
 
@@ -90,7 +91,7 @@ def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
     return found, least
 
 
-@njit(cache=True)
+@kernel
 def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
     """Gaps later on, when the disc has moved by ``shift`` and the object by (dx, dy, turn); the smallest."""
     least = np.inf
@@ -109,7 +110,7 @@ def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
     return least
 
 
-@njit(cache=True, fastmath=_SUMS)
+@kernel(fastmath=_SUMS)
 def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):
     """Floor friction minus contact forces for an increment ``z`` = (dx, dy, rho dyaw), and derivatives.
 
@@ -171,7 +172,7 @@ def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, k
     return fx, fy
 
 
-@njit(cache=True, fastmath=_SUMS)
+@kernel(fastmath=_SUMS)
 def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):
     """Work against the floor, in the soft rim, and against contact friction bound by ``mu pulls``: convex."""
     total = 0.0
@@ -189,7 +190,7 @@ def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
     return total
 
 
-@njit(cache=True)
+@kernel
 def _solve(jac, r, damp, step):
     """``step`` = -inverse(jac + damp I) r by Cramer's rule; False where there is no inverse."""
     a, b, c = jac[0, 0] + damp, jac[0, 1], jac[0, 2]
@@ -205,7 +206,7 @@ def _solve(jac, r, damp, step):
     return True
 
 
-@njit(cache=True)
+@kernel
 def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):
     """Find the increment ``z`` in balance; returns whether, and the contacts' force."""
     r, even, full, step, trial, bound = work[0], work[1:4], work[4:7], work[7], work[8], work[9]
@@ -252,7 +253,7 @@ def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, kn
     return False, fx, fy
 
 
-@njit(cache=True)
+@kernel
 def _tilted(load, support, ox, oy, share):
     """Fill ``share``: the load when its centre is moved by (ox, oy), in the object's frame."""
     n = load.shape[0]
@@ -278,7 +279,7 @@ def _tilted(load, support, ox, oy, share):
         share[i] /= total
 
 
-@njit(cache=True)
+@kernel
 def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):
     """Drive a disc along ``path`` (k x 3: x, y, heading) and follow the object; fills ``trace`` (k x 8).
 
@@ -413,7 +414,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     return touched, last, unsolved
 
 
-@njit(cache=True)
+@kernel
 def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
     """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
 

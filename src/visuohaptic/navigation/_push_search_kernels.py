@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._outline_kernels import inside_polygon, polygon_distance
 
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
@@ -18,7 +18,7 @@ UNITS = 256
 FAR = np.int32(2**30)
 
 
-@njit(cache=True)
+@kernel
 def reach_cost(
     clearance: np.ndarray, cost: np.ndarray, x: float, y: float, radius: float, slow: float
 ) -> int:
@@ -38,7 +38,7 @@ def reach_cost(
     return best
 
 
-@njit(cache=True)
+@kernel
 def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int) -> None:
     """Label the cells whose centre is nearer than ``radius`` to a polygon; the first label stays."""
     rows, columns = region.shape
@@ -52,7 +52,7 @@ def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: i
                 region[r, c] = label
 
 
-@njit(cache=True)
+@kernel
 def travel_field(
     clearance: np.ndarray,
     radius: float,
@@ -193,7 +193,7 @@ def travel_field(
     return cost, came, least
 
 
-@njit(cache=True)
+@kernel
 def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
     """Clearance between cell centres, bilinear; 0 off the map."""
     rows, columns = clearance.shape
@@ -209,7 +209,7 @@ def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
     return low * (1.0 - v) + high * v
 
 
-@njit(cache=True)
+@kernel
 def free_push_steps(
     occupied: np.ndarray,
     clearance: np.ndarray,
@@ -306,7 +306,7 @@ def free_push_steps(
     return limit
 
 
-@njit(cache=True)
+@kernel
 def segment_cost(
     clearance: np.ndarray,
     radius: float,
@@ -337,7 +337,7 @@ def segment_cost(
     return total * length / count
 
 
-@njit(cache=True)
+@kernel
 def pull_taut(
     clearance: np.ndarray, radius: float, slow: float, path: np.ndarray, window: int
 ) -> tuple[np.ndarray, float]:
@@ -380,7 +380,7 @@ def pull_taut(
     return kept, best[n - 1]
 
 
-@njit(cache=True)
+@kernel
 def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray:
     """Cells that hang together with the seeds, 8-connected, clearance at least the radius."""
     rows, columns = clearance.shape
@@ -407,7 +407,7 @@ def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray
     return found
 
 
-@njit(cache=True)
+@kernel
 def opening_steps(
     without: np.ndarray,
     beyond: np.ndarray,

@@ -11,8 +11,8 @@ same band, so all cells of a band are final once the bands below are done (Denar
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["UNREACHED", "descend", "diagonal", "spread"]
@@ -21,13 +21,13 @@ __all__ = ["UNREACHED", "descend", "diagonal", "spread"]
 UNREACHED = np.int32(2**31 - 1)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False, inline="always")
+@kernel(error_model="numpy", boundscheck=False, inline="always")
 def diagonal(step: int) -> int:
     """A diagonal step [units]: sqrt(2) of a straight one, rounded."""
     return (step * 92682 + 32768) >> 16
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def spread(
     step: np.ndarray,
     potential: np.ndarray,
@@ -209,14 +209,14 @@ def spread(
     return settled
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _longer(array: np.ndarray) -> np.ndarray:
     larger = np.empty(2 * len(array), array.dtype)
     larger[: len(array)] = array
     return larger
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int) -> np.ndarray:
     """Cells (flat) from ``cell`` to its node, each the cheapest way's next; ties by the smallest index."""
     rows, columns = step.shape

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._line_kernels import cost
 from ._outline_kernels import segment_distance
 
 __all__ = ["chord_clearance", "chord_measures", "split_path"]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _interval(at: float, way: float, centre: float, low: float, high: float) -> tuple[float, float]:
     """The part of ``low..high`` of a segment that lies within half a cell of a centre, along one axis."""
     if way == 0.0:
@@ -22,7 +22,7 @@ def _interval(at: float, way: float, centre: float, low: float, high: float) -> 
     return max(low, min(first, second)), min(high, max(first, second))
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _square_distance(y0: float, x0: float, y1: float, x1: float, row: float, column: float) -> float:
     """Distance of a segment from the square of a cell [cells]; coordinates are those of cell centres."""
     low, high = _interval(y0, y1 - y0, row, 0.0, 1.0)
@@ -39,7 +39,7 @@ def _square_distance(y0: float, x0: float, y1: float, x1: float, row: float, col
     return best
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def chord_clearance(
     distance: np.ndarray, y0: int, x0: int, y1: int, x1: int, limit: float, outside_blocks: bool
 ) -> float:
@@ -70,7 +70,7 @@ def chord_clearance(
     return best
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
     """Places in a path (k, 2) of cells, first and last among them, between which straight lines keep a radius."""
     count = len(path)
@@ -100,7 +100,7 @@ def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_bl
     return np.flatnonzero(cut)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def chord_measures(
     distance: np.ndarray, corners: np.ndarray, speeds: np.ndarray, outside_blocks: bool
 ) -> np.ndarray:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["all_costs", "graph_search", "grid_search", "half_edges", "straighten"]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Half-edges of each node in CSR form: 2 e leaves the first end of edge e, 2 e + 1 the second."""
     start = np.zeros(count + 1, np.int32)
@@ -31,7 +31,7 @@ def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, half
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _push(keys: np.ndarray, items: np.ndarray, size: int, key: float, item: int) -> None:
     """Into a heap of four children per place, which is flatter than one of two."""
     place = size
@@ -46,7 +46,7 @@ def _push(keys: np.ndarray, items: np.ndarray, size: int, key: float, item: int)
     items[place] = item
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _pop(keys: np.ndarray, items: np.ndarray, size: int) -> None:
     """Take the top away; ``size`` counts it still."""
     last = size - 1
@@ -69,7 +69,7 @@ def _pop(keys: np.ndarray, items: np.ndarray, size: int) -> None:
     items[place] = item
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def graph_search(
     start: np.ndarray,
     half: np.ndarray,
@@ -139,7 +139,7 @@ def graph_search(
     return ways, cost[goal]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def all_costs(
     start: np.ndarray, half: np.ndarray, ends: np.ndarray, costs: np.ndarray, source: int
 ) -> np.ndarray:
@@ -171,14 +171,14 @@ def all_costs(
     return cost
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _move(a: int, b: int, crossing: bool) -> int:
     """Cost of a move between neighbours with steps ``a`` and ``b`` [half units]: their mean times the way."""
     both = int(np.int64(a) + np.int64(b))  # unsigned numbers would become floating ones
     return (both * 92682 + 32768) >> 16 if crossing else both
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def grid_search(
     step: np.ndarray,
     source: int,
@@ -295,14 +295,14 @@ def grid_search(
     return path, cost[goal] - 1, looked
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _longer(array: np.ndarray) -> np.ndarray:
     larger = np.empty(2 * len(array), array.dtype)
     larger[: len(array)] = array
     return larger
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _line_cost(step: np.ndarray, row0: int, column0: int, row1: int, column1: int) -> float:
     """Cost [half units] of the straight line between two cell centres, infinite where it is blocked.
 
@@ -345,7 +345,7 @@ def _line_cost(step: np.ndarray, row0: int, column0: int, row1: int, column1: in
             next_column += column_gap
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def straighten(step: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, float]:
     """Positions of the path's cells that stay when straight lines replace what they do not cost more than.
 

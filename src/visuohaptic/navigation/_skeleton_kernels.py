@@ -13,7 +13,8 @@ Neighbours are numbered round the cell, from +column through +row: (0, 1), (1, 1
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
 
@@ -62,7 +63,7 @@ _DELETABLE = _deletable()
 ADJACENT = _adjacent()
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     """Mark the cells that stay if every neighbour with a smaller key goes; returns how many.
 
@@ -102,7 +103,7 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     return kept
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _higher(distance: np.ndarray, row: int, column: int) -> int:
     """Mask of the neighbours with larger keys; they are reachable where the cell is."""
     rows, columns = distance.shape
@@ -117,7 +118,7 @@ def _higher(distance: np.ndarray, row: int, column: int) -> int:
     return mask
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """Cells that have to be looked at again after :func:`survey`: those above a cell that stays."""
     columns = distance.shape[1]
@@ -136,14 +137,14 @@ def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarra
     return found[:count]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _grown(array: np.ndarray) -> np.ndarray:
     larger = np.empty(2 * len(array), array.dtype)
     larger[: len(array)] = array
     return larger
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> np.ndarray:
     """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice)."""
     rows, columns = distance.shape

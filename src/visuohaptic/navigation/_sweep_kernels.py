@@ -11,8 +11,8 @@ Where to work is said by tiles of the map: an edit takes back regions, which fil
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._region_kernels import UNREACHED
 
 __all__ = ["TILE", "sweep", "touch"]
@@ -26,7 +26,7 @@ _SEED = np.int64(2**31 - 1)
 _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> None:
     """Note the tiles of cells (flat), and those up to ``around`` tiles away."""
     high, wide = tiles.shape
@@ -41,7 +41,7 @@ def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> No
             ] = 1
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _noted(tiles: np.ndarray) -> np.ndarray:
     """Whether each row of tiles has noted ones; 0 beside the first and the last."""
     found = np.zeros(tiles.shape[0] + 2, np.uint8)
@@ -54,7 +54,7 @@ def _noted(tiles: np.ndarray) -> np.ndarray:
     return found
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _spans(tiles: np.ndarray, row: int, ring: int, columns: int, spans: np.ndarray) -> int:
     """Columns (first, stop) of a row of cells that are in noted tiles, or on the ring round them; how many."""
     high, wide = tiles.shape
@@ -82,7 +82,7 @@ def _spans(tiles: np.ndarray, row: int, ring: int, columns: int, spans: np.ndarr
     return count
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _runs(
     step: np.ndarray, tiles: np.ndarray, noted: np.ndarray, ring: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -134,7 +134,7 @@ def _runs(
     return used[:lines], start, runs
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: int, pair: np.ndarray) -> None:
     """Pairs of columns ``first - 1`` to ``stop``, those beside the map too."""
     rows, columns = potential.shape
@@ -152,7 +152,7 @@ def _load(potential: np.ndarray, seed: np.ndarray, row: int, first: int, stop: i
         pair[stop - first + 1] = _FAR
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndarray) -> None:
     """Ways onto a run of cells from the row beside it; fills ``cost`` of straight steps."""
     own, left, middle, right = here[1:], beside, beside[1:], beside[2:]
@@ -165,7 +165,7 @@ def _enter(line: np.ndarray, here: np.ndarray, beside: np.ndarray, cost: np.ndar
         own[k] = min(best, min(left[k], right[k]) + crooked)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.ndarray) -> None:
     """Ways along a run of cells, to the right and to the left; the result goes back to the map."""
     count = len(potential)
@@ -186,7 +186,7 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
         seed[k] = np.int32(origin) if origin != _SEED else np.int32(-1)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _better(
     line: np.ndarray, here: np.ndarray, below: np.ndarray, above: np.ndarray, best: np.ndarray
 ) -> int:
@@ -206,7 +206,7 @@ def _better(
     return news
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.ndarray) -> np.ndarray:
     """Improve the values in noted tiles from each other and from the cells round them.
 

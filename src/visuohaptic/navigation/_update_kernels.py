@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._region_kernels import UNREACHED, diagonal
 from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 from ._sweep_kernels import TILE, touch
@@ -24,7 +24,7 @@ _QUEUED = np.uint8(2)
 _FORGOTTEN = np.uint8(8)
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def footprint(
     polygon: np.ndarray, first_row: int, last_row: int, first_column: int, last_column: int
 ) -> np.ndarray:
@@ -60,7 +60,7 @@ def footprint(
     return found
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _felt(
     distance: np.ndarray,
     row: int,
@@ -80,7 +80,7 @@ def _felt(
     return float(down * down + across * across) <= reach * reach
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def distance_window(
     distance: np.ndarray,
     resolution_m: float,
@@ -134,7 +134,7 @@ def distance_window(
     return bottom, top, left, right
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
     """Queue cells (flat) and their neighbours for thinning; returns them, each once."""
     rows, columns = mark.shape
@@ -154,7 +154,7 @@ def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
     return near[:total].copy()
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What is in ``old`` only and what is in ``new`` only; both ascending."""
     removed, added = np.empty_like(old), np.empty_like(new)
@@ -174,7 +174,7 @@ def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return removed[:gone].copy(), added[:come].copy()
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _holds(seed: np.ndarray, node: int, window: tuple[int, int, int, int]) -> bool:
     """Whether a cell of a window belongs to a node."""
     first_row, last_row, first_column, last_column = window
@@ -188,7 +188,7 @@ def _holds(seed: np.ndarray, node: int, window: tuple[int, int, int, int]) -> bo
     return False
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: np.ndarray) -> None:
     """Take back the values of all cells that belong to ``nodes`` (flat cells), and note their tiles.
 
@@ -229,7 +229,7 @@ def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: n
                     tiles[row // TILE, place // TILE] = 1
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def forget(
     step: np.ndarray,
     mark: np.ndarray,
@@ -300,7 +300,7 @@ def forget(
     return True
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
     """Those of some cells (flat) that are on the skeleton."""
     flat = mark.ravel()
@@ -313,7 +313,7 @@ def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
     return found[:count].copy()
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
     """Cells (flat) and those round them, some more than once."""
     found = np.empty(9 * len(cells), np.int32)
@@ -328,7 +328,7 @@ def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
     return found[:count]
 
 
-@njit(cache=True, error_model="numpy", boundscheck=False)
+@kernel(error_model="numpy", boundscheck=False)
 def _longer(array: np.ndarray) -> np.ndarray:
     larger = np.empty(2 * len(array), array.dtype)
     larger[: len(array)] = array

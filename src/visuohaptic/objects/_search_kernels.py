@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from ..kernels import kernel
 
 __all__ = ["byte_distances"]
 
 
-@numba.njit(cache=True, boundscheck=False)
+@kernel(boundscheck=False)
 def byte_distances(rows, query, known, out):
     """Squared distances of int8 rows (m, n) to an int16 query (n) into int32 ``out`` (m), where ``known`` is 1.
 

@@ -6,10 +6,11 @@ Symbols: p features, k objects of a node, n nodes.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 
-@njit(cache=True)
+@kernel
 def best_splits(
     order: np.ndarray, values: np.ndarray, number: np.ndarray, weight: np.ndarray, classes: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -54,7 +55,7 @@ def best_splits(
     return decrease, threshold, widest
 
 
-@njit(cache=True)
+@kernel
 def parted(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
     """The orders (p, k) of both children; ``left`` objects of the node are in the first."""
     features, count = order.shape
@@ -73,7 +74,7 @@ def parted(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndar
     return first, second
 
 
-@njit(cache=True)
+@kernel
 def cut_nodes(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cost: float
 ) -> np.ndarray:
@@ -89,7 +90,7 @@ def cut_nodes(
     return cut
 
 
-@njit(cache=True)
+@kernel
 def weakest_link(
     feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cut: np.ndarray
 ) -> float:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ..kernels import kernel
 
 __all__ = ["cast_rays", "error_score", "view_moments", "warp_views"]
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def warp_views(depths, motions, fx, fy, cx, cy, warped):
     """Depth images of other views as this view would see their points, nearest first.
 
@@ -48,7 +50,7 @@ def warp_views(depths, motions, fx, fy, cx, cy, warped):
                         target[a, b] = z
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def view_moments(warped, quadratic, constant, offset, tracking, weight, least_views, mean, sigma, score):  # fmt: skip
     """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` is corrected by n / (n - 1)."""
     views, rows, columns = warped.shape
@@ -88,7 +90,7 @@ def view_moments(warped, quadratic, constant, offset, tracking, weight, least_vi
             score[i, j] = max(np.float32(0), np.float32(1) - weight * (np.float32(1) - overlap))
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def error_score(depth, mean, sigma, reliable, motions, theta, least_seen, fx, fy, cx, cy, error):  # fmt: skip
     """Error score of each pixel, Eq. (5.4) with the sign corrected; ``motions`` (n, 3, 4) are ``T_other_this``.
 
@@ -127,7 +129,7 @@ def error_score(depth, mean, sigma, reliable, motions, theta, least_seen, fx, fy
                 error[i, j] = np.float32(p * reliable[i, j])
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
     """Add a weight to every voxel from the camera to the end of each ray; each thread owns a slab of the volume.
 

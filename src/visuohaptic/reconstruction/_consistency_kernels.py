@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ..kernels import kernel
 
 __all__ = ["classify", "count_rays", "projector_shadow", "tile_rays"]
 
 UNKNOWN, CLEAN, CONTRADICTED, DROPPED = 0, 1, 2, 3
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _sigma(z, numbers):
     device = numbers[1] + numbers[0] * (z - numbers[2]) * (z - numbers[2])
     return np.sqrt(device * device + numbers[3] * numbers[3])
 
 
-@njit(cache=True)
+@kernel
 def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):
     """(agreeing, seeing through): views that have a surface at the point, and views that look past it."""
     views, rows, columns = depths.shape
@@ -49,7 +51,7 @@ def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):
     return agree, through
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, limit, predicted, label):  # fmt: skip
     """Label each pixel of a view by what other views say about its ray.
 
@@ -114,7 +116,7 @@ def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, lim
                 label[i, j], limit[i, j] = CONTRADICTED, z
 
 
-@njit(cache=True)
+@kernel
 def projector_shadow(predicted, focal_baseline, slack, shadow):
     """Where the projector's light does not reach the predicted surface: another point of the row is before it.
 
@@ -137,7 +139,7 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
             front = min(front, lit)
 
 
-@njit(cache=True)
+@kernel
 def tile_rays(label, limit, edge, bad, known, unknown, nearest):
     """Per tile of the image: has it bad, known, unknown rays, and the least depth to which a ray speaks."""
     rows, columns = label.shape
@@ -156,7 +158,7 @@ def tile_rays(label, limit, edge, bad, known, unknown, nearest):
                         bad[a, b] = 1
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def count_rays(label, limit, margin, edge, bad, known, unknown, nearest, motion, fx, fy, cx, cy, low, voxel, brick, contradicted, dropped, clean, clean_brick):  # fmt: skip
     """Count for every voxel the rays that pass it before they end, by label.
 

@@ -9,7 +9,8 @@ float32: an int times a float32 would silently become float64.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: Edge of a tile of the depth map whose range is kept [px].
 TILE = 16
@@ -21,7 +22,7 @@ _MOST_TILES = 64
 _BEHIND, _FREE, _NEAR = 0, 1, 2
 
 
-@njit(cache=True)
+@kernel
 def tile_ranges(depth, low, high, holes):
     """Smallest and largest depth of each tile, and whether a pixel of it has none."""
     rows, columns = depth.shape
@@ -39,7 +40,7 @@ def tile_ranges(depth, low, high, holes):
                 holes[i, j] = 1
 
 
-@njit(cache=True)
+@kernel
 def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
     """Where a brick lies: behind all that was seen, in free space, or near the surface.
 
@@ -86,7 +87,7 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
     return _NEAR
 
 
-@njit(cache=True)
+@kernel
 def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):
     """Project the voxels ``start`` to ``stop`` and average what they see.
 
@@ -132,7 +133,7 @@ def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, v
                 weight[i, j, k] = min(total, cap)
 
 
-@njit(cache=True)
+@kernel
 def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth, image, low, high, holes, band, gain, cap):  # fmt: skip
     """All bricks of a dense grid; ``origin`` is its first voxel in the camera frame."""
     shape = distance.shape
@@ -168,7 +169,7 @@ def fuse_dense(distance, weight, color, use_color, origin, steps, camera, depth,
                     fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view)
 
 
-@njit(cache=True)
+@kernel
 def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, steps, camera, depth, image, band, gain, cap):  # fmt: skip
     """Chosen bricks of a sparse grid; ``bricks`` are their integer places, ``origin`` as in :func:`fuse_dense`."""
     view = (camera, depth, image, band, gain, cap)
@@ -184,7 +185,7 @@ def fuse_bricks(distance, weight, color, use_color, bricks, chosen, origin, step
         fuse_brick(distance[b], weight[b], color[b], use_color, start, stop, corner, steps, view)
 
 
-@njit(cache=True)
+@kernel
 def active_cells(distance, weight, least, places):
     """Bricks of cells that the surface crosses; returns their number, places in ``places``.
 
@@ -211,7 +212,7 @@ def active_cells(distance, weight, least, places):
     return count
 
 
-@njit(cache=True)
+@kernel
 def gather_cells(distance, weight, least, places, side, tiled, known):
     """Copy each brick with its upper neighbours into a cube of tiles; unseen voxels stay unknown."""
     shape = distance.shape

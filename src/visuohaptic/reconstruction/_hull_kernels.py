@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["hull_distance", "mask_through", "seen_share", "within_hull"]
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def hull_distance(points, planes, out):
     """Largest distance of each point (n, 3) from the planes; ``planes`` is (4, p), so that the loop is a vector one."""
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
@@ -22,7 +23,7 @@ def hull_distance(points, planes, out):
         out[r] = most
 
 
-@njit(cache=True)
+@kernel
 def within_hull(points, planes, reach, out):
     """Whether no plane (4, p) is farther than ``reach`` inside of a point; most points fail at one of the first."""
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
@@ -35,7 +36,7 @@ def within_hull(points, planes, reach, out):
                 break
 
 
-@njit(cache=True)
+@kernel
 def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):
     """Drop readings whose ray was inside a hull for longer than ``least_m`` before it ended.
 
@@ -65,7 +66,7 @@ def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):
                 depth[i, j] = np.float32(np.nan)
 
 
-@njit(cache=True)
+@kernel
 def seen_share(blocked, starts, normals, ways, share):
     """Share of the ways, weighted by cosine, on which a point leaves the grid without meeting a blocked cell.
 

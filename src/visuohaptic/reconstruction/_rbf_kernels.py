@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["band_nodes", "cubic_gradients", "cubic_matrix", "cubic_values"]
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def cubic_values(points, centers, weights, poly, out):
     """``out = poly(x) + sum_i w_i |x - x_i|^3``; ``centers`` is (3, n), so that the loop is a vector one.
 
@@ -27,7 +28,7 @@ def cubic_values(points, centers, weights, poly, out):
         out[p] = total
 
 
-@njit(cache=True, fastmath=True)
+@kernel(fastmath=True)
 def cubic_gradients(points, centers, weights, poly, out):
     """Gradient of :func:`cubic_values` at points."""
     xs, ys, zs = centers[0], centers[1], centers[2]
@@ -43,7 +44,7 @@ def cubic_gradients(points, centers, weights, poly, out):
         out[p, 0], out[p, 1], out[p, 2] = gx, gy, gz
 
 
-@njit(cache=True)
+@kernel
 def cubic_matrix(a, b, out):
     """``out[i, j] = |a_i - b_j|^3``; points are rows."""
     for i in range(a.shape[0]):
@@ -53,7 +54,7 @@ def cubic_matrix(a, b, out):
             out[i, j] = square * math.sqrt(square)
 
 
-@njit(cache=True)
+@kernel
 def band_nodes(coarse, stride, band, values, wanted, nodes):
     """Trilinear guess of every fine node, and those within ``band`` of zero in wanted places.
 

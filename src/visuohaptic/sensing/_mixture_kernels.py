@@ -9,19 +9,19 @@ compiler turns that into vector instructions, eight pixels at a time.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["update_mixture"]
 
 _JIT = {
-    "cache": True,
     "error_model": "numpy",
     "nogil": True,
     "fastmath": {"nsz", "arcp", "contract", "reassoc"},
 }
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _distance(level, mean, distance):
     """Squared distance to one mean, added up."""
     for i in range(len(level)):
@@ -29,7 +29,7 @@ def _distance(level, mean, distance):
         distance[i] += difference * difference
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _hits(weight, variance, distance, reach, found, hit):
     """1 where a pixel is near enough to a mode and belongs to no heavier one."""
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -38,7 +38,7 @@ def _hits(weight, variance, distance, reach, found, hit):
         hit[i] = one if (f < zero) & (w > zero) & (d < reach * v) else zero
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _choose(hit, value, target):
     """``value`` where there is a hit."""
     for i in range(len(hit)):
@@ -46,14 +46,14 @@ def _choose(hit, value, target):
         target[i] = new if hit[i] > np.float32(0.0) else old
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _set(hit, value, target):
     for i in range(len(hit)):
         old = target[i]
         target[i] = value if hit[i] > np.float32(0.0) else old
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _floor(hit, cumulated, share, background):
     """1 where the modes that are heavier than the one of the hit leave it a part of the floor."""
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -63,13 +63,13 @@ def _floor(hit, cumulated, share, background):
         background[i] = new if hit[i] > zero else old
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _add(value, total):
     for i in range(len(total)):
         total[i] += value[i]
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _weigh(weight, found, alpha, number, prior):
     """The weight of one mode follows the picture."""
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -80,7 +80,7 @@ def _weigh(weight, found, alpha, number, prior):
         weight[i] = new if w > zero else zero
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _steps(weight, found, alpha, number, step):
     """By what part of the difference a mode moves; nothing where it was not seen."""
     zero, one, tiny = np.float32(0.0), np.float32(1.0), np.float32(1e-6)
@@ -89,7 +89,7 @@ def _steps(weight, found, alpha, number, step):
         step[i] = part if found[i] == number else zero
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _spread(variance, nearest, step, channels, smallest, largest):
     """The variance of one mode follows the picture."""
     for i in range(len(variance)):
@@ -98,13 +98,13 @@ def _spread(variance, nearest, step, channels, smallest, largest):
         variance[i] = new if part > np.float32(0.0) else old
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _approach(mean, level, step):
     for i in range(len(mean)):
         mean[i] += step[i] * (level[i] - mean[i])
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _exchange(swap, first, second):
     """Two values change places."""
     for i in range(len(swap)):
@@ -114,14 +114,14 @@ def _exchange(swap, first, second):
         second[i] = p if heavier else q
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def _heavier(first, second, swap):
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(len(swap)):
         swap[i] = one if second[i] > first[i] else zero
 
 
-@njit(**_JIT)
+@kernel(**_JIT)
 def update_mixture(image, modes, held, rate, rate_foreground, background_share, settings, mask):
     """Compare an image with its mixtures, then let them learn (Zivkovic 2004).
 

@@ -5,15 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ..tracking._esm_kernels import solve_step
 from ..tracking._pose_kernels import project_point, turn
 
 __all__ = ["fit_motion"]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@kernel(error_model="numpy", nogil=True)
 def fit_motion(
     body,
     pixels,

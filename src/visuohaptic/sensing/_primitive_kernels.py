@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: How ``theta`` is laid out, by family of the outline:
 #: STRAIGHT (a, m, tip_left, tip_right, logS_left, logS_right, n)
@@ -12,7 +13,7 @@ from numba import njit
 STRAIGHT, ROUND, BENT = 0, 1, 2
 
 
-@njit(cache=True)
+@kernel
 def _outline(family, theta, u):
     """Depth of the outline and its slope at ``u``."""
     if family == 0:
@@ -32,7 +33,7 @@ def _outline(family, theta, u):
     return theta[1] - theta[3] * t, -theta[3]
 
 
-@njit(cache=True)
+@kernel
 def _detached(family, theta, rest, u, side, log_slope, n, scale):
     """Positive where the object falls away faster than the foam can follow."""
     depth, slope = _outline(family, theta, u)
@@ -43,7 +44,7 @@ def _detached(family, theta, rest, u, side, log_slope, n, scale):
     return fall - np.exp(log_slope) * (delta / scale) ** (0.5 * (n + 1.0))
 
 
-@njit(cache=True)
+@kernel
 def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
     """Fill ``delta`` [m] and ``touched`` at the positions ``u`` [m]; return the ends of the contact.
 
@@ -119,7 +120,7 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
     return ends[0], ends[1]
 
 
-@njit(cache=True)
+@kernel
 def profile_and_jacobian(family, theta, steps, rest, scale, low, high, u, delta, touched, jacobian, ends):
     """Profile and its derivative by ``theta`` (central differences with the given steps)."""
     ends[0], ends[1] = contact_profile(family, theta, rest, scale, low, high, u, delta, touched)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from math import floor
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: Shares this close to 0 or 1 are rounding errors of the running sums (float32).
 EDGE = 2e-5
@@ -13,7 +14,7 @@ EDGE = 2e-5
 __all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
 
 
-@njit(cache=True)
+@kernel
 def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:
     """Exact area of a polygon inside each pixel; the polygon turns to the left on the screen.
 
@@ -71,7 +72,7 @@ def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray
             cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
-@njit(cache=True)
+@kernel
 def add_filtered_coverage(
     polygon: np.ndarray,
     x0: int,
@@ -136,7 +137,7 @@ def add_filtered_coverage(
             cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
 
 
-@njit(cache=True, error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
+@kernel(error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
 def add_plane(
     image: np.ndarray,
     weight: np.ndarray,
@@ -214,7 +215,7 @@ def add_plane(
                 line[c, k] = look if replace else line[c, k] + share[c] * look
 
 
-@njit(cache=True)
+@kernel
 def develop(
     image: np.ndarray,
     field: np.ndarray,

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 __all__ = ["cast"]
 
 
-@njit(cache=True)
+@kernel
 def cast(cells, start_row, start_column, directions, longest):
     """Length of every beam [cells] to the border of the first occupied cell.
 

@@ -13,7 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit, prange
+from numba import prange
+
+from ..kernels import kernel
 
 __all__ = ["decode_pattern", "pattern_map", "trace_rays"]
 
@@ -21,7 +23,7 @@ _MOST_INTERFACES = 16
 _TURN = 2.0 * math.pi
 
 
-@njit(cache=True, inline="always")
+@kernel(inline="always")
 def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_least, t_best):
     """Nearest crossing of one ring of the profile beyond ``t_least``, or ``t_best``."""
     r0, z0, r1, z1 = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
@@ -63,7 +65,7 @@ def _segment_hit(segments, s, px, py, pz, dx, dy, dz, t_least, t_best):
     return t_best
 
 
-@njit(cache=True)
+@kernel
 def _nearest(origin, direction, solids, segments, boxes, t_least):
     """(t, solid, segment, box): the nearest surface of any kind; indices -1 where not meant."""
     t_best, best_solid, best_segment, best_box = 1e9, -1, -1, -1
@@ -128,7 +130,7 @@ def _nearest(origin, direction, solids, segments, boxes, t_least):
     return t_best, best_solid, best_segment, best_box
 
 
-@njit(cache=True)
+@kernel
 def _normal(point, solid, segment, box, solids, segments, boxes, normal):
     """Unit normal of the surface at a point; of a solid, on the side that its profile calls ahead."""
     if box >= 0:
@@ -168,7 +170,7 @@ def _normal(point, solid, segment, box, solids, segments, boxes, normal):
     normal[0], normal[1], normal[2] = c * nx - s * ny, s * nx + c * ny, nz / size
 
 
-@njit(cache=True)
+@kernel
 def _trace(origin, direction, solids, segments, boxes, found, scratch):
     """Follow one ray to a diffuse surface.
 
@@ -229,7 +231,7 @@ def _trace(origin, direction, solids, segments, boxes, found, scratch):
     return 0
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
     """Rays of an ideal view, pixel (i, j) along R (slopes_x[j], slopes_y[i], 1).
 
@@ -251,7 +253,7 @@ def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
     return hit, found
 
 
-@njit(cache=True)
+@kernel
 def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_y):
     """Where the projector's pixels land, as its pinhole would see them, and who lands in each of these cells.
 
@@ -300,7 +302,7 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
     return landing, bright, owner, mixed
 
 
-@njit(cache=True, parallel=True)
+@kernel(parallel=True)
 def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation, projector, focal_x, focal_y, first_x, centre_y, row_tolerance, least_signal):  # fmt: skip
     """Column of the projector that each camera pixel sees, NaN where the pattern fails there.
 

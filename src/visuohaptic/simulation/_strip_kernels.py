@@ -6,13 +6,15 @@ import numba as nb
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ..kernels import kernel
+
 __all__ = ["penetration", "solve_strip"]
 
 #: Rays of columns start so many widths behind the back contour.
 BEHIND = 3.0
 
 
-@nb.njit(cache=True)
+@kernel
 def penetration(
     base: Float[np.ndarray, "k 2"],
     normal: Float[np.ndarray, "k 2"],
@@ -79,7 +81,7 @@ def penetration(
                 owner[i] = body
 
 
-@nb.njit(cache=True)
+@kernel
 def solve_strip(
     u: Float[np.ndarray, "k n"],
     state: Float[np.ndarray, "k n j"],

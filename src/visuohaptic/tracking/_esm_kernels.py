@@ -20,9 +20,9 @@ per row, and the 10 x 10 system is put together once per pass.
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from ..kernels import kernel
 from ._esm_row_kernels import (
     row_bilinear,
     row_correlation,
@@ -37,7 +37,7 @@ from ._esm_row_kernels import (
 
 __all__ = ["gauss_newton_sums", "refine_level", "solve_step"]
 
-_JIT = {"cache": True, "fastmath": True, "error_model": "numpy", "nogil": True}
+_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 # Field k: coefficient and powers of x and y that go with gx, then those with gy.
 _FIELDS = np.array(
@@ -55,7 +55,7 @@ _FIELDS = np.array(
 )
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
     """The 10 x 10 system from the moments; moments are indexed by the powers of y, then x."""
     f = _FIELDS
@@ -85,7 +85,7 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
     vector[9] = -light[3]
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def gauss_newton_sums(
     image,
     template,
@@ -203,7 +203,7 @@ def gauss_newton_sums(
     _assemble(xx, xy, yy, vx, vy, stats, matrix, vector)
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def solve_step(matrix, vector, active, damping, step):
     """Solve the damped system for the active unknowns by Cholesky; False if it is singular.
 
@@ -245,7 +245,7 @@ def solve_step(matrix, vector, active, damping, step):
     return True
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _exponential(step, result):
     """Homography of SL(3) that flows along the eight fields for unit time, by scaling and squaring."""
     a = np.zeros((3, 3))
@@ -268,7 +268,7 @@ def _exponential(step, result):
         result[:] = _product(result, result)
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _product(a, b):
     c = np.zeros((3, 3))
     for i in range(3):
@@ -277,7 +277,7 @@ def _product(a, b):
     return c
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _spread(histogram, share, sigmas):
     """Standard deviation of a normal law of which ``share`` lies within ``sigmas``, from the |residual| histogram."""
     total = histogram.sum()
@@ -292,7 +292,7 @@ def _spread(histogram, share, sigmas):
     return 190.0
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _corner_shift(before, after, x_end, y_end):
     """Largest motion [px] of the four corners (+-x_end, +-y_end) between two homographies."""
     largest = 0.0
@@ -311,7 +311,7 @@ def _corner_shift(before, after, x_end, y_end):
     return np.sqrt(largest)
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def refine_level(
     image,
     template,

@@ -8,8 +8,9 @@ are on purpose: signed ones would be checked for wrap-around, which prevents tha
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
+
+from ..kernels import kernel
 
 __all__ = [
     "row_bilinear",
@@ -23,10 +24,10 @@ __all__ = [
     "row_vector",
 ]
 
-_JIT = {"cache": True, "fastmath": True, "error_model": "numpy", "nogil": True}
+_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
     """Where one template row falls in the image: cell index, fractions, and 1 inside / 0 outside."""
     h0, h3, h6 = np.float32(h[0]), np.float32(h[3]), np.float32(h[6])
@@ -50,7 +51,7 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
         index[i] = iy * np.int32(width) + ix
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_bilinear(image, width, columns, index, fx, fy, value, energy):
     """Bilinear samples of one row, and the sum of the squared weights of each."""
     one, two = np.float32(1.0), np.float32(2.0)
@@ -65,7 +66,7 @@ def row_bilinear(image, width, columns, index, fx, fy, value, energy):
         energy[i] = (one - two * f * (one - f)) * (one - two * g * (one - g))
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energy):
     """Cubic-spline samples of one row from B-spline coefficients, and the variance of each.
 
@@ -114,7 +115,7 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energ
         value[i] = wx[0, i] * t0 + wx[1, i] * t1 + wx[2, i] * t2 + wx[3, i] * t3
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_correlation(columns, value, template, inside, sums):
     """Unweighted sums for the correlation: n, I, T, I I, I T, T T."""
     s0 = s1 = s2 = s3 = s4 = s5 = np.float32(0.0)
@@ -135,7 +136,7 @@ def row_correlation(columns, value, template, inside, sums):
     sums[5] += s5
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_residual(columns, value, template, inside, gain, bias, cut, margin, residual, weight):
     """Residual I - (gain T + bias) and its robust weight: 1 up to ``cut``, then (cut/r)^4.
 
@@ -154,7 +155,7 @@ def row_residual(columns, value, template, inside, gain, bias, cut, margin, resi
         weight[i] = inside[i] * z * z if (p >= low) & (p <= high) else zero
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_gradient(columns, gain, share, before, here, after, tx, ty, scale, gx, gy):
     """Jacobian directions: (1 - share) gain grad T + share grad I of the warped image."""
     a = np.float32((1.0 - share) * gain)
@@ -168,7 +169,7 @@ def row_gradient(columns, gain, share, before, here, after, tx, ty, scale, gx, g
     gx[columns - 1] = c * tx[columns - 1]
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
     """Sums over one row of w gx gx x^i, w gx gy x^i, w gy gy x^i, i = 0..4."""
     a0 = a1 = a2 = a3 = a4 = np.float32(0.0)
@@ -201,7 +202,7 @@ def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
     yy[0], yy[1], yy[2], yy[3], yy[4] = c0, c1, c2, c3, c4
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_vector(columns, x, g, r, t, w, out):
     """Sums over one row of w g {r, T, 1} x^i, i = 0..2, for one direction of the gradient."""
     a0 = a1 = a2 = np.float32(0.0)
@@ -226,7 +227,7 @@ def row_vector(columns, x, g, r, t, w, out):
     out[2, 0], out[2, 1], out[2, 2] = c0, c1, c2
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def row_light(columns, r, t, w, energy, sums):
     """Sums of w {1, T, T T, r, T r, r r, energy}."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)

@@ -13,7 +13,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: Rows of the per-point state; see ``edge_fit.fit_edges``.
 T, SLOPE, CURVE, BLUR, LOW, HIGH, LOW_SLOPE, HIGH_SLOPE, VAR, CHI2 = range(10)
@@ -28,7 +29,7 @@ NORMAL = np.exp(-0.5 * _x * _x) / math.sqrt(2.0 * math.pi)
 STEP = np.array([0.5 * math.erfc(-v / math.sqrt(2.0)) for v in _x])
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def frame(origin, direction, t, m, kappa):
     """The edge at one point in image axes: v = p_v + M (u - p_u) + C (u - p_u)^2 / 2.
 
@@ -45,7 +46,7 @@ def frame(origin, direction, t, m, kappa):
     return False, py, px, tx / ty, kappa * (ty * dx - tx * dy) / ty**3, nx, ty
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def plateaus(grey, origin, direction, half, state, near, length, out):
     """Line fits to the grey levels in front of and behind the edge.
 
@@ -105,7 +106,7 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
     return True
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def step_fit(grey, origin, direction, half, near, prior, state):
     """One scoring step of the maximum-likelihood fit (position, tilt, two levels) of one point.
 
@@ -219,7 +220,7 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     state[STATUS] = OK
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def share(value, variance, use, half, mean, spread):
     """What the neighbours say about each point: local line fit without the point itself.
 
@@ -267,7 +268,7 @@ def share(value, variance, use, half, mean, spread):
         spread[k] = excess + max(scatter, sv / w) / w * (1.0 + (x - mx) * (x - mx) / vx)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def curvatures(origin, direction, state, trust, noise_var, limit):
     """Curvature of the parabola through each point and its two neighbours, in the frame of its line.
 

@@ -9,7 +9,8 @@ positions per line. Every function has a plain NumPy twin in the tests.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ..kernels import kernel
 
 #: Cost of a position outside the search range; large beside any energy, small enough for float32.
 FORBIDDEN = np.float32(1e4)
@@ -19,7 +20,7 @@ MARGIN = 3
 ACROSS_PX = 2.0
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def edge_strength(grey, origin, direction, first, count, polarity, strength):
     """|grad G * i| on every line at ``first[k] + j``, j < count; zero where the polarity is wrong.
 
@@ -83,7 +84,7 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
             strength[k, j] = size if facing > np.float32(0.35) * size else np.float32(-1.0) * size
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def chain_minimum(cost, first, step, direction, weight, index):
     """Exact minimum of sum cost[k, j_k] + weight |u_{k-1} - 2 u_k + u_{k+1}|^2.
 
@@ -162,7 +163,7 @@ def chain_minimum(cost, first, step, direction, weight, index):
     return np.float64(energy)
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w_edge, w_jump, cost):
     """Edge and jump term of Eq. (3.6) at every ``stride``-th sample, forbidden outside the range.
 
@@ -194,7 +195,7 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
             cost[k, i] = -w_edge * min(edge, cap) / cap + w_jump * jump
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def search(
     grey, origin, direction, rest, start, stop, first, n, stride, polarity,
     cap, jump_scale, floor, w_edge, w_jump, weight, refinements,
@@ -244,7 +245,7 @@ def search(
     return position, found, energy, cap
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def foam_edge(grey, origin, direction, begin, end, largest):
     """Largest step of the grey level on each line between ``begin`` and ``end`` (occluders).
 

@@ -8,17 +8,17 @@ Arrays of four points and six unknowns cost NumPy a hundred times what they cost
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 
+from ..kernels import kernel
 from ._esm_kernels import solve_step
 
 __all__ = ["project_point", "refine_pose", "turn"]
 
-_JIT = {"cache": True, "error_model": "numpy", "nogil": True}
+_JIT = {"error_model": "numpy", "nogil": True}
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def project_point(x, y, z, lens, pixel, derivative):
     """Pixel (2,) of one point in the camera frame, and its derivative (2, 3) by the point [px/m].
 
@@ -47,7 +47,7 @@ def project_point(x, y, z, lens, pixel, derivative):
     return True
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def turn(rotation, rx, ry, rz):
     """``exp([r]) R``, made orthonormal again: many small steps must not leave the group."""
     angle = np.sqrt(rx * rx + ry * ry + rz * rz)
@@ -73,7 +73,7 @@ def turn(rotation, rx, ry, rz):
     return result
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def _residual(points, corners, whiten, lens, rotation, translation, error, jacobian):
     """Whitened residual (2n,) and Jacobian (2n, 6); its squared length, infinite behind the camera."""
     n = len(points)
@@ -112,7 +112,7 @@ def _residual(points, corners, whiten, lens, rotation, translation, error, jacob
     return total
 
 
-@nb.njit(**_JIT)
+@kernel(**_JIT)
 def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
     """Pose of points (n, 3) seen at ``corners`` (n, 2), in place on ``rotation`` and ``translation``.
 

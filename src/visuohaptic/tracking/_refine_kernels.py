@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ..kernels import kernel
 from ._fit_kernels import (
     BLUR,
     BLUR_INFO,
@@ -62,7 +62,7 @@ KINK = 0.08
 WEAK, BEYOND_PX = 0.5, 2.0
 
 
-@njit(cache=True, fastmath=True, nogil=True)
+@kernel(fastmath=True, nogil=True)
 def start_slopes(origin, direction, position, slope):
     """Slope dt/ds at each point from its two neighbours.
 
@@ -93,7 +93,7 @@ def start_slopes(origin, direction, position, slope):
         slope[k] = min(max(m, -2.5), 2.5)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def start_on_edge(grey, origin, direction, found, strength, start, stop, polarity, cap, floor, reach_px):
     """Move points that the smooth chain left beside the edge onto it; changes ``found``.
 
@@ -135,7 +135,7 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
             found[k] = lo + top
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _posterior(mean, spread, value, variance):
     if not spread < 1e30:
         return value, variance
@@ -143,7 +143,7 @@ def _posterior(mean, spread, value, variance):
     return value + w * (mean - value), variance * spread / (variance + spread)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def _levels(measured, state, use, noise_var, prior):
     """Levels and shading of both sides from own and neighbouring plateaus."""
     n = state.shape[0]
@@ -194,7 +194,7 @@ def _levels(measured, state, use, noise_var, prior):
                 prior[k, 2 + side] = noise_var / max(var, 1e-6 * noise_var)
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
     """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
 
@@ -315,7 +315,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     return noise_var
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
           occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
     """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``."""

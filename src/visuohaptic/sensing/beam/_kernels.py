@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 from jaxtyping import Float
+
+from ...kernels import kernel
 
 __all__ = ["integrate_rod", "rod_jacobian"]
 
 
-@nb.njit("void(f8[:,::1], f8[::1], f8[::1], f8[::1], f8, f8[:,::1])", cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _rates(
     state: Float[np.ndarray, "4 3"],
     force: Float[np.ndarray, "3"],
@@ -40,7 +41,7 @@ def _rates(
         out[k, 2] = ux * ay - uy * ax
 
 
-@nb.njit("void(f8[::1], f8[::1], f8[::1], i8, f8[:,:,::1])", cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def integrate_rod(
     base: Float[np.ndarray, "6"],
     stiffness: Float[np.ndarray, "5"],
@@ -100,11 +101,7 @@ def integrate_rod(
         out[n] = state
 
 
-@nb.njit(
-    "void(f8[::1], f8[::1], f8[::1], i8, f8[::1], f8[:,:,::1], f8[:,:,::1])",
-    cache=True,
-    error_model="numpy",
-)
+@kernel(error_model="numpy")
 def rod_jacobian(
     base: Float[np.ndarray, "6"],
     stiffness: Float[np.ndarray, "5"],

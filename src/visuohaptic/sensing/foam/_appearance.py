@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Bool, Float
-from numba import njit
+
+from ...kernels import kernel
 
 __all__ = ["covered_points", "front_grey", "interior_grey", "other_surface"]
 
@@ -26,7 +27,7 @@ _TOLERANCE = 0.12
 _TOGETHER, _TOLERANCE_TOGETHER, _SIGMAS_TOGETHER = 5, 0.045, 6.0
 
 
-@njit("float64[:](uint8[:,::1], float64[:,::1], float64[:,::1], float64[:])", cache=True)
+@kernel
 def interior_grey(image, origin_px, direction_px, extent_px):
     """Mean grey level along each line between 20 % and 80 % of its extent; NaN outside the image."""
     rows, columns = image.shape
@@ -47,7 +48,7 @@ def interior_grey(image, origin_px, direction_px, extent_px):
     return result
 
 
-@njit("float64[:](uint8[:,::1], float64[:,::1], float64[:,::1], float64[:])", cache=True)
+@kernel
 def front_grey(image, front_px, direction_px, extent_px):
     """Mean grey level of the last foam before the front's edge; NaN where there is none.
 

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from ...kernels import kernel
 
 #: Neighbours on either side of a point that its chord may span, one side and both together.
 REACH, SPAN = 3, 4
 
 
-@njit("Tuple((f8[::1], i8[::1]))(f8[::1], f8[::1], f8[::1], f8, f8, f8, f8, f8, f8, f8)", cache=True)
+@kernel
 def below_chord(s, delta, sigma, start, end, decay, tolerance, bulge, bulge_reach, sigmas):
     """How far each point lies below what its neighbours force on free foam between them.
 

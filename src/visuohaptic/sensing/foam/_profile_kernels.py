@@ -6,7 +6,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from ...kernels import kernel
 
 #: Columns of the region table.
 FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (
@@ -26,13 +27,13 @@ EDGE_SIGMAS = 2.0
 INSIDE, OUTSIDE = 6, 3
 
 
-@njit(cache=True)
+@kernel
 def _total(sigma, doubt, zero_sigma, i):
     """Standard deviation of one deflection, noise and systematic."""
     return np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
 
 
-@njit(cache=True)
+@kernel
 def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, limit):
     """Variance of a force by points at one end of its region that come and go with the noise [N^2].
 
@@ -75,7 +76,7 @@ def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, lim
     return max(square / total - mean * mean, 0.0)
 
 
-@njit(cache=True)
+@kernel
 def _share(
     s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
 ):
@@ -123,12 +124,7 @@ def _share(
     return touch_first, touch_last, force
 
 
-@njit(
-    "Tuple((i8, f8[::1], f8[::1], f8[:, ::1], f8[:, ::1], f8[::1]))"
-    "(f8[::1], f8[::1], f8[::1], f8[::1], i8[::1], f8[::1], f8, f8, f8, f8, f8, f8, i8, f8, f8, i8,"
-    " f8[::1], f8[:, ::1], f8[:, :, ::1], f8[::1], f8)",
-    cache=True,
-)
+@kernel
 def integrate_regions(
     s,
     delta,

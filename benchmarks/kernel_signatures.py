@@ -1,0 +1,307 @@
+"""The signatures of all kernels that users need, found by a small run of each part.
+
+``python -m benchmarks.kernel_signatures`` runs the parts below and writes the list that ``visuohaptic warmup``
+compiles, ``src/visuohaptic/kernel_signatures.txt``. Run it when a kernel was added, moved or takes other
+arguments; a test tells. A new kernel needs a call below, unless an existing part reaches it.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import sys
+
+import numpy as np
+
+import visuohaptic
+from visuohaptic.cli.warmup import SIGNATURES
+from visuohaptic.kernels import KERNELS
+
+
+def run_objects() -> None:
+    """One search of two vectors, through the door that everybody takes."""
+    from visuohaptic.objects.search import ByteIndex
+
+    ByteIndex(["a", "b"], np.eye(2)).nearest(np.zeros(2))
+
+
+def run_tracking() -> None:
+    """Follow a straight edge over a few frames: first search, warm start, and the sub-pixel fit."""
+    from visuohaptic.tracking.contour import ContourTracker
+    from visuohaptic.tracking.lines import ConstraintLines
+
+    image = np.full((80, 160), 40, np.uint8)
+    image[41:] = 160
+    column = np.arange(20.0, 141.0, 8.0)
+    count = len(column)
+    lines = ConstraintLines(
+        origin_px=np.column_stack([column, np.full(count, 60.0)]),
+        direction_px=np.tile([0.0, -1.0], (count, 1)),
+        start_px=np.full(count, 0.0),
+        stop_px=np.full(count, 40.0),
+        half_width_px=3.5,
+    )
+    tracker = ContourTracker()
+    for _ in range(3):
+        tracker.track(image, lines)
+
+
+def run_planar() -> None:
+    """Align a small template, which compiles the kernels of the planar tracker."""
+    from visuohaptic.camera import Camera, Pose
+    from visuohaptic.tracking.esm import align
+    from visuohaptic.tracking.esm_template import EsmTemplate
+    from visuohaptic.tracking.plane_pose import estimate_plane_poses
+
+    y, x = np.mgrid[:64, :64]
+    image = (128 + 60 * np.sin(x / 5.0) * np.cos(y / 7.0)).astype(np.uint8)
+    template = EsmTemplate.from_image(image[8:56, 8:56].copy())
+    align(template, image, np.array([[1, 0, 8.5], [0, 1, 7.5], [0, 0, 1.0]]))
+    camera = Camera.simple(64, 64, 100.0)
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    pose = Pose(np.eye(3), np.array([0.0, 0.0, 5.0]))
+    estimate_plane_poses(camera, square, camera.project(pose.apply(square)), np.eye(8), starts=(pose,))
+
+
+def run_sensing() -> None:
+    """Fit all primitives to the impression of a cylinder."""
+    from visuohaptic.sensing.obstacle_mask import FloorMixture
+    from visuohaptic.sensing.primitives import fit_primitive
+
+    radius_m, depth_m = 0.06, 0.006
+    s_m = np.linspace(-0.06, 0.06, 41)
+    delta_m = np.maximum(depth_m - radius_m + np.sqrt(np.maximum(radius_m**2 - s_m**2, 0.0)), 1e-5)
+    points_m = np.column_stack([0.04 - delta_m, s_m])
+    fit_primitive(points_m, np.full(len(s_m), 1e-5), delta_m=delta_m)
+    for shape in ((8, 16), (8, 16, 3)):
+        FloorMixture().update(np.full(shape, 100, np.uint8))
+
+
+def run_object() -> None:
+    """Fit the motion of a square that stands still before a camera."""
+    from visuohaptic.camera import Camera
+    from visuohaptic.sensing._object_kernels import fit_motion
+    from visuohaptic.tracking.plane_pose import lens_numbers
+
+    camera = Camera.simple(64, 64, 100.0)
+    body = np.array([[-1.0, -1, 5], [1, -1, 5], [1, 1, 5], [-1, 1, 5]])
+    fit_motion(
+        body, camera.project(body), np.ones(4), np.zeros(3), np.eye(3), np.zeros(3), lens_numbers(camera), 4.0, 4,
+        np.ones(6, dtype=bool), np.eye(3), np.zeros(3), np.zeros(4), np.zeros((6, 6)),
+    )  # fmt: skip
+
+
+def run_beam() -> None:
+    """Bend a rod."""
+    from visuohaptic.sensing.beam.mechanics import Beam
+    from visuohaptic.sensing.beam.rod import bend_rod
+
+    bend_rod(Beam(), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.5, 1.0]))
+
+
+def run_graph() -> None:
+    """Build, ask and edit a small map."""
+    from visuohaptic.navigation.grid import SpeedLimits
+    from visuohaptic.navigation.incremental import NavigationMap
+    from visuohaptic.navigation.query import plan_path, shortest_path
+    from visuohaptic.recording.occupancy_map import OccupancyMap
+
+    cells = np.zeros((60, 60), np.int8)
+    cells[20:30, 20:30] = 100
+    live = NavigationMap(OccupancyMap(cells, 0.1), SpeedLimits(0.2), spacing_m=1.0)
+    shortest_path(live.graph, 0, live.graph.nodes - 1)
+    plan_path(live.regions, np.array([1.0, 1.0]), np.array([5.0, 5.0]))
+    live.set_obstacle("box", np.array([[4.0, 1.0], [4.5, 1.0], [4.5, 1.5]]))
+
+
+def run_mapper() -> None:
+    """Map a small round room from three scans."""
+    from visuohaptic.navigation.mapper import OccupancyMapper
+    from visuohaptic.objects.laser import LaserScan
+
+    mapper = OccupancyMapper()
+    for number in range(4):
+        scan = LaserScan(0.1 * number, np.full(120, 1.5), -np.pi, np.pi / 60)
+        mapper.add(scan, (0.2 * number, 0.0, 0.0))
+
+
+def run_pushing() -> None:
+    """Plan a direct and a sideward push of a box in a small room, and follow one with Algorithm 2."""
+    from visuohaptic.navigation.direct_push import plan_direct_push
+    from visuohaptic.navigation.goal_map import goal_map
+    from visuohaptic.navigation.impulse_push import simulate_impulses
+    from visuohaptic.navigation.local_ground import Footprint, local_ground
+    from visuohaptic.navigation.push_model import PushModel
+    from visuohaptic.navigation.quasi_static import line_path
+    from visuohaptic.navigation.sideward_push import plan_sideward_push
+    from visuohaptic.recording.occupancy_map import OccupancyMap
+
+    cells = np.zeros((60, 60), np.int8)
+    cells[[0, -1], :] = cells[:, [0, -1]] = 100
+    map = OccupancyMap(cells, 0.05)
+    box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
+    plan_direct_push(map, box, samples=1)
+    plan_sideward_push(map, box, (0.5, 1.5), (2.5, 1.5), samples=0)
+    model = PushModel.patch(box - 1.5)
+    ground = local_ground(map, box, 0.5)
+    goal_map(ground, Footprint.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
+    simulate_impulses(model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17)
+
+
+def run_reconstruction() -> None:
+    """A few small views of a plane through both detectors and the fusion, and a small spline."""
+    from visuohaptic.camera import Camera
+    from visuohaptic.reconstruction._hull_kernels import hull_distance, mask_through, seen_share, within_hull
+    from visuohaptic.reconstruction.pipeline import reconstruct
+    from visuohaptic.reconstruction.rbf import RbfSurface
+    from visuohaptic.reconstruction.volume import SpaceGrid
+    from visuohaptic.recording.depth_sequence import DepthFrame
+
+    camera = Camera.simple(80, 60, 70.0)
+    frames = []
+    for index in range(30):
+        pose = camera.pose_of_view((0.02 * index - 0.3, -0.8, 0.6), (0.02 * index - 0.3, 0.0, 0.0))
+        rays = camera.rays(np.stack(np.meshgrid(np.arange(80.0), np.arange(60.0)), axis=-1))
+        down = rays @ pose.rotation[2]
+        depth_m = np.where(down < -0.05, -pose.translation_m[2] / np.minimum(down, -0.05), np.nan)
+        frames.append(DepthFrame(index / 30, depth_m.astype(np.float32), None, pose, camera, index))
+    grid = SpaceGrid(np.array([-0.4, -0.4, -0.1]), (16, 16, 8), 0.05)
+    reconstruct(frames, grid=grid, method="published")
+    reconstruct(frames, grid=grid, method="consistency")
+    corners_m = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    surface = RbfSurface(corners_m, np.zeros(8))
+    surface(corners_m)
+    surface.on_grid(corners_m)
+    surface.gradient(corners_m)
+    rows = np.array([0, 59])
+    planes = np.array([[0.0, 0.0, -1.0, 0.5], [0.0, 0.0, 1.0, -0.6]])
+    numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])
+    mask_through(frames[0].depth_m.copy(), planes, rows, rows, *numbers, 0.01)
+    ways = np.eye(3)
+    seen_share(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
+    hull_distance(corners_m, np.ascontiguousarray(planes.T), np.empty(8))
+    within_hull(corners_m, np.ascontiguousarray(planes.T), 0.0, np.empty(8, dtype=np.bool_))
+
+
+def run_deformation() -> None:
+    """A map, a nonlinear pinch with and without contents, a solid of revolution, a solid wall."""
+    from visuohaptic.deformation import (
+        CorotationalShell,
+        RevolutionShell,
+        ShellModel,
+        dual_tip_map,
+        opposing_points,
+    )
+    from visuohaptic.deformation.fourier_shell import pinch_stiffness
+    from visuohaptic.deformation.material import IsotropicMaterial
+    from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
+    from visuohaptic.deformation.nonlinear import follow_displacement, pinch_curve
+    from visuohaptic.deformation.patches import tube_mesh
+    from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
+
+    plastic = IsotropicMaterial(2.5e9, 0.38)
+    mesh = tube_mesh(0.03, 0.08, 0.0005, around=12, along=8)
+    model = ShellModel(mesh, plastic, range(12))
+    dual_tip_map(model)
+    tips = opposing_points(mesh, np.array([60]))
+    model.factor().coupling(np.eye(6 * model.nodes, 2))
+    model.solve(np.zeros((model.nodes, 6)))
+    shell = CorotationalShell(model)
+    shell.energy(shell.rest)
+    pinch_curve(shell, tips, 0, [1e-4])
+    gas = CorotationalShell(model, pressure=lambda volume: (0.0, -1e5 / volume))
+    load = np.zeros((model.nodes, 6))
+    load[60, 0] = -1.0
+    follow_displacement(gas, load, [1e-4])
+    height = np.linspace(0, 0.08, 5)
+    pinch_stiffness(RevolutionShell(np.full(5, 0.03), height, 0.0005), plastic, harmonics=8)
+    solid = wall_tetrahedra(tube_mesh(0.03, 0.08, 0.0005, around=8, along=4, crossed=False))
+    fixed = np.arange(len(solid.points_m)) < 16
+    linear_tetrahedra(solid, plastic, fixed).solve(np.zeros(3 * len(fixed)))
+    mitc4_tube_stiffness(0.03, 0.08, 0.0005, plastic, around=8, along=4)
+
+
+def run_simulation() -> None:
+    """Press a box into a short strip and take a small picture of it, grey and in colour."""
+    from visuohaptic.camera import Camera
+    from visuohaptic.simulation.effects import CameraEffects
+    from visuohaptic.simulation.look import Look
+    from visuohaptic.simulation.renderer import SceneRenderer
+    from visuohaptic.simulation.scene import FoamScene, SceneObject
+    from visuohaptic.simulation.strip import FoamStrip, Outline, StripGeometry
+
+    strip = FoamStrip(StripGeometry(length_m=0.1, spacing_m=0.002))
+    box = Outline.box((0.05, 0.0), (0.1, 0.04), 0.0, 0.0005)
+    for depth_m in (0.0, 0.001):
+        state = strip.press([box.moved(0.02 - depth_m, 0.0)], 0.01)
+    back_m = np.column_stack([np.zeros(len(state.s_m)), state.s_m])
+    corners_m = np.array([[0.02, -0.02], [0.1, -0.02], [0.1, 0.02], [0.02, 0.02]])
+    scene = FoamScene(0.0, back_m, state.front_m, (SceneObject(corners_m, texture=4.0),))
+    camera = Camera.simple(160, 90, 180.0)
+    pose = camera.pose_of_view((-0.1, 0.0, 0.28), (0.02, 0.0, 0.0)).inverse()
+    for colour in (False, True):
+        renderer = SceneRenderer(camera, pose, Look(colour=colour), CameraEffects(noise_sigma=2.0))
+        renderer.render(scene, rng=np.random.default_rng(0))
+
+
+def run_foam() -> None:
+    """Grey levels along two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
+    from visuohaptic.sensing.foam._appearance import front_grey, interior_grey
+    from visuohaptic.sensing.foam._flank_kernels import below_chord
+    from visuohaptic.sensing.foam._profile_kernels import integrate_regions
+
+    image, points_px, extent_px = np.zeros((8, 8), np.uint8), np.zeros((2, 2)), np.zeros(2)
+    for grey in (interior_grey, front_grey):
+        grey(image, points_px, points_px, extent_px)
+    s_m, delta_m, sigma_m = np.linspace(0.0, 0.1, 11), np.zeros(11), np.full(11, 1e-5)
+    below_chord(s_m, delta_m, sigma_m, 0.0, 0.1, 0.01, 1e-4, 1e-4, 0.01, 3.0)
+    # Only compiled: its arguments are the tables of a calibrated foam.
+    one, two, three = "f8[::1]", "f8[:, ::1]", "f8[:, :, ::1]"
+    numbers = "f8, f8, f8, f8, f8, f8, i8, f8, f8, i8"
+    integrate_regions.compile(
+        f"({one}, {one}, {one}, {one}, i8[::1], {one}, {numbers}, {one}, {two}, {three}, {one}, f8)"
+    )
+
+
+#: The parts, each with the kernels of its own.
+PARTS = (
+    run_objects,
+    run_tracking,
+    run_planar,
+    run_sensing,
+    run_object,
+    run_beam,
+    run_graph,
+    run_mapper,
+    run_pushing,
+    run_reconstruction,
+    run_deformation,
+    run_simulation,
+    run_foam,
+)
+
+
+def main() -> int:
+    """Run the parts and write what they called; the kernels must be in the cache already."""
+    for module in pkgutil.walk_packages(visuohaptic.__path__, "visuohaptic."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    for part in PARTS:
+        part()
+    compiled = sum(len(one._cache_misses) for one in KERNELS)
+    if compiled:
+        # A kernel that is compiled on behalf of another cannot be told from one that Python calls.
+        print(f"{compiled} signatures were compiled: run it again to write the list", file=sys.stderr)
+        return 1
+    lines = sorted(
+        f"{one.py_func.__module__}:{one.py_func.__qualname__} {arguments!r}"
+        for one in KERNELS
+        for arguments in one.overloads
+    )
+    SIGNATURES.write_text("\n".join(lines) + "\n")
+    print(f"{len(lines)} signatures written to {SIGNATURES}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,327 @@
+"""One decorator for all compiled functions, with a cache of machine code that is never stale.
+
+A *kernel* is a function that numba compiles at its first call with arguments of new types; nothing is
+compiled at import. What was compiled is kept in one file for each signature, so that the next process
+only loads it. The name of the file carries a digest of all that the machine code was made from:
+
+- the byte code and constants of the function *as they are in memory*, the values of the globals it uses
+  (numba freezes them), the options of the decorator, and the same of every kernel that it calls;
+- the types of the arguments;
+- in the name of the folder: the versions of numba, llvmlite, NumPy and Python, the processor and its
+  features, and the environment variables of numba.
+
+Taking the values from memory rather than the text of the sources covers a callee in another file,
+a constant that is imported or computed, and a file that was edited while the process ran. A function that
+uses anything else (an object, a function of a library not named above) is compiled, but never cached.
+
+Files are written under another name and renamed, so that a reader sees a whole file or none, and they
+begin with a checksum. They hold object code and are trusted like the installation itself: see ``SECURITY.md``.
+"""
+
+from __future__ import annotations
+
+import enum
+import hashlib
+import logging
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import CodeType, ModuleType
+from typing import Any
+
+import llvmlite
+import numba
+import numpy as np
+from numba.core import serialize, sigutils
+from numba.core.compiler import CompileResult
+from numba.core.dispatcher import Dispatcher
+from numba.core.registry import cpu_target
+from numba.core.types import Array, Boolean, Number, Type
+from numba.core.types.containers import BaseTuple
+from numba.core.types.misc import NoneType
+
+__all__ = ["KERNELS", "KernelCache", "cache_folder", "code_digest", "kernel", "remove_stale"]
+
+_log = logging.getLogger(__name__)
+
+#: Every kernel of the modules imported so far, in the order of their definition.
+KERNELS: list[Dispatcher] = []
+
+#: Libraries whose functions a kernel may use and be cached: part of Python, or named in the folder's name.
+_LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_operator"}
+#: Environment variables of numba that do not change the machine code, or are in the folder's name by their effect.
+_NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
+#: Machine code delivered with the package, read only; absent unless a build has made it.
+_SHIPPED = Path(__file__).with_name("_compiled")
+
+
+def kernel(
+    function: Any = None,
+    /,
+    *,
+    fastmath: Any = False,
+    parallel: Any = False,
+    inline: Any = "never",
+    error_model: Any = "python",
+    boundscheck: Any = None,
+    nogil: Any = False,
+) -> Any:
+    """Compile a function with numba at its first call, and keep the machine code for later processes.
+
+    Parameters
+    ----------
+    function
+        The function, when the decorator is used without parentheses. A signature is refused, since it would
+        be compiled at import.
+    fastmath, parallel, inline, error_model, boundscheck, nogil
+        As of :func:`numba.njit`.
+
+    Returns
+    -------
+    Dispatcher or decorator
+        The compiled function (the function itself when ``NUMBA_DISABLE_JIT`` is set), or the decorator
+        that makes it.
+
+    Raises
+    ------
+    TypeError
+        If a signature is given.
+    """
+    if function is not None and not callable(function):
+        raise TypeError(
+            f"found the signature {function!r}, expected @kernel or @kernel(option=value): leave it out"
+        )
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        dispatcher: Any = numba.njit(
+            fastmath=fastmath,
+            parallel=parallel,
+            inline=inline,
+            error_model=error_model,
+            boundscheck=boundscheck,
+            nogil=nogil,
+        )(function)
+        if dispatcher is not function:  # it is with NUMBA_DISABLE_JIT
+            dispatcher._cache = KernelCache(dispatcher)
+            KERNELS.append(dispatcher)
+        return dispatcher
+
+    return compiled if function is None else compiled(function)
+
+
+class KernelCache:
+    """What numba asks for the machine code of one kernel before it compiles a signature, and gives it to after."""
+
+    cache_path = None  # numba shows it in its statistics
+
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+
+    def flush(self) -> None:
+        """Numba asks for it before it compiles all signatures again; they are then saved over the old ones."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
+        """The machine code of a signature; None where it is absent, damaged or another user's."""
+        name = self._entry(sig)
+        target_context.refresh()
+        for folder, owned in ((cache_folder(), True), (_SHIPPED / _environment(), False)):
+            payload = _read(folder / name, owned) if name and folder else None
+            if payload is not None:
+                # Numba's own format; the owner and the checksum of the file were verified.
+                return CompileResult._rebuild(target_context, *pickle.loads(payload))  # noqa: S301
+        return None
+
+    def save_overload(self, sig: Any, data: CompileResult) -> None:
+        """Write the machine code of a signature; without a place to write, or for code that cannot be kept, nothing."""
+        name, folder = self._entry(sig), cache_folder()
+        lifted = any(not part.can_cache for part in data.lifted)
+        if name and folder and not lifted and not data.library.has_dynamic_globals:
+            _write(folder / name, serialize.dumps(data._reduce()))
+
+    def _entry(self, sig: Any) -> str | None:
+        """Name of a signature's file; None if it is not cached."""
+        code = code_digest(self._dispatcher)
+        arguments, _ = sigutils.normalize_signature(sig)
+        if code is None or not all(map(_is_plain, arguments)):
+            _log.debug("%s%s is not cached", self._dispatcher.py_func.__qualname__, arguments)
+            return None
+        return f"{_stem(self._dispatcher)}-{code}-{_digest(repr(arguments))}"
+
+
+def cache_folder() -> Path | None:
+    """Folder of this user's machine code for this processor and these versions; None without a home.
+
+    It lies in ``VISUOHAPTIC_CACHE_DIR``, ``NUMBA_CACHE_DIR`` or the user's cache folder, whichever is set first.
+    """
+    named = os.environ.get("VISUOHAPTIC_CACHE_DIR") or os.environ.get("NUMBA_CACHE_DIR")
+    if not named and sys.platform == "win32":
+        named = os.environ.get("LOCALAPPDATA")
+    elif not named and sys.platform == "darwin":
+        named = "~/Library/Caches"
+    elif not named:
+        named = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    base = Path(os.path.expanduser(named or "~"))
+    return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / _environment()
+
+
+def remove_stale() -> int:
+    """Remove the user's entries that no kernel imported so far can load; returns their number.
+
+    Call it when all modules with kernels are imported. Folders of other versions of Python and numba stay.
+    """
+    folder = cache_folder()
+    current = {f"{_stem(one)}-{code_digest(one)}" for one in KERNELS}
+    removed = 0
+    try:
+        for path in sorted(folder.iterdir()) if folder else ():
+            if path.name.rpartition("-")[0] not in current:
+                path.unlink()
+                removed += 1
+    except OSError as error:
+        _log.debug("the kernel cache is left as it is: %s", error)
+    return removed
+
+
+def code_digest(dispatcher: Dispatcher) -> str | None:
+    """Digest of all that a kernel's machine code is made from, the types of its arguments apart.
+
+    None if it uses something whose value has no exact text, so that it must not be cached.
+    """
+    try:
+        return _digest("\n".join(_ingredients(dispatcher, set())))
+    except _NotPlainError as error:
+        _log.debug("%s is not cached: %s", _stem(dispatcher), error)
+        return None
+
+
+class _NotPlainError(Exception):
+    """A kernel uses a value that has no exact text."""
+
+
+def _ingredients(dispatcher: Dispatcher, seen: set[Dispatcher]) -> Iterator[str]:
+    """Texts that together determine the machine code of a kernel; a kernel met before is only named."""
+    function = dispatcher.py_func
+    yield _stem(dispatcher)
+    if dispatcher in seen:
+        return
+    seen.add(dispatcher)
+    yield from (f"{name}={_text(value)}" for name, value in sorted(dispatcher.targetoptions.items()))
+    yield _text(function.__defaults__)
+    cells = zip(function.__code__.co_freevars, function.__closure__ or (), strict=True)
+    values = {**function.__globals__, **{name: cell.cell_contents for name, cell in cells}}
+    for code in _codes(function.__code__):
+        yield repr((code.co_code, code.co_exceptiontable, code.co_flags, code.co_argcount))
+        yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars))
+        yield from (_text(value) for value in code.co_consts if not isinstance(value, CodeType))
+        for name in (*code.co_names, *code.co_freevars):
+            value = values.get(name)
+            yield name
+            if isinstance(value, Dispatcher):
+                yield from _ingredients(value, seen)
+            elif name in values:
+                yield _text(value)
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """The code of a function and of all functions and comprehensions inside it."""
+    yield code
+    for value in code.co_consts:
+        if isinstance(value, CodeType):
+            yield from _codes(value)
+
+
+def _text(value: Any) -> str:
+    """Exact text of a value that numba may freeze into machine code."""
+    kind = type(value).__name__
+    if value is None or value is Ellipsis or isinstance(value, (bool, int, float, complex, str, bytes, Type)):
+        return f"{kind} {value!r}"
+    if isinstance(value, slice):
+        return f"{kind} {_text((value.start, value.stop, value.step))}"
+    if isinstance(value, (tuple, list)):
+        return f"{kind} ({', '.join(map(_text, value))})"
+    if isinstance(value, (set, frozenset, dict)):
+        items = value.items() if isinstance(value, dict) else value
+        return f"{kind} ({', '.join(sorted(map(_text, items)))})"
+    if isinstance(value, (np.ndarray, np.generic)) and not value.dtype.hasobject:
+        layout = (value.dtype.descr, value.shape, value.strides)
+        return f"{kind} {layout} {hashlib.sha256(value.tobytes()).hexdigest()}"
+    if isinstance(value, type) and issubclass(value, enum.Enum):
+        return f"{value.__qualname__} {_text([(one.name, one.value) for one in value])}"
+    module = value.__name__ if isinstance(value, ModuleType) else getattr(value, "__module__", None)
+    if isinstance(value, np.ufunc):
+        module = "numpy"
+    name = getattr(value, "__qualname__", getattr(value, "__name__", None))
+    if module is None or name is None or module.partition(".")[0] not in _LIBRARIES:
+        raise _NotPlainError(f"it uses {value!r}")
+    return f"{module}:{name}"
+
+
+def _is_plain(kind: Type) -> bool:
+    """Whether the text of a type says all about it: numbers, arrays and tuples of them, but no functions."""
+    if isinstance(kind, BaseTuple):
+        return all(map(_is_plain, kind.types))
+    scalar = kind.dtype if isinstance(kind, Array) else kind
+    return isinstance(scalar, (Boolean, NoneType, Number))
+
+
+def _stem(dispatcher: Dispatcher) -> str:
+    """A kernel's name in file names."""
+    function = dispatcher.py_func
+    return f"{function.__module__}.{function.__qualname__}".replace("<", "").replace(">", "")
+
+
+def _environment() -> str:
+    """Name of the folder for this processor and these versions."""
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    versions = (numba.__version__, llvmlite.__version__, np.__version__, sys.implementation.cache_tag)
+    settings = sorted(
+        item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _NO_CODE
+    )
+    exact = repr((versions, getattr(sys, "abiflags", ""), processor, settings))
+    return f"kernels-numba{versions[0]}-{versions[3]}-{processor[1]}-{_digest(exact)}"
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:32]
+
+
+def _read(path: Path, owned: bool) -> bytes | None:
+    """Content of an entry; None if it is absent or damaged, or, with ``owned``, if another user could write it."""
+    try:
+        with path.open("rb") as file:
+            statuses = (os.fstat(file.fileno()), path.parent.stat())
+            content = file.read()
+    except OSError:
+        return None
+    user = os.geteuid() if owned and hasattr(os, "geteuid") else None
+    if user is not None and any(one.st_uid != user or one.st_mode & 0o022 for one in statuses):
+        _log.debug("%s is not loaded: another user could write it", path)
+        return None
+    # The name is part of the checksum: an entry that was renamed is not the entry that is asked for.
+    if content[:32] != _checksum(path.name, content[32:]):
+        _log.debug("%s is not loaded: it is damaged", path)
+        return None
+    return content[32:]
+
+
+def _write(path: Path, payload: bytes) -> None:
+    """Write an entry under another name and rename it; a place that cannot be written is passed over."""
+    temporary = None
+    try:
+        path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        path.parent.mkdir(exist_ok=True, mode=0o700)
+        handle, temporary = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(_checksum(path.name, payload) + payload)
+        os.replace(temporary, path)
+    except OSError as error:
+        _log.debug("%s is not kept: %s", path.name, error)
+        if temporary is not None:
+            Path(temporary).unlink(missing_ok=True)
+
+
+def _checksum(name: str, payload: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + payload).digest()
