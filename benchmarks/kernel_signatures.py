@@ -224,6 +224,7 @@ def run_deformation() -> None:
 def run_simulation() -> None:
     """Press a box into a short strip and take a small picture of it, grey and in colour."""
     from visuohaptic.camera import Camera
+    from visuohaptic.simulation._kernels import add_signed_coverage
     from visuohaptic.simulation.effects import CameraEffects
     from visuohaptic.simulation.look import Look
     from visuohaptic.simulation.renderer import SceneRenderer
@@ -242,6 +243,7 @@ def run_simulation() -> None:
     for colour in (False, True):
         renderer = SceneRenderer(camera, pose, Look(colour=colour), CameraEffects(noise_sigma=2.0))
         renderer.render(scene, rng=np.random.default_rng(0))
+    add_signed_coverage(corners_m, 0, 0, np.zeros((4, 4), np.float32))
 
 
 def run_foam() -> None:

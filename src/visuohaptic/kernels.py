@@ -28,6 +28,7 @@ import pickle
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -168,21 +169,31 @@ def cache_folder() -> Path | None:
 
 
 def remove_stale() -> int:
-    """Remove the user's entries that no kernel imported so far can load; returns their number.
+    """Remove the user's entries that cannot be loaded any more; returns their number.
 
-    Call it when all modules with kernels are imported. Folders of other versions of Python and numba stay.
+    These are the entries of functions that have changed or are gone, and files left by a process that was ended
+    while it wrote. Modules that were not imported keep theirs, and so do other versions of Python and numba.
     """
     folder = cache_folder()
     current = {f"{_stem(one)}-{code_digest(one)}" for one in KERNELS}
     removed = 0
     try:
         for path in sorted(folder.iterdir()) if folder else ():
-            if path.name.rpartition("-")[0] not in current:
+            if path.name.rpartition("-")[0] not in current and not _may_be_imported(path.name):
                 path.unlink()
                 removed += 1
     except OSError as error:
         _log.debug("the kernel cache is left as it is: %s", error)
     return removed
+
+
+def _may_be_imported(entry: str) -> bool:
+    """Whether the module of an entry exists and was not imported, so that its kernels are not known."""
+    module = entry.partition("-")[0].rpartition(".")[0]
+    try:
+        return bool(module) and module not in sys.modules and find_spec(module) is not None
+    except ModuleNotFoundError:  # its package is gone, too
+        return False
 
 
 def code_digest(dispatcher: Dispatcher) -> str | None:

@@ -293,10 +293,14 @@ def test_remove_stale_keeps_what_can_be_loaded(folder, monkeypatch):
     function = _seven()
     function(1.0)
     (entry,) = _entries(folder)
-    (entry.parent / "visuohaptic.old.kernel-0123-4567").touch()
+    stem, _, types = entry.name.split("-")
+    for name in (f"{stem}-0123-{types}", "visuohaptic.gone.old.kernel-0123-4567", "tmpabc"):
+        (entry.parent / name).touch()
+    unknown = entry.parent / "this.kernel-0123-4567"  # of a module that exists and was not imported
+    unknown.touch()
     monkeypatch.setattr(kernels, "KERNELS", [function])
-    assert remove_stale() == 1
-    assert _entries(folder) == [entry]
+    assert remove_stale() == 3
+    assert _entries(folder) == sorted([entry, unknown])
 
 
 def test_a_function_that_uses_an_object_is_compiled_but_not_cached(folder, caplog):
