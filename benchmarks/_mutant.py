@@ -1,0 +1,257 @@
+"""The constants of a module, and a module with one of them multiplied.
+
+Copied as ``sitecustomize.py`` into a folder on ``PYTHONPATH``, it acts on every process of a test run, those that
+the tests start as well, as the environment variable ``CONSTANTS_RUN`` says (JSON):
+
+- ``{"module", "name", "up", "marks"}``: when the module is imported, every number of the constant is multiplied in
+  its syntax tree, so that ``from module import NAME``, default arguments and compiled functions see nothing else.
+  A file in the folder ``marks`` tells whether the import went well (``loaded``) or not (``crashed``).
+- ``{"source", "marks"}``: a file in ``marks`` lists the files below ``source`` of which a function was called.
+
+Uses the standard library alone, and no other file of this folder.
+"""
+
+from __future__ import annotations
+
+import ast
+import atexit
+import json
+import os
+import re
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from functools import partial
+from importlib.machinery import ModuleSpec, PathFinder, SourceFileLoader
+from importlib.util import spec_from_file_location
+from types import FrameType, ModuleType
+from typing import Any
+
+__all__ = ["VARIABLE", "find_constants", "multiplied", "with_constant_multiplied"]
+
+VARIABLE = "CONSTANTS_RUN"
+
+#: Calls that make a number or an array of numbers: their result is multiplied, not their arguments.
+_CONVERSIONS = re.compile(
+    r"float|int|math\.\w+|np\.(array|asarray|deg2rad|radians|sqrt|exp|log|u?int\d+|float\d+|linalg\.norm)"
+)
+#: Numbers of a file format are labels.
+_LABEL = re.compile(r"(FORMAT|VERSION)$")
+
+
+def find_constants(tree: ast.Module) -> dict[str, int]:
+    """Names of the constants of a module, with their lines.
+
+    Parameters
+    ----------
+    tree
+        The module.
+
+    Returns
+    -------
+    dict
+        Line of the (first) assignment by name. The rule is in :mod:`benchmarks.constants`.
+    """
+    found: dict[str, int] = {}
+    for statement in tree.body:
+        for name, value in _assigned(statement):
+            if any(_numbers(value)):
+                found.setdefault(name, statement.lineno)
+    return found
+
+
+def with_constant_multiplied(tree: ast.Module, name: str) -> ast.Module:
+    """The module with ``__multiplied__(...)`` around every number of one constant; changes ``tree``."""
+    chosen = {
+        id(node)
+        for statement in tree.body
+        for title, value in _assigned(statement)
+        if title == name
+        for node in _numbers(value)
+    }
+    _Wrapper(chosen).visit(tree)
+    return ast.fix_missing_locations(tree)
+
+
+def multiplied(value: Any, up: bool) -> Any:
+    """A number or NumPy array times 1.25 (``up``) or 0.8; integers are rounded away from the old value.
+
+    Raises
+    ------
+    OverflowError
+        If the type of an array cannot hold the new value.
+    """
+    if isinstance(value, int):
+        size = -(-abs(value) * 5 // 4) if up else abs(value) * 4 // 5
+        return size if value >= 0 else -size
+    if isinstance(value, float):
+        return value * (1.25 if up else 0.8)
+    if value.dtype.kind == "f":
+        return (value * (1.25 if up else 0.8)).astype(value.dtype)
+    if not value.shape:
+        return type(value)(multiplied(int(value), up))
+    new = value.copy()
+    new.flat = [value.dtype.type(multiplied(one, up)) for one in value.ravel().tolist()]
+    return new
+
+
+def _assigned(statement: ast.stmt) -> Iterator[tuple[str, ast.expr]]:
+    """Names and values of an assignment, without labels and special names."""
+    if isinstance(statement, ast.AnnAssign) and statement.value is not None:
+        pairs: list[tuple[ast.expr, ast.expr]] = [(statement.target, statement.value)]
+    elif isinstance(statement, ast.Assign):
+        pairs = [(target, statement.value) for target in statement.targets]
+    else:
+        return
+    for target, value in pairs:
+        if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple) and not _are_labels(value.elts):
+            singles = list(zip(target.elts, value.elts, strict=False))
+        else:
+            singles = [(target, value)]
+        for one, expression in singles:
+            if isinstance(one, ast.Name) and not one.id.startswith("__") and not _LABEL.search(one.id):
+                yield one.id, expression
+
+
+def _are_labels(values: list[ast.expr]) -> bool:
+    """Whether names are numbered through: three or more consecutive integers, or 0 and 1, or 1 and 2."""
+    integers = sorted(
+        node.value for node in values if isinstance(node, ast.Constant) and type(node.value) is int
+    )
+    if len(integers) < max(len(values), 2) or integers != list(
+        range(integers[0], integers[0] + len(integers))
+    ):
+        return False
+    return len(integers) > 2 or integers[0] in (0, 1)
+
+
+def _numbers(node: ast.expr) -> Iterator[ast.expr]:
+    """The largest parts of an expression that are numbers or arrays of numbers, and not zero."""
+    parts: list[ast.expr] = []
+    if _is_number(node):
+        if any(isinstance(one, ast.Constant) and one.value for one in ast.walk(node)):
+            yield node
+    elif isinstance(node, ast.Tuple | ast.List | ast.Set):
+        parts = node.elts
+    elif isinstance(node, ast.Dict):
+        parts = node.values
+    elif isinstance(node, ast.Starred):
+        parts = [node.value]
+    elif isinstance(node, ast.ListComp | ast.SetComp | ast.GeneratorExp | ast.DictComp):
+        parts = [generator.iter for generator in node.generators]
+    elif isinstance(node, ast.Call):
+        title = ast.unparse(node.func)
+        if title != "range" and (_CONVERSIONS.fullmatch(title) or not title.startswith("np.")):
+            parts = [*node.args, *(keyword.value for keyword in node.keywords)]
+    for part in parts:
+        yield from _numbers(part)
+
+
+def _is_number(node: ast.expr) -> bool:
+    """Whether an expression is a number, or an array of numbers, without any other name."""
+    if isinstance(node, ast.Constant):
+        return type(node.value) in (int, float)
+    if isinstance(node, ast.UnaryOp):
+        return not isinstance(node.op, ast.Not) and _is_number(node.operand)
+    if isinstance(node, ast.BinOp):
+        return _is_number(node.left) and _is_number(node.right)
+    if isinstance(node, ast.Call) and node.args and _CONVERSIONS.fullmatch(ast.unparse(node.func)):
+        types = [*node.args[1:], *(keyword.value for keyword in node.keywords)]
+        return _is_data(node.args[0]) and all(_is_type(one) or _is_data(one) for one in types)
+    return ast.unparse(node) in ("math.pi", "np.pi")
+
+
+def _is_data(node: ast.expr) -> bool:
+    return all(map(_is_data, node.elts)) if isinstance(node, ast.Tuple | ast.List) else _is_number(node)
+
+
+def _is_type(node: ast.expr) -> bool:
+    return re.fullmatch(r"float|int|np\.(u?int|float)\d+", ast.unparse(node)) is not None
+
+
+class _Wrapper(ast.NodeTransformer):
+    """Puts a call around chosen nodes."""
+
+    def __init__(self, chosen: set[int]) -> None:
+        self._chosen = chosen
+
+    def visit(self, node: ast.AST) -> ast.AST:
+        if id(node) in self._chosen and isinstance(node, ast.expr):
+            return ast.Call(func=ast.Name("__multiplied__", ast.Load()), args=[node], keywords=[])
+        return self.generic_visit(node)
+
+
+class _Loader(SourceFileLoader):
+    """Reads one module from its source with a constant multiplied; writes no bytecode."""
+
+    def __init__(self, fullname: str, path: str, run: dict[str, Any]) -> None:
+        super().__init__(fullname, path)
+        self._run = run
+
+    def get_code(self, fullname: str) -> Any:
+        tree = with_constant_multiplied(ast.parse(self.get_data(self.path)), self._run["name"])
+        return compile(tree, self.path, "exec", dont_inherit=True)
+
+    def exec_module(self, module: ModuleType) -> None:
+        vars(module)["__multiplied__"] = partial(multiplied, up=self._run["up"])
+        try:
+            super().exec_module(module)
+        except ImportError:  # a library is missing: it is without the change, too
+            raise
+        except BaseException:
+            _mark(self._run["marks"], "crashed")
+            raise
+        _mark(self._run["marks"], "loaded")
+
+
+class _Finder:
+    """Finds the one module."""
+
+    def __init__(self, run: dict[str, Any]) -> None:
+        self._run = run
+
+    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        spec = PathFinder.find_spec(fullname, path) if fullname == self._run["module"] else None
+        if spec is None or spec.origin is None:
+            return None
+        loader = _Loader(fullname, spec.origin, self._run)
+        folders = spec.submodule_search_locations
+        return spec_from_file_location(
+            fullname, spec.origin, loader=loader, submodule_search_locations=folders
+        )
+
+
+def _mark(folder: str, text: str) -> None:
+    """One more file in a folder that every process of the run writes to."""
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as stream:
+        stream.write(text)
+
+
+def _record_calls(source: str, marks: str) -> None:
+    """Write at the end of this process which files below ``source`` had a function called."""
+    called: set[str] = set()
+
+    def on_event(frame: FrameType, event: str, _: Any) -> None:
+        if event == "call":
+            code = frame.f_code
+            file = code.co_filename
+            # Bodies of modules and classes run at import; they lack the flag of functions.
+            if file not in called and code.co_flags & 1 and file.startswith(source):
+                called.add(file)
+
+    atexit.register(lambda: _mark(marks, "\n".join(sorted(called))))
+    threading.setprofile(on_event)
+    sys.setprofile(on_event)
+
+
+def _start() -> None:
+    run = json.loads(os.environ.get(VARIABLE, "{}"))
+    if "source" in run:
+        _record_calls(run["source"], run["marks"])
+    elif run:
+        sys.meta_path.insert(0, _Finder(run))
+
+
+if __name__ == "sitecustomize":
+    _start()
