@@ -12,11 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Frame, Pose
+from visuohaptic.core.camera import Camera, Frame, Pose
 from visuohaptic.sensing.beam import BeamSensor, BeamSetup, TemplatePose, TrackedBeam
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.rod import RodState
-from visuohaptic.simulation.rod_rig import RodRig
+from visuohaptic.simulation.beam import RodRig, RodState
+from visuohaptic.simulation.rendering import CameraEffects
 
 __all__ = ["Noise", "Steps", "noise", "steps", "template_noise"]
 
@@ -24,7 +23,7 @@ _NOISE = 5.0
 
 
 def _virtual(kind: str, rig: RodRig, view: str):
-    from visuohaptic.experiments.virtual_beam import VirtualBeam
+    from visuohaptic.rigs import VirtualBeam
 
     return VirtualBeam(
         rig,
@@ -75,7 +74,7 @@ def noise(
     def frame(k: int) -> Frame:
         t_s = k / 30
         if exact is None:
-            image = renderer.render(rest, rng=rng, pose_camera_sensor=hand.pose_camera_sensor(t_s))
+            image = renderer.render(rest, rng=rng, T_camera_sensor=hand.T_camera_sensor(t_s))
         else:
             image = renderer.effects.developed(exact, np.zeros(len(exact)), rng)[..., 0]
         return Frame(image, t_s, k)
@@ -150,7 +149,7 @@ def _bound(virtual, renderer, state: RodState) -> np.ndarray:
     rig = virtual.rig
     setup = BeamSetup(
         {name: xi for name, (xi, _) in rig.mounts.items()},
-        rig.pose_sensor_reference.inverse(),
+        rig.T_sensor_reference.inverse(),
         virtual.beam,
         reference=rig.reference,
         view=virtual.view,
@@ -197,8 +196,8 @@ def steps(kind: str, distance_m: float, top_N: float, *, count: int = 5, frames:
     of_step = off.reshape(2 * count, frames, 6)
     mean = np.abs(np.nanmean(of_step, axis=1)).max(axis=0)
     noise = np.nanstd(of_step, axis=1, ddof=1).mean(axis=0) / np.sqrt(frames)
-    share = forces[valid] / top_N
-    slope = np.linalg.lstsq(np.column_stack([share, np.ones_like(share)]), off[valid], rcond=None)[0][0]
+    fraction = forces[valid] / top_N
+    slope = np.linalg.lstsq(np.column_stack([fraction, np.ones_like(fraction)]), off[valid], rcond=None)[0][0]
     others = [0, 2, 3, 4, 5]
     return Steps(
         float(mean[1]),
@@ -213,7 +212,7 @@ def template_noise(
     kind: str, distance_m: float, *, tilt_deg: float = 30.0, frames: int = 100
 ) -> dict[str, np.ndarray]:
     """Scatter and declared sigma (6,) of the pose of the middle template: position and rotation [m, rad]."""
-    from visuohaptic.tracking.plane_pose import pose_difference
+    from visuohaptic.tracking.pose import pose_difference
 
     rig = RodRig(distance_m=distance_m, tilt_rad=np.deg2rad(tilt_deg))
     virtual = _virtual(kind, rig, "steady")
@@ -227,8 +226,8 @@ def template_noise(
     for k in range(frames):
         image = renderer.effects.developed(exact, np.zeros(len(exact)), rng)[..., 0]
         pose = next(one for one in sensor.track(Frame(image, k / 30, k)) if one.name == "middle")
-        if pose.valid and pose.pose_camera_template is not None and k >= 5:
-            off.append(pose_difference(true, pose.pose_camera_template))
+        if pose.valid and pose.T_camera_template is not None and k >= 5:
+            off.append(pose_difference(true, pose.T_camera_template))
             declared.append(np.diag(pose.covariance))
     return {
         "scatter": np.std(off, axis=0, ddof=1),

@@ -12,16 +12,26 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.camera import Frame, Pose
-from visuohaptic.experiments.virtual_sensor import rest_scene
+from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.rigs import rest_scene
 from visuohaptic.sensing.foam import FoamSensor
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.look import Look, Occluder, Surface
-from visuohaptic.simulation.press import PressShape, press_outline
-from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.scene import FoamScene, SceneObject
-from visuohaptic.simulation.strip import SOFT_FOAM, FoamStrip, StripGeometry
+from visuohaptic.simulation.foam import (
+    SOFT_FOAM,
+    FoamStrip,
+    PressShape,
+    SensorRig,
+    StripGeometry,
+    press_outline,
+)
+from visuohaptic.simulation.rendering import (
+    CameraEffects,
+    FoamScene,
+    Look,
+    Occluder,
+    SceneObject,
+    SceneRenderer,
+    Surface,
+)
 
 __all__ = ["KINDS", "Delivery", "Trial", "make_trial"]
 
@@ -86,7 +96,7 @@ class Trial:
     def zero_frames(self) -> list[Frame]:
         """Ten frames of the untouched strip, before time zero."""
         rng, scene = np.random.default_rng([self.seed, 1]), rest_scene(self.geometry)
-        renderer = SceneRenderer(self.rig.camera, self.rig.pose_camera_foam, self.look, self.effects)
+        renderer = SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
         return [
             Frame(renderer.render(scene, rng=rng, t_s=(i - 10) * FRAME_S), (i - 10) * FRAME_S, i - 10)
             for i in range(10)
@@ -105,7 +115,7 @@ class Trial:
 
     def _frames(self, rng: np.random.Generator) -> Iterator[Delivery]:
         strip = FoamStrip(self.geometry, SOFT_FOAM)
-        pose = self.rig.pose_camera_foam
+        pose = self.rig.T_camera_foam
         sharp = SceneRenderer(self.rig.camera, pose, self.look, self.effects)
         dull = None
         if self.blur_px is not None:
@@ -381,7 +391,7 @@ def _place_px(trial: Trial, s_m: float, x_m: float) -> np.ndarray:
     s = np.array([s_m])
     point = trial.geometry.back_m(s) + x_m * trial.geometry.normals(s)
     foam = np.column_stack([point, np.zeros(1)])
-    return trial.rig.camera.project(trial.rig.pose_camera_foam.apply(foam))[0]
+    return trial.rig.camera.project(trial.rig.T_camera_foam.apply(foam))[0]
 
 
 def _occluder(

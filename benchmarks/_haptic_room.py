@@ -6,8 +6,8 @@ import numpy as np
 from shapely import LineString, Point, Polygon, contains_xy, prepare
 from shapely.geometry import box
 
-from visuohaptic.navigation.haptic_map import HapticContact, HapticMap
-from visuohaptic.objects import Primitive, PrimitiveKind
+from visuohaptic.core import Primitive, PrimitiveKind
+from visuohaptic.navigation.mapping import HapticContact, HapticMap
 
 STRIP_M = 0.2  #: width of the foam that touches
 NOISE_M = 0.0005

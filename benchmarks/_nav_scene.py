@@ -10,15 +10,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from visuohaptic.core import Estimate, HapticTag
+from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planner import taut_path
+from visuohaptic.navigation.planning import (
+    fill_cells,
+    grid_from_world,
+    push_world,
+    without_pushing,
+    world_from_grid,
+)
+from visuohaptic.navigation.planning.planner import pull_string
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.push_world import fill_cells, grid_from_world, push_world, world_from_grid
-from visuohaptic.navigation.strategies import without_pushing
-from visuohaptic.objects import Estimate, HapticTag
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.floor_world import FloorItem
+from visuohaptic.navigation.pushing import PushModel
+from visuohaptic.simulation.floor import FloorItem
 
 ROBOT = RobotModel(0.17)
 SEED = 20261122
@@ -173,7 +178,7 @@ def _ends(walls: OccupancyMap, rng: np.random.Generator) -> tuple[np.ndarray, np
         if not 3.0 < np.hypot(*(goal - start)) < 10.0:
             continue
         world = push_world(PlanningProblem(walls, robot, start, goal))
-        path, _ = taut_path(
+        path, _ = pull_string(
             world, world.clearance, grid_from_world(walls, start), grid_from_world(walls, goal)
         )
         if len(path) < 2:

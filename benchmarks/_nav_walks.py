@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from scipy import ndimage
 
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.io.maps import OccupancyMap
 
 
 def smooth_way(grid: OccupancyMap, corners_m: list[tuple[float, float]], step_m: float = 0.08) -> np.ndarray:

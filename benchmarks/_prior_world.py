@@ -8,9 +8,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from visuohaptic.deformation.container import class_names, load_container
-from visuohaptic.deformation.mesher import mesh_container
-from visuohaptic.reconstruction.mesh import SurfaceMesh
+from visuohaptic.deformation.shapes import class_names, load_container, mesh_container
+from visuohaptic.reconstruction import SurfaceMesh
 
 
 def containers(variants: int, seed: int = 1, classes: tuple[str, ...] = ()) -> dict[str, SurfaceMesh]:

@@ -8,12 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from visuohaptic.navigation.push_contacts import push_contacts
-from visuohaptic.navigation.push_model import PushModel, area_and_centroid
-from visuohaptic.navigation.quasi_static import line_path, simulate_push
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
-from visuohaptic.tasks.steered_push import SteeredPush
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.pushing import (
+    PushModel,
+    area_and_centroid,
+    line_path,
+    push_contacts,
+    simulate_push,
+)
+from visuohaptic.simulation.floor import FloorItem, FloorWorld
+from visuohaptic.tasks.mobile import SteeredPush
 
 RADIUS_M = 0.17
 CENTRE_M = 0.02
@@ -71,7 +75,7 @@ def drive_direct(case: DirectCase, length_m: float, *, see: bool) -> Float[np.nd
     return world.item_pose_m("thing") - begin
 
 
-def foreseen(case: DirectCase, length_m: float) -> Float[np.ndarray, "3"]:
+def predicted(case: DirectCase, length_m: float) -> Float[np.ndarray, "3"]:
     """The same by the quasi-static model that is told feet, centre and friction."""
     feet = FOOT_SHARE * case.outline_m + np.array(case.item.centre_offset_m)
     model = PushModel(case.outline_m, feet, np.full(len(feet), 1 / len(feet)), case.item.contact_friction)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.push_monitor import PushMonitor
-from visuohaptic.navigation.quasi_static import line_path, rest_m, simulate_push
-from visuohaptic.simulation.floor_push import FloorPush, FloorThing
+from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
+from visuohaptic.navigation.pushing.quasi_static import rest_m
+from visuohaptic.simulation.floor import FloorPush, FloorThing
 
 RADIUS_M = 0.17
 #: Noise of the tracked contact point (m).
@@ -44,14 +43,14 @@ def closed_loop(seed: int) -> LoopTrial | None:
         centre_m=(float(centre[0]), float(centre[1])),
         contact_friction=float(rng.uniform(0.05, 0.4)),
     )
-    believed = PushModel.patch(outline, 0.15, round_m=0.005)
-    plan = _plan(believed, rng)
+    estimated = PushModel.patch(outline, 0.15, round_m=0.005)
+    plan = _plan(estimated, rng)
     if plan is None:
         return None
     start, path = plan
     plain = FloorPush(thing, start, path[0], RADIUS_M).drive(path).dropped
     world = FloorPush(thing, start, path[0], RADIUS_M)
-    monitor = PushMonitor(believed, start, RADIUS_M)
+    monitor = PushMonitor(estimated, start, RADIUS_M)
     monitor.update(path[0], None)
     driven, touched, gave_up = [path[0]], [False], False
     rest = list(path[1:])
@@ -72,7 +71,7 @@ def closed_loop(seed: int) -> LoopTrial | None:
     last = np.flatnonzero(touched)
     dropped = bool(len(last)) and rest_m(whole, int(last[-1])) > 0.01
     place = monitor.estimate().object_m
-    told = simulate_push(believed, start, whole, RADIUS_M).object_m[-1]
+    told = simulate_push(estimated, start, whole, RADIUS_M).object_m[-1]
     return LoopTrial(
         plain,
         dropped,

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from visuohaptic.navigation.push_model import PushModel, area_and_centroid, load_of_feet, patch_points
-from visuohaptic.navigation.quasi_static import arc_path
-from visuohaptic.simulation.floor_push import FloorPush, FloorThing, FloorTrace
+from visuohaptic.navigation.pushing import PushModel, arc_path, area_and_centroid, load_of_feet, patch_points
+from visuohaptic.simulation.floor import FloorPush, FloorThing, FloorTrace
 
 RADIUS_M = 0.17
 KINDS = ("box", "disc", "polygon", "ell")

@@ -12,11 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visuohaptic.deformation.corotational import CorotationalShell
-from visuohaptic.deformation.material import IsotropicMaterial
 from visuohaptic.deformation.nonlinear import EquilibriumPath, follow_arc, follow_displacement, follow_load
-from visuohaptic.deformation.patches import grid_mesh
-from visuohaptic.deformation.shell import ShellMesh, ShellModel
+from visuohaptic.deformation.shapes import grid_mesh
+from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
 
 X, Y, Z, RX, RY, RZ = range(6)
 
@@ -162,10 +160,10 @@ def twisted_beam(n: int, *, out_of_plane: bool = False, thickness: float = 0.32)
     model = ShellModel(mesh, IsotropicMaterial(29e6, 0.22), near(x, 0))
     load = np.zeros((model.nodes, 6))
     tip = np.flatnonzero(near(x, 12.0))
-    share = np.ones(tip.size)
-    share[[0, -1]] = 0.5
+    fraction = np.ones(tip.size)
+    fraction[[0, -1]] = 0.5
     axis = Y if out_of_plane else Z
-    load[tip, axis] = share / share.sum()
+    load[tip, axis] = fraction / fraction.sum()
     return float(np.sum(model.solve(load) * load) / (1.754e-3 if out_of_plane else 5.424e-3))
 
 
@@ -201,10 +199,10 @@ class Walked:
             for row in self.reference:
                 point = np.array([row[0], row[1 + column] / reach])
                 start, side = curve[:-1], np.diff(curve, axis=0)
-                share = np.einsum("ij,ij->i", point - start, side) / np.maximum(
+                fraction = np.einsum("ij,ij->i", point - start, side) / np.maximum(
                     np.einsum("ij,ij->i", side, side), 1e-300
                 )
-                foot = start + np.clip(share, 0, 1)[:, None] * side
+                foot = start + np.clip(fraction, 0, 1)[:, None] * side
                 worst = max(worst, float(np.linalg.norm(foot - point, axis=1).min()))
         return worst
 
@@ -236,15 +234,15 @@ def _strip(n: int, length: float) -> tuple[ShellModel, np.ndarray, int]:
     mesh = grid_mesh(lambda u, v: (length * u, v, 0 * u), n, 2, 0.1, crossed=True)
     x, y, _ = mesh.vertices_m.T
     model = ShellModel(mesh, IsotropicMaterial(1.2e6, 0.0), near(x, 0))
-    share = np.where(near(x, length), np.where(near(y, 0.5), 0.5, 0.25), 0.0)
-    return model, share, int(np.flatnonzero(near(x, length) & near(y, 0.5))[0])
+    fraction = np.where(near(x, length), np.where(near(y, 0.5), 0.5, 0.25), 0.0)
+    return model, fraction, int(np.flatnonzero(near(x, length) & near(y, 0.5))[0])
 
 
 def end_shear(n: int = 24) -> Walked:
     """3.1 Cantilever under an end force of 4."""
-    model, share, tip = _strip(n, 10.0)
+    model, fraction, tip = _strip(n, 10.0)
     load = np.zeros((model.nodes, 6))
-    load[:, Z] = share
+    load[:, Z] = fraction
     reference = [
         (0.1, 0.103, 1.309), (0.2, 0.381, 2.493), (0.3, 0.763, 3.488), (0.4, 1.184, 4.292),
         (0.5, 1.604, 4.933), (0.6, 2.002, 5.444), (0.7, 2.370, 5.855), (0.8, 2.705, 6.190),
@@ -256,9 +254,9 @@ def end_shear(n: int = 24) -> Walked:
 
 def end_moment(n: int = 32) -> Walked:
     """3.2 Cantilever rolled up by an end moment of 50 pi / 3, against the exact circle."""
-    model, share, tip = _strip(n, 12.0)
+    model, fraction, tip = _strip(n, 12.0)
     load = np.zeros((model.nodes, 6))
-    load[:, RY] = -share
+    load[:, RY] = -fraction
     top = 50 * np.pi / 3
     angle = 2 * np.pi * np.linspace(0.05, 1, 20)
     reference = np.column_stack(

@@ -18,8 +18,7 @@ from visuohaptic.sensing.beam import (
     relative_poses,
     section_motion,
 )
-from visuohaptic.simulation.rod import ElasticRod
-from visuohaptic.simulation.rod_rig import POSE_NOISE, PoseNoise, RodRig, noisy_pose
+from visuohaptic.simulation.beam import POSE_NOISE, ElasticRod, PoseNoise, RodRig, noisy_pose
 
 from . import _beam_view
 from .harness import cpu_seconds
@@ -37,7 +36,7 @@ class _Bench:
         self.rig, self.covariance = rig, noise.covariance
         self.setup = BeamSetup(
             {name: xi for name, (xi, _) in rig.mounts.items()},
-            rig.pose_sensor_reference.inverse(),
+            rig.T_sensor_reference.inverse(),
             Beam(),
             **setup,
         )
@@ -94,10 +93,10 @@ def _published(bench: _Bench) -> float:
     for force in np.linspace(0, TOP_N, 8):
         seen = bench.seen(bench.poses(np.array([0, force, 0, 0, 0, 0])))
         motion = section_motion(
-            relative_poses(seen[0].pose_camera_template, seen[0].covariance, seen[2:]),
-            relative_poses(rest[0].pose_camera_template, rest[0].covariance, rest[2:]),
+            relative_poses(seen[0].T_camera_template, seen[0].covariance, seen[2:]),
+            relative_poses(rest[0].T_camera_template, rest[0].covariance, rest[2:]),
             bench.setup.xi,
-            bench.setup.pose_reference_sensor,
+            bench.setup.T_reference_sensor,
             beam.length_m,
         )
         slope = beam.length_m * motion.rotation[0, 1, 0] / motion.rotation[0, 0, 0]
@@ -110,7 +109,7 @@ def _calibrated(bench: _Bench) -> _Bench:
     """The same sensor after a session of dead weights of up to 1.5 N, with 0.1 % on the loads."""
     rng = np.random.default_rng(37)
     reach = np.array([3.0, 1.5, 1.5, 0.06, 0.12, 0.12])
-    loads = np.vstack([np.diag(reach * share) for share in (-1.0, -0.5, 0.0, 0.5, 1.0)])
+    loads = np.vstack([np.diag(reach * fraction) for fraction in (-1.0, -0.5, 0.0, 0.5, 1.0)])
     sensor = bench.zeroed(rng)
     read = [_vector(sensor.read(k + 1.0, bench.seen(bench.poses(load), rng))) for k, load in enumerate(loads)]
     said = loads * (1 + rng.normal(0, 1e-3, loads.shape))

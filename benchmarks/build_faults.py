@@ -26,9 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import load_plan, plan_jobs
-from visuohaptic.deformation.build import BuildJob, build
-from visuohaptic.errors import VisuohapticError
+from visuohaptic.core import VisuohapticError
+from visuohaptic.deformation.maps import BuildJob, build, load_plan, plan_jobs
 
 from ._journal import Journal
 
@@ -49,7 +48,7 @@ ROOM_BYTES = 4 << 30
 _READ = """\
 import resource, sys
 from visuohaptic.deformation import load_object, mesh_container, load_container
-from visuohaptic.errors import VisuohapticError
+from visuohaptic.core.errors import VisuohapticError
 import trimesh, collada, scipy.sparse.csgraph
 resource.setrlimit(resource.RLIMIT_AS, ({room}, {room}))
 for line in sys.stdin:
@@ -323,7 +322,7 @@ def malformed(rng: np.random.Generator, count: int) -> list[tuple[str, bytes]]:
 
     import trimesh
 
-    from visuohaptic.deformation import tube_mesh
+    from visuohaptic.deformation.shapes import tube_mesh
 
     found = tube_mesh(0.03, 0.1, 0.0005, around=32, along=32, crossed=False)
     mesh = trimesh.Trimesh(found.vertices_m, found.faces, process=False)

@@ -17,16 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
-from visuohaptic.robots import BaseState
+from visuohaptic.core import BaseState
+from visuohaptic.core.camera import Frame
+from visuohaptic.rigs import VirtualSensor
 from visuohaptic.sensing.foam import FoamSensor
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.simulation.obstacles import box
-from visuohaptic.simulation.platform import PlatformConfig
-from visuohaptic.simulation.world import PushWorld
-from visuohaptic.tracking.template import Template
-from visuohaptic.tracking.template_tracker import TemplateTracker
+from visuohaptic.simulation.mobile import PlatformConfig, PushWorld, box
+from visuohaptic.tracking.templates import Template, TemplateTracker
 
 __all__ = ["Chain", "Recording", "run"]
 

@@ -17,17 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.experiments.virtual_completion import (
-    HOLE,
-    SIGMA_M,
-    STAGES,
-    TOUCHES,
-    blown_up,
-    explore,
-    touches_to_tenth,
-)
-from visuohaptic.files import write_text
-from visuohaptic.simulation.bottles import random_bottle
+from visuohaptic.core.files import write_text
+from visuohaptic.rigs import HOLE, SIGMA_M, STAGES, TOUCHES, blown_up, explore, touches_to_tenth
+from visuohaptic.simulation.tabletop import random_bottle
 
 from . import harness
 from ._journal import Journal
@@ -113,8 +105,7 @@ def speeds() -> list[dict[str, Any]]:
     from scipy.interpolate import RBFInterpolator
     from scipy.spatial import cKDTree
 
-    from visuohaptic.reconstruction.biharmonic import BiharmonicMesh
-    from visuohaptic.reconstruction.rbf import Grid, RbfSurface, isosurface
+    from visuohaptic.reconstruction.surfaces import BiharmonicMesh, Grid, RbfSurface, isosurface
 
     centers, values = _band_surface()
     grid = Grid.over(np.array([-0.06, -0.06, 0.03]), np.array([0.06, 0.06, 0.15]), 0.12 / 63)
@@ -154,7 +145,7 @@ def speeds() -> list[dict[str, Any]]:
 
 def argmax_agreement(count: int, seed: int = SEED) -> float:
     """Share of meshes on which the fast score and all exact distances name the same vertex."""
-    from visuohaptic.reconstruction.biharmonic import BiharmonicMesh
+    from visuohaptic.reconstruction.surfaces import BiharmonicMesh
 
     equal = 0
     for number in range(count):

@@ -7,19 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import (
+from visuohaptic.deformation.nonlinear import (
     Contents,
-    CorotationalShell,
-    ShellObject,
     closed_compliance,
     contained_curve,
     damped_iteration,
-    dual_tip_compliance,
-    mesh_container,
-    opposing_points,
+    enclosed_gradient,
 )
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.contents import enclosed_gradient, pinch_load
+from visuohaptic.deformation.nonlinear.contents import pinch_load
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container
+from visuohaptic.deformation.shells import CorotationalShell, dual_tip_compliance, opposing_points
 
 AROUND = 64
 

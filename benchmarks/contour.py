@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import ndtr
 
-from visuohaptic.tracking import ConstraintLines, ContourSettings, ContourTracker
+from visuohaptic.tracking.contours import ConstraintLines, ContourSettings, ContourTracker
 
 ROWS, COLUMNS, POINTS = 896, 1600, 85
 CONTRAST, NOISE, HALF_WIDTH = 80.0, 5.0, 8.5

@@ -14,9 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from visuohaptic.camera import Camera
-from visuohaptic.experiments.opener_sensor import OpenerSensor
-from visuohaptic.experiments.virtual_opener import open_virtual_cap
+from visuohaptic.core.camera import Camera
+from visuohaptic.rigs import OpenerSensor, open_virtual_cap
 
 SEEDS = 50
 

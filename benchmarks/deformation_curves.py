@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import (
-    Contents,
-    class_names,
+from visuohaptic.deformation.maps import (
+    HEIGHTS,
+    DEFORMATIONS_m,
     grasp_curve,
     linear_features,
-    load_container,
-    mesh_container,
     nonlinear_features,
 )
-from visuohaptic.deformation.features import HEIGHTS, NOMINAL_N, NOMINAL_m
-from visuohaptic.deformation.grasp_curve import DEFORMATIONS_m
+from visuohaptic.deformation.maps.features import NOMINAL_N, NOMINAL_m
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import class_names, load_container, mesh_container
 
 from ._journal import Journal
 from .harness import cpu_seconds

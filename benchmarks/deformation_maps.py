@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import class_names, import_object, load_container, mesh_container, object_map
-from visuohaptic.deformation.build import BuildJob, compute
-from visuohaptic.deformation.map_file import save_map
+from visuohaptic.deformation.maps import BuildJob, object_map, save_map
+from visuohaptic.deformation.maps.class_build import compute
+from visuohaptic.deformation.shapes import class_names, import_object, load_container, mesh_container
 
 from .harness import cpu_seconds
 
@@ -67,7 +67,7 @@ def run() -> list[dict[str, Any]]:
 def _import_to_file() -> list[dict[str, Any]]:
     import trimesh
 
-    from visuohaptic.deformation import tube_mesh
+    from visuohaptic.deformation.shapes import tube_mesh
 
     rows = []
     with TemporaryDirectory() as folder:

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.camera import Camera
-from visuohaptic.simulation.depth_camera import DepthCamera
-from visuohaptic.simulation.glass_scene import GlassScene, glass_scene
+from visuohaptic.core.camera import Camera
+from visuohaptic.simulation.tabletop import DepthCamera, GlassScene, glass_scene
 
 from .harness import cpu_seconds
 
@@ -20,7 +19,7 @@ SEEDS = range(16, 28)
 
 def on_glass(scene: GlassScene, eye_m: np.ndarray, sensor: DepthCamera) -> tuple[float, float, float]:
     """Invalid share on glass, on its painted twin, and the median error against the twin [m]."""
-    from visuohaptic.simulation._refraction_kernels import trace_rays
+    from visuohaptic.simulation.tabletop._refraction_kernels import trace_rays
 
     pose = Camera.pose_of_view(eye_m, (0.0, 0.0, 0.05))
     matrix = sensor.camera.matrix
@@ -48,7 +47,7 @@ def run() -> list[dict[str, Any]]:
     seconds = cpu_seconds(lambda: sensor.render(scene.scene, scene.poses[0], rng), repeats=3)
     # Their camera looks down steeply; none of their glasses is filled.
     scenes = [glass_scene(seed) for seed in SEEDS if glass_scene(seed).kind != "filled"]
-    shares = np.array([on_glass(one, np.array([0.35, 0.0, 0.75]), sensor) for one in scenes])
+    fractions = np.array([on_glass(one, np.array([0.35, 0.0, 0.75]), sensor) for one in scenes])
     rows: list[dict[str, Any]] = [
         {
             "name": "one image of 640 x 480 through glass, CPU",
@@ -59,14 +58,14 @@ def run() -> list[dict[str, Any]]:
         }
     ]
     for name, values, limits in (
-        ("invalid share on glass, median scene", 100 * shares[:, 0], (29.0, 77.0)),
-        ("invalid share on painted twins, median scene", 100 * shares[:, 1], (0.0, 23.0)),
+        ("invalid share on glass, median scene", 100 * fractions[:, 0], (29.0, 77.0)),
+        ("invalid share on painted twins, median scene", 100 * fractions[:, 1], (0.0, 23.0)),
     ):
         rows.append({"name": name, "ours": float(np.median(values)), "unit": "%", "floor": limits})
     rows.append(
         {
             "name": "median error on glass against the twin, median scene",
-            "ours": 1e3 * float(np.median(shares[:, 2])),
+            "ours": 1e3 * float(np.median(fractions[:, 2])),
             "unit": "mm",
             "floor": (11.0, 49.0),
             "note": "ClearGrasp's objects are lower than these bottles",

@@ -12,19 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.experiments.virtual_sensor import WEBCAM
-from visuohaptic.sensing.foam import (
-    FoamSensor,
+from visuohaptic.core.camera import Frame
+from visuohaptic.rigs.virtual_sensor import WEBCAM
+from visuohaptic.sensing.foam import FoamSensor
+from visuohaptic.sensing.foam.material import (
     calibrate_foam,
     calibrate_tension,
     read_plate,
     read_strain_stress,
 )
-from visuohaptic.simulation.look import Look
-from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.scene import FoamScene
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.simulation.rendering import FoamScene, Look, SceneRenderer
 
 from .harness import ROOT
 
@@ -99,7 +97,7 @@ def through_camera(material, records, boundary: str) -> dict[float, float]:
     """Relative error of the force by depth, read from rendered frames."""
     rig = SensorRig()
     rng = np.random.default_rng(5)
-    renderer = SceneRenderer(rig.camera, rig.pose_camera_foam, Look.photo(), WEBCAM)
+    renderer = SceneRenderer(rig.camera, rig.T_camera_foam, Look.photo(), WEBCAM)
     errors = {}
     with tempfile.TemporaryDirectory() as folder:
         material.save(Path(folder) / "foam.yaml")

@@ -16,11 +16,10 @@ import numpy as np
 
 from benchmarks._fault_world import KINDS, Trial, make_trial
 from benchmarks._journal import Journal
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.sensing.foam import calibrate_foam, read_strain_stress
-from visuohaptic.simulation.press import calibration_press
-from visuohaptic.simulation.strip import StripGeometry
-from visuohaptic.simulation.strip_law import write_calibration_csv
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.sensing.foam.material import calibrate_foam, read_strain_stress
+from visuohaptic.simulation.foam import StripGeometry, calibration_press
+from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
 __all__ = ["Outcome", "campaign", "run", "run_trial"]
 

@@ -6,9 +6,9 @@ import tempfile
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
-from visuohaptic.simulation.press import PressShape, press, press_path
+from visuohaptic.core.camera import Frame
+from visuohaptic.rigs import VirtualSensor
+from visuohaptic.simulation.foam import PressShape, press, press_path
 
 #: Depths of the path, up and back; frames per depth, with noise of their own: they know it to 8 %.
 DEEPEST_M, STEPS, REPEATS = 0.010, 10, 80
@@ -28,7 +28,7 @@ def run() -> list[dict]:
         index = 0
         for shape in PressShape:
             sensor.reset()
-            worst = worst_share = 0.0
+            worst = worst_fraction = 0.0
             for sample in press(shape, press_path(DEEPEST_M, STEPS), geometry=virtual.geometry):
                 forces, sigmas = [], []
                 exact = renderer.render_exact(sample.scene)[..., None]
@@ -55,7 +55,7 @@ def run() -> list[dict]:
                 pulls.append(error / profile.force_sigma_N)
                 # The floor allows 3 % of the reading or 0.1 N, whichever is more.
                 worst = max(worst, abs(error) / max(sample.force_N, 0.1 / 0.03))
-                worst_share = max(worst_share, abs(error) / sample.force_N)
+                worst_fraction = max(worst_fraction, abs(error) / sample.force_N)
             rows.append(
                 {
                     "name": f"shape {shape.value}: worst error, of reading or of 3.3 N",
@@ -63,7 +63,7 @@ def run() -> list[dict]:
                     "unit": "%",
                     "floor": 3.0,
                     "aim": 1.0,
-                    "note": f"worst error of reading alone {100 * worst_share:.1f} %, 1 to 10 mm deep",
+                    "note": f"worst error of reading alone {100 * worst_fraction:.1f} %, 1 to 10 mm deep",
                 }
             )
     ratio = np.divide(declared, noise)

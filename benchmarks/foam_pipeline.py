@@ -7,9 +7,9 @@ import tempfile
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
-from visuohaptic.simulation.press import PressShape, press
+from visuohaptic.core.camera import Frame
+from visuohaptic.rigs import VirtualSensor
+from visuohaptic.simulation.foam import PressShape, press
 
 from .harness import cpu_seconds
 

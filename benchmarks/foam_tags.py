@@ -11,15 +11,23 @@ from typing import Any, Self
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
-from visuohaptic.objects import Estimate, HapticTag
-from visuohaptic.sensing.foam import FoamMaterial, FoamSensor
+from visuohaptic.core import Estimate, HapticTag
+from visuohaptic.core.camera import Frame
+from visuohaptic.rigs import VirtualSensor
+from visuohaptic.sensing.foam import FoamSensor
+from visuohaptic.sensing.foam.material import FoamMaterial
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.simulation.obstacles import Obstacle, box, cylinder, door, table, wall
-from visuohaptic.simulation.platform import PlatformConfig
-from visuohaptic.simulation.world import PushWorld
-from visuohaptic.tasks.explore import Exploration, ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.simulation.mobile import (
+    Obstacle,
+    PlatformConfig,
+    PushWorld,
+    box,
+    cylinder,
+    door,
+    table,
+    wall,
+)
+from visuohaptic.tasks.mobile import Exploration, ExploreSettings, Outcome, explore_obstacle
 
 #: Front of the foam at rest (m), and the gap that the platform drives before it touches (m).
 FRONT_M, GAP_M = 0.19, 0.015

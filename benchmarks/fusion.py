@@ -18,9 +18,8 @@ def run() -> list[dict[str, Any]]:
     from skimage.measure import marching_cubes
     from tests.reconstruction.scenes import ring
 
-    from visuohaptic.camera import Camera
-    from visuohaptic.reconstruction.fusion import TsdfVolume
-    from visuohaptic.reconstruction.sparse_fusion import SparseTsdfVolume
+    from visuohaptic.core.camera import Camera
+    from visuohaptic.reconstruction.fusion import SparseTsdfVolume, TsdfVolume
 
     frames = ring(Camera.simple(640, 480, 525.0))
     volume = TsdfVolume(np.array([0.0, 0.0, -0.1]), (200, 200, 200), 0.005, color=False)

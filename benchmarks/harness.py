@@ -25,8 +25,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from visuohaptic import __version__
-from visuohaptic.files import write_text
+from visuohaptic._version import __version__
+from visuohaptic.core.files import write_text
 
 __all__ = ["Report", "Row", "benchmark_names", "cpu_seconds", "run", "save", "table", "use_one_thread"]
 
@@ -111,12 +111,10 @@ def use_one_thread() -> None:
     cv2.setNumThreads(1)
 
 
-def cpu_seconds(
-    work: Callable[[], object], *, repeats: int = 7, least_s: float = 0.02, warm: int = 1
-) -> float:
+def cpu_seconds(work: Callable[[], object], *, repeats: int = 7, min_s: float = 0.02, warm: int = 1) -> float:
     """CPU time of one call [s]: the smallest mean over ``repeats`` batches.
 
-    A batch is long enough (``least_s``) for the clock; the smallest batch is
+    A batch is long enough (``min_s``) for the clock; the smallest batch is
     the one that other work on the machine disturbed least. ``warm`` calls
     before that compile kernels and fill caches.
     """
@@ -128,7 +126,7 @@ def cpu_seconds(
         for _ in range(calls):
             work()
         spent_s = time.process_time() - started_s
-        if spent_s >= least_s:
+        if spent_s >= min_s:
             break
         calls *= 2
     best_s = spent_s

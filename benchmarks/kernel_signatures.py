@@ -1,7 +1,7 @@
 """The signatures of all kernels that users need, found by a small run of each part.
 
 ``python -m benchmarks.kernel_signatures`` runs the parts below and writes the list that ``visuohaptic warmup``
-compiles, ``src/visuohaptic/kernel_signatures.txt``. Run it when a kernel was added, moved or takes other
+compiles, ``src/visuohaptic/core/kernel_signatures.txt``. Run it when a kernel was added, moved or takes other
 arguments; a test tells. A new kernel needs a call below, unless an existing part reaches it.
 """
 
@@ -14,21 +14,20 @@ import sys
 import numpy as np
 
 import visuohaptic
-from visuohaptic.cli.warmup import SIGNATURES
-from visuohaptic.kernels import KERNELS
+from visuohaptic.cli.verbs.system.warmup import SIGNATURES
+from visuohaptic.core import KERNELS
 
 
 def run_objects() -> None:
     """One search of two vectors, through the door that everybody takes."""
-    from visuohaptic.objects.search import ByteIndex
+    from visuohaptic.database import ByteIndex
 
     ByteIndex(["a", "b"], np.eye(2)).nearest(np.zeros(2))
 
 
 def run_tracking() -> None:
     """Follow a straight edge over a few frames: first search, warm start, and the sub-pixel fit."""
-    from visuohaptic.tracking.contour import ContourTracker
-    from visuohaptic.tracking.lines import ConstraintLines
+    from visuohaptic.tracking.contours import ConstraintLines, ContourTracker
 
     image = np.full((80, 160), 40, np.uint8)
     image[41:] = 160
@@ -48,10 +47,9 @@ def run_tracking() -> None:
 
 def run_planar() -> None:
     """Align a small template, which compiles the kernels of the planar tracker."""
-    from visuohaptic.camera import Camera, Pose
-    from visuohaptic.tracking.esm import align
-    from visuohaptic.tracking.esm_template import EsmTemplate
-    from visuohaptic.tracking.plane_pose import estimate_plane_poses
+    from visuohaptic.core.camera import Camera, Pose
+    from visuohaptic.tracking.pose import estimate_plane_poses
+    from visuohaptic.tracking.templates import EsmTemplate, align
 
     y, x = np.mgrid[:64, :64]
     image = (128 + 60 * np.sin(x / 5.0) * np.cos(y / 7.0)).astype(np.uint8)
@@ -65,8 +63,8 @@ def run_planar() -> None:
 
 def run_sensing() -> None:
     """Fit all primitives to the impression of a cylinder."""
-    from visuohaptic.sensing.obstacle_mask import FloorMixture
-    from visuohaptic.sensing.primitives import fit_primitive
+    from visuohaptic.sensing.push import fit_primitive
+    from visuohaptic.sensing.scene import FloorMixture
 
     radius_m, depth_m = 0.06, 0.006
     s_m = np.linspace(-0.06, 0.06, 41)
@@ -79,9 +77,9 @@ def run_sensing() -> None:
 
 def run_object() -> None:
     """Fit the motion of a square that stands still before a camera."""
-    from visuohaptic.camera import Camera
-    from visuohaptic.sensing._object_kernels import fit_motion
-    from visuohaptic.tracking.plane_pose import lens_numbers
+    from visuohaptic.core.camera import Camera
+    from visuohaptic.sensing.scene._object_kernels import fit_motion
+    from visuohaptic.tracking.pose import lens_numbers
 
     camera = Camera.simple(64, 64, 100.0)
     body = np.array([[-1.0, -1, 5], [1, -1, 5], [1, 1, 5], [-1, 1, 5]])
@@ -93,18 +91,16 @@ def run_object() -> None:
 
 def run_beam() -> None:
     """Bend a rod."""
-    from visuohaptic.sensing.beam.mechanics import Beam
-    from visuohaptic.sensing.beam.rod import bend_rod
+    from visuohaptic.sensing.beam import Beam, bend_rod
 
     bend_rod(Beam(), np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.array([0.5, 1.0]))
 
 
 def run_graph() -> None:
     """Build, ask and edit a small map."""
+    from visuohaptic.io.maps import OccupancyMap
+    from visuohaptic.navigation.graph import NavigationMap, plan_path, shortest_path
     from visuohaptic.navigation.grid import SpeedLimits
-    from visuohaptic.navigation.incremental import NavigationMap
-    from visuohaptic.navigation.query import plan_path, shortest_path
-    from visuohaptic.recording.occupancy_map import OccupancyMap
 
     cells = np.zeros((60, 60), np.int8)
     cells[20:30, 20:30] = 100
@@ -116,8 +112,8 @@ def run_graph() -> None:
 
 def run_mapper() -> None:
     """Map a small round room from three scans."""
-    from visuohaptic.navigation.mapper import OccupancyMapper
-    from visuohaptic.objects.laser import LaserScan
+    from visuohaptic.core import LaserScan
+    from visuohaptic.navigation.mapping import OccupancyMapper
 
     mapper = OccupancyMapper()
     for number in range(4):
@@ -127,14 +123,17 @@ def run_mapper() -> None:
 
 def run_pushing() -> None:
     """Plan a direct and a sideward push of a box in a small room, and follow one with Algorithm 2."""
-    from visuohaptic.navigation.direct_push import plan_direct_push
-    from visuohaptic.navigation.goal_map import goal_map
-    from visuohaptic.navigation.impulse_push import simulate_impulses
-    from visuohaptic.navigation.local_ground import Footprint, local_ground
-    from visuohaptic.navigation.push_model import PushModel
-    from visuohaptic.navigation.quasi_static import line_path
-    from visuohaptic.navigation.sideward_push import plan_sideward_push
-    from visuohaptic.recording.occupancy_map import OccupancyMap
+    from benchmarks.peers.impulse_push import simulate_impulses
+    from visuohaptic.io.maps import OccupancyMap
+    from visuohaptic.navigation.pushing import (
+        Footprint,
+        PushModel,
+        goal_map,
+        line_path,
+        local_ground,
+        plan_direct_push,
+        plan_sideward_push,
+    )
 
     cells = np.zeros((60, 60), np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
@@ -150,12 +149,17 @@ def run_pushing() -> None:
 
 def run_reconstruction() -> None:
     """A few small views of a plane through both detectors and the fusion, and a small spline."""
-    from visuohaptic.camera import Camera
-    from visuohaptic.reconstruction._hull_kernels import hull_distance, mask_through, seen_share, within_hull
-    from visuohaptic.reconstruction.pipeline import reconstruct
-    from visuohaptic.reconstruction.rbf import RbfSurface
-    from visuohaptic.reconstruction.volume import SpaceGrid
-    from visuohaptic.recording.depth_sequence import DepthFrame
+    from visuohaptic.core.camera import Camera
+    from visuohaptic.io.depth import DepthFrame
+    from visuohaptic.reconstruction import reconstruct
+    from visuohaptic.reconstruction._hull_kernels import (
+        hull_distance,
+        mask_through,
+        seen_fraction,
+        within_hull,
+    )
+    from visuohaptic.reconstruction.fusion import SpaceGrid
+    from visuohaptic.reconstruction.surfaces import RbfSurface
 
     camera = Camera.simple(80, 60, 70.0)
     frames = []
@@ -178,26 +182,26 @@ def run_reconstruction() -> None:
     numbers = (camera.matrix[0, 0], camera.matrix[1, 1], camera.matrix[0, 2], camera.matrix[1, 2])
     mask_through(frames[0].depth_m.copy(), planes, rows, rows, *numbers, 0.01)
     ways = np.eye(3)
-    seen_share(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
+    seen_fraction(np.zeros((2, 2, 2), dtype=bool), np.ones((1, 3)), np.eye(3)[:1].copy(), ways, np.empty(1))
     hull_distance(corners_m, np.ascontiguousarray(planes.T), np.empty(8))
     within_hull(corners_m, np.ascontiguousarray(planes.T), 0.0, np.empty(8, dtype=np.bool_))
 
 
 def run_deformation() -> None:
     """A map, a nonlinear pinch with and without contents, a solid of revolution, a solid wall."""
-    from visuohaptic.deformation import (
+    from benchmarks.peers.tetrahedra import linear_tetrahedra, wall_tetrahedra
+    from visuohaptic.deformation.nonlinear import follow_displacement, pinch_curve
+    from visuohaptic.deformation.shapes import tube_mesh
+    from visuohaptic.deformation.shells import (
         CorotationalShell,
+        IsotropicMaterial,
         RevolutionShell,
         ShellModel,
         dual_tip_map,
         opposing_points,
+        pinch_stiffness,
     )
-    from visuohaptic.deformation.fourier_shell import pinch_stiffness
-    from visuohaptic.deformation.material import IsotropicMaterial
-    from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
-    from visuohaptic.deformation.nonlinear import follow_displacement, pinch_curve
-    from visuohaptic.deformation.patches import tube_mesh
-    from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
+    from visuohaptic.rigs import mitc4_tube_stiffness
 
     plastic = IsotropicMaterial(2.5e9, 0.38)
     mesh = tube_mesh(0.03, 0.08, 0.0005, around=12, along=8)
@@ -223,13 +227,10 @@ def run_deformation() -> None:
 
 def run_simulation() -> None:
     """Press a box into a short strip and take a small picture of it, grey and in colour."""
-    from visuohaptic.camera import Camera
-    from visuohaptic.simulation._kernels import add_signed_coverage
-    from visuohaptic.simulation.effects import CameraEffects
-    from visuohaptic.simulation.look import Look
-    from visuohaptic.simulation.renderer import SceneRenderer
-    from visuohaptic.simulation.scene import FoamScene, SceneObject
-    from visuohaptic.simulation.strip import FoamStrip, Outline, StripGeometry
+    from visuohaptic.core.camera import Camera
+    from visuohaptic.simulation.foam import FoamStrip, Outline, StripGeometry
+    from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
+    from visuohaptic.simulation.rendering._render_kernels import add_signed_coverage
 
     strip = FoamStrip(StripGeometry(length_m=0.1, spacing_m=0.002))
     box = Outline.box((0.05, 0.0), (0.1, 0.04), 0.0, 0.0005)
@@ -248,9 +249,9 @@ def run_simulation() -> None:
 
 def run_foam() -> None:
     """Grey levels along two lines, and the force of a contact in the middle of a strip; as the sensor calls them."""
-    from visuohaptic.sensing.foam._appearance import front_grey, interior_grey
-    from visuohaptic.sensing.foam._flank_kernels import below_chord
     from visuohaptic.sensing.foam._profile_kernels import integrate_regions
+    from visuohaptic.sensing.foam.strip import front_grey, interior_grey
+    from visuohaptic.sensing.foam.validity._flank_kernels import below_chord
 
     image, points_px, extent_px = np.zeros((8, 8), np.uint8), np.zeros((2, 2)), np.zeros(2)
     for grey in (interior_grey, front_grey):

@@ -235,8 +235,8 @@ _WORKER = """
 import json, resource, sys, time
 from pathlib import Path
 import cv2, yaml, pydantic
-from visuohaptic.errors import InputError
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core.errors import InputError
+from visuohaptic.io import OccupancyMap
 OccupancyMap.load(Path(sys.argv[1]) / "good" / "map.yaml")
 pages = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (pages + int(sys.argv[2]),) * 2)

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import import_object, object_map, save_map
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import object_map, save_map
+from visuohaptic.deformation.shapes import import_object
 
 ROOT = Path(__file__).resolve().parents[1]
 

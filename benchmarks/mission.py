@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from visuohaptic.experiments.mission import run_mission, write_story
-from visuohaptic.simulation.faults import FaultKind
+from visuohaptic.demo import run_mission, write_story
+from visuohaptic.simulation import FaultKind
 
 from ._journal import Journal
 

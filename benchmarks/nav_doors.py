@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from visuohaptic.navigation.doors import DoorMap, DoorSettings, find_doors
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.mapping import DoorMap, DoorSettings, find_doors
 
 TOLERANCE_M = 0.75
 

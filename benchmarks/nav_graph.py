@@ -44,7 +44,7 @@ def real_maps() -> dict[str, Any]:
 
 def mosaic(side: int = 4000) -> Any:
     """Real maps in rows, large ones first, again and again until the square is full; cells of 0.05 m."""
-    from visuohaptic.recording import OccupancyMap
+    from visuohaptic.io.maps import OccupancyMap
 
     parts = sorted(real_maps().items(), key=lambda item: (-item[1].cells.size, item[0]))
     cells = np.full((side, side), -1, np.int8)
@@ -64,9 +64,8 @@ def mosaic(side: int = 4000) -> Any:
 
 def build(grid: Any) -> Any:
     """Distance, cost, skeleton, graph, regions."""
-    from visuohaptic.navigation.graph import build_graph
+    from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-    from visuohaptic.navigation.regions import assign_regions
 
     layers = grid_layers(grid, SpeedLimits(_RADIUS_M))
     return assign_regions(layers, build_graph(layers))
@@ -121,8 +120,8 @@ def edit_times_ms(grid: Any, edits: int, seed: int = _SEED, ask: bool = True) ->
 
     ``ask``: with the time until graph and regions have been read, which are made on request.
     """
+    from visuohaptic.navigation.graph import NavigationMap
     from visuohaptic.navigation.grid import SpeedLimits
-    from visuohaptic.navigation.incremental import NavigationMap
 
     rng = np.random.default_rng(seed)
     live = NavigationMap(grid, SpeedLimits(_RADIUS_M))
@@ -148,7 +147,7 @@ def edit_times_ms(grid: Any, edits: int, seed: int = _SEED, ask: bool = True) ->
 
 def path_ratios(grid: Any, pairs: int, seed: int = _SEED) -> np.ndarray:
     """Cost of graph path, of it pulled taut, and of the plan with slack, over the grid's optimum."""
-    from visuohaptic.navigation.query import plan_on_grid, plan_path, shortest_path, taut_path
+    from visuohaptic.navigation.graph import plan_on_grid, plan_path, pull_string, shortest_path
 
     regions = build(grid)
     graph = regions.graph
@@ -159,7 +158,7 @@ def path_ratios(grid: Any, pairs: int, seed: int = _SEED) -> np.ndarray:
         a, b = (int(node) for node in rng.choice(large, 2, replace=False))
         best_s = plan_on_grid(regions.layers, graph.node_m[a], graph.node_m[b]).cost_s
         route = shortest_path(graph, a, b)
-        taut_s = taut_path(regions, route.edges, graph.node_cells[a], graph.node_cells[b]).cost_s
+        taut_s = pull_string(regions, route.edges, graph.node_cells[a], graph.node_cells[b]).cost_s
         plan_s = plan_path(regions, graph.node_m[a], graph.node_m[b]).cost_s
         found.append((route.cost_s / best_s, taut_s / best_s, plan_s / best_s))
     return np.array(found)
@@ -256,7 +255,7 @@ def run() -> list[dict[str, Any]]:
     """Rows of the issue's table."""
     from tests.navigation.random_maps import topology
 
-    from visuohaptic.navigation.query import shortest_path
+    from visuohaptic.navigation.graph import shortest_path
 
     maps = real_maps()
     willow = maps["willow-full-0.05"]

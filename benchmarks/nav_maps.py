@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.navigation.footprints import find_footprints
-from visuohaptic.navigation.mapper import OccupancyMapper
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.laser import LaserConfig, SimulatedLaser
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.grid import find_footprints
+from visuohaptic.navigation.mapping import OccupancyMapper
+from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser
 
 from . import _haptic_room
 from ._nav_walks import agreement, drifted, smooth_way
@@ -30,8 +30,8 @@ LOOPS: dict[str, tuple[str, list[tuple[float, float]]]] = {
 def _loop(grid: OccupancyMap, corners: list[tuple[float, float]]) -> np.ndarray:
     if not corners:
         rows, columns = np.nonzero(grid.free)
-        shares = ((0.2, 0.2), (0.2, 0.8), (0.5, 0.5), (0.8, 0.8), (0.8, 0.2), (0.2, 0.2))
-        cells = np.array([[np.quantile(rows, a), np.quantile(columns, b)] for a, b in shares])
+        fractions = ((0.2, 0.2), (0.2, 0.8), (0.5, 0.5), (0.8, 0.8), (0.8, 0.2), (0.2, 0.2))
+        cells = np.array([[np.quantile(rows, a), np.quantile(columns, b)] for a, b in fractions])
         corners = [(float(x), float(y)) for x, y in grid.world_from_cell(cells)]
     return smooth_way(grid, corners)
 
@@ -81,15 +81,15 @@ def run() -> list[dict[str, Any]]:
             lowest = min(one[key] for one in found)
             rows.append({"name": f"mapping, {name}: {text}", "ours": lowest, "unit": "1"})
         rows.append({"name": f"mapping, {name}: CPU per scan", "ours": worst["scan_ms"], "unit": "ms"})
-    shares = [_haptic_room.iou(*_haptic_room.explore(np.random.default_rng(seed))) for seed in range(20)]
+    fractions = [_haptic_room.iou(*_haptic_room.explore(np.random.default_rng(seed))) for seed in range(20)]
     rows.append(
         {
             "name": "haptic map of a room, 22 contacts, IoU of occupied space",
-            "ours": float(np.median(shares)),
+            "ours": float(np.median(fractions)),
             "unit": "1",
             "floor": 0.6,
             "aim": 0.75,
-            "note": f"median of 20 rooms, least {min(shares):.2f}; walls of 0.1 m",
+            "note": f"median of 20 rooms, least {min(fractions):.2f}; walls of 0.1 m",
         }
     )
     folder = data_folder() / "freiburg"

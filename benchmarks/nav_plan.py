@@ -16,18 +16,21 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.navigation.graph import build_graph
+from benchmarks.peers.scenes import load_namosim
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.joint_graph import extend_graph
-from visuohaptic.navigation.node_types import ManipulationNode
-from visuohaptic.navigation.oracle import ask_oracle
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.navigation.push_search import search_pushes
-from visuohaptic.navigation.push_world import grid_from_world, push_world
-from visuohaptic.navigation.regions import assign_regions
-from visuohaptic.navigation.scenes import load_namosim
-from visuohaptic.navigation.strategies import alternatives, make_plan, without_pushing
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.navigation.planning import (
+    alternatives,
+    extend_graph,
+    grid_from_world,
+    make_plan,
+    push_world,
+    search_pushes,
+    without_pushing,
+)
+from visuohaptic.navigation.planning.oracle import solve_exact
+from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
 
 from .harness import cpu_seconds, median
 
@@ -58,7 +61,7 @@ def namosim_rows(folder: Path) -> list[dict[str, Any]]:
     slowest = ""
     for name, problem in scenes:
         solved += make_plan(problem).reachable
-        spent_s = cpu_seconds(lambda problem=problem: make_plan(problem), repeats=3, warm=0, least_s=0.0)
+        spent_s = cpu_seconds(lambda problem=problem: make_plan(problem), repeats=3, warm=0, min_s=0.0)
         if not times or spent_s > max(times):
             slowest = name
         times.append(spent_s)
@@ -103,7 +106,7 @@ def oracle_rows(count: int) -> list[dict[str, Any]]:
     solvable = solved = impossible = proved = free = beyond = wrong = 0
     for index in range(count):
         problem = random_scene(rng, 1 + index % 2, 40 if index % 2 == 0 else 22)
-        oracle = ask_oracle(problem)
+        oracle = solve_exact(problem)
         started_s = time.process_time()
         plan = make_plan(problem)
         times.append(time.process_time() - started_s)

@@ -13,13 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks._push_direct import drive_direct, foreseen, random_direct
+from benchmarks._push_direct import drive_direct, predicted, random_direct
 from benchmarks._push_loop import closed_loop
 from benchmarks._push_world import RADIUS_M, random_case
 from benchmarks._zhou2016 import TRIANGLE_M, RealPush, read_pushes, support_points
-from visuohaptic.navigation.impulse_push import simulate_impulses
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import PushTrace, simulate_push
+from benchmarks.peers.impulse_push import simulate_impulses
+from visuohaptic.navigation.pushing import PushModel, PushTrace, simulate_push
 
 __all__ = ["real_push_errors", "run", "sideward_errors"]
 
@@ -127,14 +126,14 @@ def _speed() -> list[dict[str, Any]]:
             cpu_seconds(
                 lambda c=case, p=path: simulate_push(c.model, c.start_m, p, RADIUS_M),
                 repeats=3,
-                least_s=0.005,
+                min_s=0.005,
             )
         )
         peer.append(
             cpu_seconds(
                 lambda c=case, p=path: simulate_impulses(c.model, c.start_m, p, RADIUS_M),
                 repeats=3,
-                least_s=0.005,
+                min_s=0.005,
             )
         )
     return [
@@ -208,7 +207,7 @@ def direct_errors(count: int, length_m: float = 0.5) -> dict[str, np.ndarray]:
             rows[f"{how} off"].append(float(np.hypot(end[0] - length_m, end[1])))
             rows[f"{how} turn"].append(abs(float(end[2])))
             if how == "straight":
-                told = foreseen(case, length_m)
+                told = predicted(case, length_m)
                 rows["model off"].append(float(np.hypot(*(told - end)[:2])))
                 rows["model turn"].append(abs(float(told[2] - end[2])))
     return {name: np.array(values) for name, values in rows.items()}

@@ -22,23 +22,21 @@ from typing import Any
 import numpy as np
 
 from benchmarks._nav_scene import SEED, Scene, larger, make_scene
-from visuohaptic.files import write_text
+from visuohaptic.core.files import write_text
+from visuohaptic.navigation.planning import SearchLimits, make_plan, without_pushing
 from visuohaptic.navigation.problem import PlanningProblem
-from visuohaptic.navigation.push_search import SearchLimits
-from visuohaptic.navigation.strategies import make_plan, without_pushing
-from visuohaptic.simulation.floor_senses import FloorSenses
-from visuohaptic.simulation.floor_world import FloorRobot, FloorWorld
-from visuohaptic.tasks.travel import Travel, travel
+from visuohaptic.simulation.floor import FloorRobot, FloorSenses, FloorWorld
+from visuohaptic.tasks.mobile.travel import Travel, travel
 
 from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
 
-LIMITS = SearchLimits(expansions=180, first_expansions=15, hasty_expansions=60)
+LIMITS = SearchLimits(expansions=180, first_expansions=15, weighted_expansions=60)
 
 
 #: What a scene is called solvable with: more than the travels have.
-PATIENT = SearchLimits(expansions=300, first_expansions=10, hasty_expansions=200)
+PATIENT = SearchLimits(expansions=300, first_expansions=10, weighted_expansions=200)
 
 
 def plan(problem: PlanningProblem) -> Any:
@@ -122,15 +120,15 @@ def rows_of(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     tried = [entry for entry in entries if not entry["solvable"] and entry["arrived"] is not None]
     blocked = [entry for entry in solvable if not entry["free"]]
 
-    def share(chosen: Sequence[dict[str, Any]], key: str) -> float:
+    def fraction(chosen: Sequence[dict[str, Any]], key: str) -> float:
         return 100.0 * float(np.mean([entry[key] for entry in chosen])) if chosen else float("nan")
 
     cpu_s = float(np.sum([sum(entry["cpu_s"]) for entry in entries]))
     return [
         {
             "name": "travels that arrive, of the solvable",
-            "ours": share(solvable, "arrived"),
-            "peer": share(solvable, "free"),
+            "ours": fraction(solvable, "arrived"),
+            "peer": fraction(solvable, "free"),
             "peer_name": "push-free planner, plans alone",
             "unit": "%",
             "floor": 90.0,
@@ -140,14 +138,14 @@ def rows_of(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
         },
         {
             "name": "... of those that need pushing",
-            "ours": share(blocked, "arrived"),
+            "ours": fraction(blocked, "arrived"),
             "unit": "%",
             "higher_is_better": True,
             "note": f"{len(blocked)} scenes",
         },
         {
             "name": "... of those called unsolvable",
-            "ours": share(tried, "arrived"),
+            "ours": fraction(tried, "arrived"),
             "unit": "%",
             "higher_is_better": True,
             "note": f"{len(tried)} executed, of {len(entries) - len(solvable)}",

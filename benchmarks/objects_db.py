@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.objects.database import open_database
-from visuohaptic.objects.search import PlainIndex, index_of
+from visuohaptic.database import PlainIndex, index_of, open_database
 
 from . import harness
 from .objects_faults import make_object

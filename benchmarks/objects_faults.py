@@ -19,10 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.errors import DatabaseError
-from visuohaptic.objects import Estimate, Evidence, FeatureVector, StiffnessMap, VisuoHapticObject
-from visuohaptic.objects.database import open_database
-from visuohaptic.objects.merge import add_evidence
+from visuohaptic.core import DatabaseError, Estimate, Evidence, FeatureVector, StiffnessMap, VisuoHapticObject
+from visuohaptic.database import add_evidence, open_database
 
 from ._journal import Journal
 

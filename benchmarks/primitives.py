@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.sensing.circle_fit import fit_circle_algebraic
-from visuohaptic.sensing.primitives import PrimitiveSettings, fit_primitive
+from visuohaptic.sensing.push import PrimitiveSettings, fit_circle_algebraic, fit_primitive
 
 SEED = 20160421
 
@@ -77,12 +76,12 @@ def run(count: int = 500, seed: int = SEED, *, verbose: bool = False) -> list[di
         }
 
     robust = float(np.median(np.abs(deviation)) / 0.6745)
-    printed_share = right_printed / count
+    printed_fraction = right_printed / count
     error, error_peer = float(np.median(radius)), float(np.median(radius_peer))
     cpu_ms = float(np.median(seconds)) * 1e3
     return [
-        row("primitives: right kind, all contacts", right / count, printed_share, "1", 0.95, 0.98),
-        row("primitives: right kind, clear ones", right_clear / clear, printed_share, "1", 0.95, 0.98),
+        row("primitives: right kind, all contacts", right / count, printed_fraction, "1", 0.95, 0.98),
+        row("primitives: right kind, clear ones", right_clear / clear, printed_fraction, "1", 0.95, 0.98),
         row("primitives: circle radius error, median", error, error_peer, "1", 0.05, 0.03),
         row("primitives: true / declared sigma of the radius", robust, 1.0, "1", None, None),
         row("primitives: CPU time per contact, median", cpu_ms, float("nan"), "ms", None, None),

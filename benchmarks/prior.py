@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.recognition import UNKNOWN, Example, VisualPrior, calibrate_prior, calibration_error
-from visuohaptic.recognition.prior import Entry
-from visuohaptic.recognition.shape import ShapeViews
-from visuohaptic.recognition.words import LocalFeatures
+from visuohaptic.recognition.touch import UNKNOWN, calibration_error
+from visuohaptic.recognition.visual import Example, LocalFeatures, ShapeViews, VisualPrior, calibrate_prior
+from visuohaptic.recognition.visual.prior import Entry
 
 from . import harness
 from ._prior_world import containers, label, scene_with, seen_cloud
@@ -113,13 +112,13 @@ def times(count: int, seed: int = 5) -> list[dict[str, Any]]:
 
 
 def _features(number: int) -> LocalFeatures:
-    from visuohaptic.recognition.words import find_features
+    from visuohaptic.recognition.visual import find_features
 
     return find_features(label(number))
 
 
 def _views(rng: np.random.Generator) -> list[ShapeViews]:
-    from visuohaptic.recognition.shape import shape_views
+    from visuohaptic.recognition.visual import shape_views
 
     return [shape_views(mesh.sampled(3000, rng)[0]) for mesh in containers(2).values()]
 

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import Contents, load_container
-from visuohaptic.errors import InputError
-from visuohaptic.recognition.readings import TouchReading, fit_curve
-from visuohaptic.recognition.state import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import load_container
+from visuohaptic.recognition.data import TouchReading, fit_curve
+from visuohaptic.recognition.touch import (
     StateCurve,
     fit_state_model,
     simulate_state_curves,

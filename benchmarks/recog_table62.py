@@ -18,23 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.experiments import virtual_containers as world
-from visuohaptic.recognition import (
-    HEIGHTS,
+from visuohaptic.recognition.data import HEIGHTS, load_feature_set, save_feature_set
+from visuohaptic.recognition.touch import (
     UNKNOWN,
     HapticModel,
     ModelSettings,
-    believe,
     calibrate,
     calibration_error,
     explore,
     fit_model,
-    grow_tree,
-    load_feature_set,
-    save_feature_set,
-    train_tree,
-    walk,
+    update_belief,
 )
+from visuohaptic.recognition.trees import grow_tree, train_tree, walk
+from visuohaptic.rigs import virtual_containers as world
 
 from ._journal import Journal
 
@@ -70,10 +66,10 @@ def campaign(
     def judge(name: str, draw: int, thing: world.RealObject, salt: int) -> dict[str, Any]:
         rng = np.random.default_rng([seed, draw, len(name), salt])
         touch = world.explore(thing, rng)
-        found = explore(model, touch, rng=rng, least_touches=2)
+        found = explore(model, touch, rng=rng, min_touches=2)
         out: dict[str, Any] = {"planner": found.answer, "touches": len(found.readings)}
         out["touches_95"] = _touches_until(model, found.readings, 0.95)
-        out["early"] = believe(model, found.readings[: out["touches_95"]]).answer
+        out["early"] = update_belief(model, found.readings[: out["touches_95"]]).answer
         truth = world.REAL.get(name, _NAMED.get(name))
         if truth is None:
             return out
@@ -196,7 +192,7 @@ def _calibration(doubt: list[Any]) -> float:
 def _touches_until(model: HapticModel, readings: Any, confidence: float) -> int:
     """How many touches it took to be as sure as this; all, if it never was."""
     for count in range(2, len(readings)):
-        if believe(model, readings[:count]).probability.max() >= confidence:
+        if update_belief(model, readings[:count]).probability.max() >= confidence:
             return count
     return len(readings)
 
@@ -214,10 +210,10 @@ def _confidences(model: HapticModel, readings: Any, truth: str) -> list[tuple[fl
     out = []
     for count in range(1, len(readings) + 1):
         # Among the candidates, as all of these objects are.
-        share = believe(model, readings[:count]).probability[:-1]
-        share = share / share.sum()
-        best = int(np.argmax(share))
-        out.append((float(share[best]), model.answers[best] == truth))
+        fraction = update_belief(model, readings[:count]).probability[:-1]
+        fraction = fraction / fraction.sum()
+        best = int(np.argmax(fraction))
+        out.append((float(fraction[best]), model.answers[best] == truth))
     return out
 
 

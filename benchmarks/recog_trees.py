@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.experiments import virtual_containers as world
-from visuohaptic.recognition import FeatureSet, feature_name, load_feature_set, mean_touches, train_tree
+from visuohaptic.recognition.data import FeatureSet, load_feature_set
+from visuohaptic.recognition.trees import feature_name, mean_touches, train_tree
+from visuohaptic.rigs import virtual_containers as world
 
 from .harness import cpu_seconds
 
@@ -69,7 +70,7 @@ def table(data: FeatureSet, groups: dict[str, Any] | None = None) -> list[dict[s
             }
         )
     five = data.of_classes(FIVE, GROUPS if groups is None else groups)
-    from visuohaptic.recognition import grow_tree
+    from visuohaptic.recognition.trees import grow_tree
 
     rows.append(
         {

@@ -11,11 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.look import Look
-from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.scene import FoamScene, SceneObject
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
 
 FRAMES = 15
 
@@ -37,7 +34,7 @@ def pressed(t_s: float, objects: int = 3) -> FoamScene:
         SceneObject(leg, 0.5, 110.0, 14.0, 3, "wood", (60, 100, 140)),
     )
     driven = Pose.from_rotation_vector([0, 0, 0.1], [0.3 * t_s, 0.0, 0.05])
-    return FoamScene(t_s, back, front, every[:objects], pose_world_foam=driven)
+    return FoamScene(t_s, back, front, every[:objects], T_world_foam=driven)
 
 
 def median_ms(frame: Callable[[int], object]) -> tuple[float, float]:

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from visuohaptic.experiments.reproduce import EXPERIMENTS, reproduce, reproduce_all
+from visuohaptic.reproduce import EXPERIMENTS, reproduce, reproduce_all
 
 #: Nothing was chosen on these seeds; 0 was looked at.
 SEEDS = (101, 102, 103)

@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.sensing.floor_motion import FloorTracker, chain
-from visuohaptic.sensing.obstacle_mask import ObstacleDetector
-from visuohaptic.simulation.look import Look, Surface
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.tracking.flow import FlowSettings, FlowStep, PointTracker
+from visuohaptic.sensing.scene import FloorTracker, ObstacleDetector, chain
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.simulation.rendering import Look, Surface
+from visuohaptic.tracking.points import FlowSettings, FlowStep, PointTracker
 
 SEED = 20160606
 #: Number of the first push: nothing was developed or chosen on those from here on; on 0 to 199 it was.

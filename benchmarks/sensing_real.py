@@ -13,14 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.tracking import ContourSettings, ContourTracker
-from visuohaptic.tracking.detector import detect_templates
-from visuohaptic.tracking.esm import align
-from visuohaptic.tracking.esm_blur import matching_blur
-from visuohaptic.tracking.esm_template import EsmTemplate
-from visuohaptic.tracking.homography import apply_homography
-from visuohaptic.tracking.lines import ConstraintLines
-from visuohaptic.tracking.template import Template
+from visuohaptic.tracking.contours import ConstraintLines, ContourSettings, ContourTracker
+from visuohaptic.tracking.points import apply_homography
+from visuohaptic.tracking.templates import EsmTemplate, Template, align, detect_templates, matching_blur
 
 from .harness import ROOT
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.files import save_yaml
-from visuohaptic.recording import DepthSequence, write_depth, write_poses
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.depth import DepthSequence, write_depth, write_poses
 
 SEED = 20261121
 FRAMES = 6

@@ -7,20 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import (
-    ContainerDescription,
+from benchmarks.peers.solids import quadratic_compliance
+from benchmarks.peers.tetrahedra import linear_tetrahedra, wall_tetrahedra
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container, tube_mesh
+from visuohaptic.deformation.shells import (
     IsotropicMaterial,
     RevolutionShell,
     ShellModel,
-    ShellObject,
     dual_tip_map,
-    mesh_container,
     pinch_stiffness,
-    tube_mesh,
 )
-from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
-from visuohaptic.deformation.solids import quadratic_compliance
-from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
+from visuohaptic.rigs import mitc4_tube_stiffness
 
 from ._shell_problems import COURSE, solid_scordelis_lo
 

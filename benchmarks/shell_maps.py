@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from visuohaptic.deformation import (
+from visuohaptic.deformation.shells import (
     RevolutionShell,
     ShellModel,
     dual_tip_map,
     opposing_points,
     pinch_stiffness,
+    tip_loads,
 )
-from visuohaptic.deformation.stiffness_map import tip_loads
 
 from .harness import cpu_seconds
 from .shell_course import PET, tube

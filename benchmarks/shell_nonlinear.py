@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.deformation import CorotationalShell, ShellModel, follow_displacement, grid_mesh
+from visuohaptic.deformation.nonlinear import follow_displacement
+from visuohaptic.deformation.shapes import grid_mesh
+from visuohaptic.deformation.shells import CorotationalShell, ShellModel
 
 from ._shell_problems import NONLINEAR, RX, RY, RZ, X, Y, held, near
 from .harness import cpu_seconds

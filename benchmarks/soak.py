@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.camera import Frame
-from visuohaptic.recording import MeasurementWriter
-from visuohaptic.sensing.events import ContactEvents
+from visuohaptic.core.camera import Frame
+from visuohaptic.io.sinks import MeasurementWriter
+from visuohaptic.sensing.push import ContactEvents
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.tracking.template_tracker import TemplateTracker
+from visuohaptic.tracking.templates import TemplateTracker
 
 from .chain import Recording, record
 

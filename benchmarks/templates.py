@@ -65,8 +65,7 @@ def _ecc(template: np.ndarray, image: np.ndarray, start: np.ndarray, *, levels: 
 
 def _methods() -> dict[str, Callable[[PlaneView], Callable[[np.ndarray, np.ndarray], np.ndarray]]]:
     """Name -> function of a view that gives a tracker: (frame, start) -> homography."""
-    from visuohaptic.tracking.esm import align
-    from visuohaptic.tracking.esm_template import EsmTemplate
+    from visuohaptic.tracking.templates import EsmTemplate, align
 
     def ours(view: PlaneView) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
         template = EsmTemplate.from_image(view.template)
@@ -164,9 +163,7 @@ def recovery(side: int = 200) -> dict[str, float]:
     """
     import cv2
 
-    from visuohaptic.tracking.detector import detect_templates
-    from visuohaptic.tracking.esm import align
-    from visuohaptic.tracking.template import Template
+    from visuohaptic.tracking.templates import Template, align, detect_templates
 
     rng = np.random.default_rng(_SEED)
     view = PlaneView.named("astronaut", side)

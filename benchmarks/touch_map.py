@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.experiments.virtual_touch_map import map_virtual_room
+from visuohaptic.rigs import map_virtual_room
 
 ROOMS = 10
 

@@ -24,16 +24,20 @@ from typing import Any
 
 import numpy as np
 
-from visuohaptic.experiments.virtual_glass import VOXEL_M, detected, disturbed, judged, rendered
-from visuohaptic.reconstruction.background import background_model, ideal_depth
-from visuohaptic.reconstruction.consistency import ConsistencyDetector, ray_image
-from visuohaptic.reconstruction.pose_refinement import refine_poses
-from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE
-from visuohaptic.reconstruction.transparency import TransparencyDetector, TransparencySettings, error_image
-from visuohaptic.reconstruction.volume import SpaceGrid
-from visuohaptic.recording.depth_sequence import DepthFrame, DepthSequence
-from visuohaptic.simulation.depth_camera import DepthCamera
-from visuohaptic.simulation.glass_scene import glass_scene
+from visuohaptic.io.depth import DepthFrame, DepthSequence
+from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid
+from visuohaptic.reconstruction.transparency import (
+    ConsistencyDetector,
+    TransparencyDetector,
+    TransparencySettings,
+    background_model,
+    error_image,
+    ideal_depth,
+    ray_image,
+    refine_poses,
+)
+from visuohaptic.rigs import VOXEL_M, detected, disturbed, judged, rendered
+from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
 from ._journal import Journal
 from .harness import use_one_thread
@@ -145,12 +149,12 @@ def speed() -> list[dict[str, Any]]:
     ]
     grid = SpaceGrid.around(scene.low_m, scene.high_m, 0.005)
     views, last = frames[0:8], frames[-1]
-    poses = [view.pose_world_camera for view in views]
+    poses = [view.T_world_camera for view in views]
     published = TransparencyDetector(grid)
 
     def printed() -> None:
-        model = background_model(views, last.pose_world_camera)
-        score = error_image(model, ideal_depth(last), last.camera, last.pose_world_camera, poses)
+        model = background_model(views, last.T_world_camera)
+        score = error_image(model, ideal_depth(last), last.camera, last.T_world_camera, poses)
         published._cast(score, model.mean_m, last)
 
     detector = ConsistencyDetector(grid)
@@ -198,7 +202,7 @@ def data_folder() -> Path:
 
 def real_frames(name: str, folder: Path) -> list[DepthFrame]:
     """A real sequence, imported into a folder."""
-    from visuohaptic.recording.depth_import import import_sequence
+    from visuohaptic.io.depth import import_sequence
 
     import_sequence(data_folder() / name, folder / name)
     return list(DepthSequence(folder / name))
@@ -227,9 +231,9 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
         depth_m = ideal_depth(frame)
         if method != "consistency":
             margin_px = 2 if method == "published as printed" else None
-            model = background_model(others, frame.pose_world_camera, noise, erosion_px=margin_px)
-            poses = [other.pose_world_camera for other in others]
-            bad = error_image(model, depth_m, frame.camera, frame.pose_world_camera, poses) > 0
+            model = background_model(others, frame.T_world_camera, noise, erosion_px=margin_px)
+            poses = [other.T_world_camera for other in others]
+            bad = error_image(model, depth_m, frame.camera, frame.T_world_camera, poses) > 0
             counted = (model.reliability > 0) & np.isfinite(depth_m)
             expected_m = model.mean_m
         else:
@@ -240,7 +244,7 @@ def real_flags(frames: Sequence[DepthFrame], method: str, above_m: float) -> dic
         # The class of a pixel is that of the expected surface: a wrong depth must not choose it.
         rows, columns = np.mgrid[0 : depth_m.shape[0], 0 : depth_m.shape[1]]
         rays = frame.camera.rays(np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(float))
-        points_m = frame.pose_world_camera.apply(rays * expected_m.reshape(-1, 1))
+        points_m = frame.T_world_camera.apply(rays * expected_m.reshape(-1, 1))
         height_m = points_m[:, 2].reshape(depth_m.shape)
         for side, part in enumerate((height_m > above_m, height_m <= above_m)):
             reliable[side] += np.count_nonzero(counted & part)
@@ -260,21 +264,21 @@ def real() -> list[dict[str, Any]]:
         arm = real_frames("d435i_robot_arm", Path(name))[:24]
         shelf = real_frames("apc_f200_shelf", Path(name))
     for method in REAL_METHODS:
-        share = real_flags(arm, method, above_m=-0.4)
+        fraction = real_flags(arm, method, above_m=-0.4)
         rows.append(
             {
                 "name": f"{method}, real glass table: flagged share of reliable opaque pixels",
-                "ours": 100 * share["opaque"],
+                "ours": 100 * fraction["opaque"],
                 "unit": "%",
                 "floor": 0.13,
                 "aim": 0.05,
-                "note": f"of pixels seen through the glass {100 * share['glass']:.1f} %",
+                "note": f"of pixels seen through the glass {100 * fraction['glass']:.1f} %",
             }
         )
         rows.append(
             {
                 "name": f"{method}, real glass table: contrast",
-                "ours": share["contrast"],
+                "ours": fraction["contrast"],
                 "unit": "1",
                 "floor": 60.0,
                 "higher_is_better": True,
@@ -282,8 +286,8 @@ def real() -> list[dict[str, Any]]:
         )
         middle = np.median(
             [
-                f.pose_world_camera.translation_m
-                + f.pose_world_camera.rotation[:, 2] * float(np.nanmedian(f.depth_m))
+                f.T_world_camera.translation_m
+                + f.T_world_camera.rotation[:, 2] * float(np.nanmedian(f.depth_m))
                 for f in shelf
             ],
             axis=0,

@@ -74,7 +74,7 @@ def main() -> None:
     from visuohaptic.cli.main import main as command
 
     sys.meta_path.insert(0, CoreOnly([library.package for library in CORE]))  # type: ignore[arg-type]
-    from visuohaptic.cli import doctor, warmup
+    from visuohaptic.cli.verbs.system import doctor, warmup
 
     # Each module that is warmed up is imported, and compiles nothing here; the doctor asks two processes.
     warm = SimpleNamespace(import_module=lambda name: importlib.import_module(name) and mock.Mock())

@@ -14,7 +14,7 @@ from visuohaptic.cli._extras import OPTIONAL, needs
 from visuohaptic.cli.main import VERBS, verb_parser
 
 #: The only reader that may say by itself what is missing: it comes before all else.
-READS_FIRST = "visuohaptic.recording.mesh"
+READS_FIRST = "visuohaptic.io.meshes.mesh"
 
 
 def help_text(verb: str) -> str:

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera
 from visuohaptic.cli.main import VERBS, main
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core.camera import Camera
+from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.sensing.beam import Beam, save_beam
 
 #: BAD is the file in question; the files beside it are right, as far as the verb gets to see them.

@@ -11,7 +11,7 @@ import pytest
 
 import visuohaptic.viewer
 from visuohaptic.cli.main import main
-from visuohaptic.recognition import FeatureSet, save_feature_set
+from visuohaptic.recognition.data import FeatureSet, save_feature_set
 
 
 def _objects(path: Path) -> FeatureSet:

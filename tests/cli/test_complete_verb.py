@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.simulation.bottles import random_bottle
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.simulation.tabletop import random_bottle
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ import pytest
 
 from visuohaptic.cli import _json
 from visuohaptic.cli._console import Console, Progress
-from visuohaptic.objects import ErrorBudget, Reason
+from visuohaptic.core import ErrorBudget, Reason
 
 
 class Clock:

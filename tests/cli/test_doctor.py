@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from visuohaptic.cli._extras import CORE, OPTIONAL, Library
-from visuohaptic.cli.doctor import examine
+from visuohaptic.cli.verbs.system.doctor import examine
 
 
 def ill(trial: str, extra: str = "plot") -> Library:

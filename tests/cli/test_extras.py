@@ -17,8 +17,8 @@ import pytest
 
 from visuohaptic.cli._extras import BY_ARGUMENT, BY_ENDING, OPTIONAL, needs
 from visuohaptic.cli.main import VERBS, verb_parser
-from visuohaptic.experiments.reproduce.runner import EXPERIMENTS
-from visuohaptic.experiments.reproduce.runner import NEEDS as EXPERIMENT_NEEDS
+from visuohaptic.reproduce import EXPERIMENTS
+from visuohaptic.reproduce import NEEDS as EXPERIMENT_NEEDS
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="an alarm of POSIX ends what computes")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.experiments.virtual_gripper import GripperSensor
-from visuohaptic.recording import MeasurementWriter
+from visuohaptic.io.sinks import MeasurementWriter
+from visuohaptic.rigs import GripperSensor
 
 pytest.importorskip("sklearn")
 pytest.importorskip("mcap_ros2")

@@ -30,9 +30,9 @@ import pytest
 import yaml
 from tests.cli.help_words import examples, recorded_imports, undeclared
 
-from visuohaptic.camera import Camera
 from visuohaptic.cli import main as command
 from visuohaptic.cli.main import VERBS
+from visuohaptic.core.camera import Camera
 
 pytest.importorskip("av")
 pytest.importorskip("mcap_ros2")
@@ -116,18 +116,16 @@ def _scene(folder: Path, world: World) -> None:
     """A drive of 6 cm towards a box, told by 30 frames a second, and its wheels."""
     from tests.sensing import scenes
 
-    from visuohaptic.experiments.example import write_video
-    from visuohaptic.files import save_yaml
+    from visuohaptic.core.files import save_yaml
+    from visuohaptic.rigs import write_video
 
     scenes.RIG.camera.save(folder / "camera.yaml")
-    pose = scenes.RIG.pose_camera_foam
+    pose = scenes.RIG.T_camera_foam
     described = {
         "translation_m": [float(v) for v in pose.translation_m],
         "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
     }
-    save_yaml(
-        folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "pose_camera_foam": described}
-    )
+    save_yaml(folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     render, rng = scenes.renderer(scenes.RIG), np.random.default_rng(0)
     images = []
     for i in range(16):
@@ -156,9 +154,8 @@ def _cover(folder: Path, world: World) -> None:
 
 def _press(folder: Path, world: World) -> None:
     """A press log, and contours under a 4 cm plate at three depths."""
-    from visuohaptic.simulation.press import PressShape, calibration_press, press
-    from visuohaptic.simulation.strip import StripGeometry
-    from visuohaptic.simulation.strip_law import write_calibration_csv
+    from visuohaptic.simulation.foam import PressShape, StripGeometry, calibration_press, press
+    from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
     write_calibration_csv(folder / "press.csv", calibration_press(geometry=StripGeometry(spacing_m=0.002)))
     geometry = StripGeometry()
@@ -177,7 +174,7 @@ def _loads(folder: Path, world: World) -> None:
 
     save_beam(folder / "beam.yaml", Beam())
     axes = ["fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm"]
-    loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * share for share in (-1, -0.5, 0, 0.5, 1)])
+    loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * fraction for fraction in (-1, -0.5, 0, 0.5, 1)])
     read = loads * 1.03 + np.random.default_rng(2).normal(0, 1e-4, loads.shape)
     header = ",".join([*axes, *(f"read_{name}" for name in axes)])
     np.savetxt(folder / "loads.csv", np.hstack([loads, read]), "%.9g", ",", header=header, comments="")
@@ -186,7 +183,7 @@ def _loads(folder: Path, world: World) -> None:
 def _photos(folder: Path, world: World) -> None:
     from tests.camera.test_calibration import poses, render
 
-    from visuohaptic.camera.calibration import Board
+    from visuohaptic.core.camera import Board
 
     (folder / "photos").mkdir()
     for i, pose in enumerate(poses(12, seed=3)):
@@ -194,7 +191,7 @@ def _photos(folder: Path, world: World) -> None:
 
 
 def _gripper(folder: Path, world: World) -> None:
-    from visuohaptic.experiments.virtual_gripper import GripperSensor
+    from visuohaptic.rigs import GripperSensor
 
     rig = GripperSensor()
     rig.build(folder, np.random.default_rng(1), zero_frames=4)
@@ -224,7 +221,7 @@ def _scans(folder: Path, world: World) -> None:
     """A laser in a room of 6 m by 4 m, 5 cm further with every scan."""
     from tests.recording.test_laser_scans import odometry_message, room_scan, scan_message
 
-    from visuohaptic.recording import MeasurementWriter
+    from visuohaptic.io.sinks import MeasurementWriter
 
     with MeasurementWriter(folder / "run.mcap") as writer:
         for i in range(12):
@@ -237,8 +234,7 @@ def _scans(folder: Path, world: World) -> None:
 
 
 def _glass(folder: Path, world: World) -> None:
-    from visuohaptic.simulation.depth_camera import DepthCamera
-    from visuohaptic.simulation.glass_scene import glass_scene
+    from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
     scene = glass_scene(2, kind="labelled", arc_deg=360, step_m=0.12)
     scene.save(folder / "scan", DepthCamera.kinect(160), np.random.default_rng(2))
@@ -279,8 +275,8 @@ def _holed(folder: Path, world: World) -> None:
 
 def _more_objects(folder: Path, world: World) -> None:
     """Three cups with features; cup-1 is between the others, nearer to cup-2."""
-    from visuohaptic.objects import FeatureVector, VisuoHapticObject
-    from visuohaptic.objects.database import open_database
+    from visuohaptic.core import FeatureVector, VisuoHapticObject
+    from visuohaptic.database import open_database
 
     with open_database(folder / "objects.db") as database:
         for name, value in (("cup-1", 1.0), ("cup-2", 1.2), ("cup-3", 0.0)):
@@ -349,7 +345,9 @@ def _ctrl_c() -> Iterator[None]:
     def sleep(seconds: float) -> None:
         raise KeyboardInterrupt
 
-    with mock.patch("visuohaptic.cli.view.time", SimpleNamespace(sleep=sleep, monotonic=time.monotonic)):
+    with mock.patch(
+        "visuohaptic.cli.verbs.system.view.time", SimpleNamespace(sleep=sleep, monotonic=time.monotonic)
+    ):
         yield
 
 
@@ -363,21 +361,21 @@ def _answers() -> Iterator[None]:
 @contextlib.contextmanager
 def _server() -> Iterator[None]:
     """The shared database of the example's address is a folder: no server runs here."""
-    from visuohaptic.objects import database
+    from visuohaptic.database import database
 
     real = database.open_database
 
     def stand_in(where: Any, **more: Any) -> Any:
         return real("shared.db" if str(where).startswith("postgresql:") else where, **more)
 
-    with mock.patch("visuohaptic.objects.database.open_database", stand_in):
+    with mock.patch("visuohaptic.database.database.open_database", stand_in):
         yield
 
 
 @contextlib.contextmanager
 def _few_libraries() -> Iterator[None]:
     """Three processes instead of thirty: tests/cli/test_doctor.py compares the whole table."""
-    from visuohaptic.cli import doctor
+    from visuohaptic.cli.verbs.system import doctor
 
     with mock.patch.object(doctor, "CORE", doctor.CORE[:2]), mock.patch.object(doctor, "OPTIONAL", ()):
         yield
@@ -389,8 +387,8 @@ def _robot() -> Iterator[None]:
     pytest.importorskip("zenoh")
     from tests.ros.conftest import free_endpoint
 
-    from visuohaptic.files import save_yaml
-    from visuohaptic.recording import ros_messages as messages
+    from visuohaptic.core.files import save_yaml
+    from visuohaptic.io.ros import ros_messages as messages
     from visuohaptic.ros import RosNode, RosOptions
 
     endpoint, image = free_endpoint(), "/bumper/image/compressed"
@@ -490,7 +488,7 @@ def _map_graph(folder: Path, results: list[Any]) -> None:
 
 
 def _map_build(folder: Path, results: list[Any]) -> None:
-    from visuohaptic.recording import OccupancyMap
+    from visuohaptic.io.maps import OccupancyMap
 
     grid = OccupancyMap.load(folder / "map.yaml")
     walls = grid.world_from_cell(np.argwhere(grid.occupied))

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic import __version__
+from visuohaptic._version import __version__
 from visuohaptic.cli.main import VERBS, main
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
 
 
 @pytest.fixture

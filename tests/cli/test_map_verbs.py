@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.io.maps import OccupancyMap
 
 
 @pytest.fixture
@@ -37,8 +37,7 @@ def test_inspect_says_what_is_on_the_map(office, capsys):
 
 
 def test_graph_writes_layers_and_graphs_that_can_be_read(office, tmp_path, capsys):
-    from visuohaptic.navigation.geojson import load_graph, load_route_graph
-    from visuohaptic.navigation.layers_io import load_layer
+    from visuohaptic.navigation.files import load_graph, load_layer, load_route_graph
 
     out = tmp_path / "out"
     assert main(["map", "graph", str(office), "--radius", "0.17", "--out", str(out), "--plot", "--json"]) == 0

@@ -12,8 +12,8 @@ pytest.importorskip("sqlalchemy")
 pytest.importorskip("pyarrow")
 
 from visuohaptic.cli.main import main
-from visuohaptic.objects import FeatureVector, VisuoHapticObject
-from visuohaptic.objects.database import open_database
+from visuohaptic.core import FeatureVector, VisuoHapticObject
+from visuohaptic.database import open_database
 
 
 def test_a_life_of_a_cup(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,7 +106,7 @@ def test_recognise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     import cv2
     from benchmarks._prior_world import containers, label, scene_with, seen_cloud
 
-    from visuohaptic.objects import Appearance, Geometry, Sighting
+    from visuohaptic.core import Appearance, Geometry, Sighting
 
     rng = np.random.default_rng(0)
     meshes = containers(1, classes=("bottle", "cup"))

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame
 from visuohaptic.cli.main import main
-from visuohaptic.files import save_yaml
-from visuohaptic.recording import MeasurementWriter
+from visuohaptic.core.camera import Frame
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.sinks import MeasurementWriter
 
 pytest.importorskip("mcap_ros2")
 
@@ -39,14 +39,12 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(folder / "camera.yaml")
-    pose = rig.pose_camera_foam
+    pose = rig.T_camera_foam
     described = {
         "translation_m": [float(v) for v in pose.translation_m],
         "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
     }
-    save_yaml(
-        folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "pose_camera_foam": described}
-    )
+    save_yaml(folder / "scene.yaml", {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     render = scenes.renderer(rig)
     with MeasurementWriter(folder / "frames.mcap") as writer:
         for i in range(FRAMES):
@@ -108,10 +106,10 @@ def test_help_has_an_example(capsys) -> None:
 @pytest.mark.parametrize(
     ("change", "more", "text"),
     [
-        ({"camera": None}, [], "expected either sensor, or camera and pose_camera_foam"),
+        ({"camera": None}, [], "expected either sensor, or camera and T_camera_foam"),
         ({"floor_below_m": -1}, [], "floor_below_m"),
         ({"camera": "absent.yaml"}, [], "absent.yaml"),
-        ({"sensor": "sensor.yaml", "camera": None, "pose_camera_foam": None}, [], "sensor.yaml"),
+        ({"sensor": "sensor.yaml", "camera": None, "T_camera_foam": None}, [], "sensor.yaml"),
         ({}, ["--zero-frames", 3], "names no sensor"),
         ({}, ["--start", 99], "no frame"),
         ({}, ["--csv", "table.txt"], "expected .csv"),

@@ -69,7 +69,7 @@ def test_a_wall_of_a_metre_is_refused(tube: Path, capsys: pytest.CaptureFixture[
 
 def test_a_mesh_gives_nearly_the_same(tube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trimesh = pytest.importorskip("trimesh")
-    from visuohaptic.deformation import tube_mesh
+    from visuohaptic.deformation.shapes import tube_mesh
 
     mesh = tube_mesh(0.035, 0.2, 0.0005, around=72, along=60, crossed=False)
     path = tmp_path / "tube.stl"

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
 from visuohaptic.cli.main import main
-from visuohaptic.tracking.template import Template
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.tracking.templates import Template
 
 CAMERA = Camera.simple(320, 240, 450.0)
 

@@ -12,13 +12,13 @@ import pytest
 from numba.core.event import install_recorder
 
 from visuohaptic.cli import main as command
-from visuohaptic.cli import warmup
+from visuohaptic.cli.verbs.system import warmup
 
 #: Warms up, runs every part, and prints the signatures that the list did not have.
 COVERAGE = """
 from benchmarks.kernel_signatures import PARTS
 from visuohaptic.cli.main import main
-from visuohaptic.kernels import KERNELS
+from visuohaptic.core.kernels import KERNELS
 assert main(["warmup", "--json"]) == 0
 warm = {one: set(one.overloads) for one in KERNELS}
 for part in PARTS:
@@ -34,7 +34,7 @@ def one_line(tmp_path, monkeypatch):
     """A list of one small kernel, and a cache of its own."""
     path = tmp_path / "signatures.txt"
     path.write_text(
-        "visuohaptic.navigation._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)\n"
+        "visuohaptic.navigation.graph._region_kernels:_longer (Array(int64, 1, 'C', False, aligned=True),)\n"
     )
     monkeypatch.setattr(warmup, "SIGNATURES", path)
     monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
@@ -44,7 +44,7 @@ def test_it_times_each_package_and_compiles_nothing_twice(one_line, tmp_path, ca
     assert command.main(["warmup", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert list(result["seconds"]) == ["visuohaptic.navigation"]
+    assert list(result["seconds"]) == ["visuohaptic.navigation.graph"]
     assert result["total_s"] == pytest.approx(sum(result["seconds"].values()))
     assert "compiled or read from the cache" in captured.err
     with install_recorder("numba:compile") as recorder:
@@ -53,7 +53,7 @@ def test_it_times_each_package_and_compiles_nothing_twice(one_line, tmp_path, ca
 
 
 def test_it_removes_what_no_kernel_can_load(one_line, tmp_path, capsys):
-    from visuohaptic.kernels import cache_folder
+    from visuohaptic.core import cache_folder
 
     folder = cache_folder()
     folder.mkdir(parents=True)
@@ -64,7 +64,7 @@ def test_it_removes_what_no_kernel_can_load(one_line, tmp_path, capsys):
 
 def test_a_line_without_its_kernel_is_said(monkeypatch, tmp_path, capsys):
     path = tmp_path / "signatures.txt"
-    path.write_text("visuohaptic.navigation._region_kernels:no_such_kernel (int64,)\n")
+    path.write_text("visuohaptic.navigation.graph._region_kernels:no_such_kernel (int64,)\n")
     monkeypatch.setattr(warmup, "SIGNATURES", path)
     assert command.main(["warmup"]) == 1
     assert "no_such_kernel" in capsys.readouterr().err

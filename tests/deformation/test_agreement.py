@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import import_object, mesh_container, object_stiffness, opposing_points
-from visuohaptic.deformation.banded_map import nearest_value, object_map
-from visuohaptic.deformation.container import ContainerDescription
+from visuohaptic.deformation.maps import object_map, object_stiffness
+from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.shapes import ContainerDescription, import_object, mesh_container
+from visuohaptic.deformation.shells import opposing_points
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -19,15 +20,15 @@ def surface(
 ) -> trimesh.Trimesh:
     """Vertices at equal angles of the ellipse (a description has them at equal lengths), one diagonal."""
     around, along = 104, 80
-    angle, share = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, 1, along + 1))
-    x = (foot[0] + (mouth[0] - foot[0]) * share) * np.cos(angle)
-    y = (foot[1] + (mouth[1] - foot[1]) * share) * np.sin(angle) + shift * share
+    angle, fraction = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, 1, along + 1))
+    x = (foot[0] + (mouth[0] - foot[0]) * fraction) * np.cos(angle)
+    y = (foot[1] + (mouth[1] - foot[1]) * fraction) * np.sin(angle) + shift * fraction
     row, column = (part.ravel() for part in np.mgrid[:along, :around])
     a, b = row * around + column, row * around + (column + 1) % around
     faces = np.concatenate(
         [np.stack([a, b, b + around], axis=1), np.stack([a, b + around, a + around], axis=1)]
     )
-    points = np.stack([x, y, height * share], axis=2).reshape(-1, 3)
+    points = np.stack([x, y, height * fraction], axis=2).reshape(-1, 3)
     return trimesh.Trimesh(points, faces, process=False)
 
 
@@ -54,13 +55,13 @@ def test_a_mesh_is_as_stiff_as_its_description(
     thing = import_object(tmp_path / "same.stl", thickness_m=0.0006)
     imported = object_map(thing, band=False)
     assert thing.axis_point_m == pytest.approx((0, 0), abs=1e-5)
-    for share in (0.25, 0.5, 0.75, 1.0):
+    for fraction in (0.25, 0.5, 0.75, 1.0):
         for angle in (0.0, 0.8, np.pi / 2, 3.0, -np.pi / 2):
             place = np.array(
                 [
-                    (foot[0] + (mouth[0] - foot[0]) * share) * np.cos(angle),
-                    (foot[1] + (mouth[1] - foot[1]) * share) * np.sin(angle) + shift * share,
-                    height * share,
+                    (foot[0] + (mouth[0] - foot[0]) * fraction) * np.cos(angle),
+                    (foot[1] + (mouth[1] - foot[1]) * fraction) * np.sin(angle) + shift * fraction,
+                    height * fraction,
                 ]
             )
             one, other = (

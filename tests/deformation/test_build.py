@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import build, load_plan, plan_jobs
-from visuohaptic.errors import InputError, MissingExtraError
+from visuohaptic.core import InputError, MissingExtraError
+from visuohaptic.deformation.maps import build, load_plan, plan_jobs
 
 PLAN = """\
 seed: 3

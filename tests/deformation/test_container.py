@@ -7,11 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import class_names, load_container, mesh_container
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.profile import Profile, unit_section
-from visuohaptic.deformation.quantity import quantity
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import (
+    ContainerDescription,
+    Profile,
+    class_names,
+    load_container,
+    mesh_container,
+    quantity,
+    unit_section,
+)
 
 TUBE = {"base": {"radius": "35 mm"}, "sections": [{"height": "200 mm"}]}
 

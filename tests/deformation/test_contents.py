@@ -7,26 +7,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.nonlinear import (
     Contents,
-    CorotationalShell,
-    ShellMesh,
-    ShellObject,
     closed_compliance,
     contained_curve,
     damped_iteration,
-    dual_tip_compliance,
-    enclosed_volume,
+    enclosed_gradient,
     hydrostatic_load,
     liquid_level_m,
-    mesh_container,
-    opposing_points,
     wall_gap_m,
 )
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.contents import enclosed_gradient, pinch_load
-from visuohaptic.deformation.mesher import ring_lid
-from visuohaptic.errors import InputError
+from visuohaptic.deformation.nonlinear.contents import pinch_load
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container, ring_lid
+from visuohaptic.deformation.shells import (
+    CorotationalShell,
+    ShellMesh,
+    dual_tip_compliance,
+    enclosed_volume,
+    opposing_points,
+)
 
 BASES = {
     "round": {"radius": "35 mm"},
@@ -169,14 +169,14 @@ def test_bad_contents_are_refused(more: dict[str, float]) -> None:
 def test_enclosed_volume_needs_the_lid() -> None:
     found = thing("round", 64)
     mesh = found.mesh
-    assert enclosed_volume(mesh.vertices_m, mesh.faces, mesh.share) < found.volume_m3
+    assert enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) < found.volume_m3
 
 
 def test_the_level_does_not_depend_on_where_the_object_stands() -> None:
     """As an imported mesh with its own origin, whose foot is closed by the lid's triangles."""
     found = thing("ellipse", 32)
     mesh = found.mesh
-    low = ShellMesh(mesh.vertices_m - [0.01, 0.02, 0.13], mesh.faces, mesh.thickness_m, mesh.share)
+    low = ShellMesh(mesh.vertices_m - [0.01, 0.02, 0.13], mesh.faces, mesh.thickness_m, mesh.fraction)
     floor = ring_lid(np.arange(32)[::-1])
     sunk = replace(found, mesh=low, lid=np.concatenate([found.lid, floor]), axis_point_m=(-0.01, -0.02))
     assert sunk.volume_m3 == pytest.approx(found.volume_m3, rel=1e-9)

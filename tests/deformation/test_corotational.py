@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.deformation import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
-from visuohaptic.deformation import _corotational_kernels as kernels
+from visuohaptic.deformation.shells import CorotationalShell, IsotropicMaterial, ShellMesh, ShellModel
+from visuohaptic.deformation.shells import _corotational_kernels as kernels
 
 MATERIAL = IsotropicMaterial(1e6, 0.3)
 

@@ -7,21 +7,18 @@ import re
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
-    Contents,
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import (
     GraspCurve,
     PinchPlane,
-    ShellObject,
     curve_coefficients,
+    feature_locations,
     linear_features,
-    load_container,
-    mesh_container,
     nonlinear_features,
 )
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.curve_features import _between, _judged
-from visuohaptic.deformation.features import feature_locations
-from visuohaptic.errors import InputError
+from visuohaptic.deformation.maps.curve_features import _between, _judged
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, load_container, mesh_container
 
 
 def shipped(name: str, around: int = 16) -> ShellObject:

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 from scipy.sparse import csc_array
 from scipy.spatial import Delaunay
 
-from visuohaptic.deformation import grid_faces
-from visuohaptic.deformation.factor import factorise, sparse_matrix
-from visuohaptic.deformation.ordering import front_tree
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import grid_faces
+from visuohaptic.deformation.shells import factorise, front_tree, sparse_matrix
 
 
 def problem(seed, nodes, freedoms=2):
@@ -87,7 +86,7 @@ def test_unsymmetric_matrices():
 
 
 def test_many_columns_are_worked_off_in_blocks(monkeypatch):
-    import visuohaptic.deformation.factor as module
+    import visuohaptic.deformation.shells.factor as module
 
     _, points, faces, matrices, diagonal = problem(8, 60)
     factor = factorise(front_tree(points, faces, 6), matrices, diagonal)

@@ -5,21 +5,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import (
-    Contents,
-    ShellObject,
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import (
+    contact_loads,
+    couple,
     curve_coefficients,
     explore_line,
     linear_features,
-    load_container,
-    mesh_container,
     nonlinear_features,
     normalised,
+    own_compliance,
 )
-from visuohaptic.deformation.contents import pinch_load, tip_approach
-from visuohaptic.deformation.grasp_patterns import contact_loads, couple, own_compliance
-from visuohaptic.deformation.stiffness_map import dual_tip_compliance, opposing_points
-from visuohaptic.errors import InputError
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.nonlinear.contents import pinch_load, tip_approach
+from visuohaptic.deformation.shapes import ShellObject, load_container, mesh_container
+from visuohaptic.deformation.shells import dual_tip_compliance, opposing_points
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +46,8 @@ def test_own_deformation_equals_a_full_solve(cleaner: ShellObject) -> None:
 
 
 def test_a_closed_container_s_own_deformation_equals_a_dense_solve(cleaner: ShellObject) -> None:
-    from visuohaptic.deformation.contents import enclosed_gradient
-    from visuohaptic.deformation.features import _own
+    from visuohaptic.deformation.maps.features import _own
+    from visuohaptic.deformation.nonlinear import enclosed_gradient
 
     model = cleaner.model()
     what = Contents(fill=0.8)

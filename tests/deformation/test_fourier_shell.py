@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import tube_mesh
+from visuohaptic.deformation.shells import (
     IsotropicMaterial,
     RevolutionShell,
     ShellMesh,
     ShellModel,
     dual_tip_map,
     pinch_stiffness,
-    tube_mesh,
 )
-from visuohaptic.errors import InputError
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)
 
@@ -58,7 +58,7 @@ def test_a_bottle_like_profile_against_triangles(rim_held):
     fixed = np.zeros((len(vertices), 6), dtype=bool)
     fixed[:around] = True
     fixed[-around:, :3] = rim_held
-    mesh = ShellMesh(vertices, tube.faces, np.interp(middle, z, wall), tube.share)
+    mesh = ShellMesh(vertices, tube.faces, np.interp(middle, z, wall), tube.fraction)
     found = dual_tip_map(ShellModel(mesh, PLASTIC, fixed)).reshape(along + 1, around).mean(axis=1)
     # 3 mm triangles are within 1.5 % of the series away from the held edges.
     assert found[8:53] == pytest.approx(series[8:53], rel=0.015)

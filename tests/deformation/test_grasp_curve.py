@@ -6,20 +6,11 @@ import numpy as np
 import pytest
 from benchmarks.shell_nonlinear import PINCH
 
-from visuohaptic.deformation import (
-    Contents,
-    IsotropicMaterial,
-    PinchPlane,
-    ShellObject,
-    grasp_curve,
-    load_container,
-    mesh_container,
-    object_stiffness,
-    opposing_points,
-    side_vertex,
-)
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import PinchPlane, grasp_curve, object_stiffness, side_vertex
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, load_container, mesh_container
+from visuohaptic.deformation.shells import IsotropicMaterial, opposing_points
 
 
 def shipped(name: str, around: int = 16) -> ShellObject:

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from visuohaptic.deformation import ShellObject, dual_tip_map, import_object, opposing_points
-from visuohaptic.deformation.banded_map import nearest_value
-from visuohaptic.deformation.fourier_shell import RevolutionShell, pinch_stiffness
-from visuohaptic.deformation.mesh_state import inspect_mesh, why_not_as_it_is
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.shapes import ShellObject, import_object, inspect_mesh, why_not_as_it_is
+from visuohaptic.deformation.shells import RevolutionShell, dual_tip_map, opposing_points, pinch_stiffness
 
 trimesh = pytest.importorskip("trimesh")
 
@@ -52,9 +51,9 @@ def pot(*, groove_m: float, foot: bool, top: bool) -> trimesh.Trimesh:
     ring = np.arange(96)
     parts = [faces]
     if foot:
-        for share in (0.5, 0.1):
+        for fraction in (0.5, 0.1):
             inner = len(points) + np.arange(96)
-            points = np.concatenate([points, points[:96] * [share, share, 1]])
+            points = np.concatenate([points, points[:96] * [fraction, fraction, 1]])
             after, beside = np.roll(inner, -1), np.roll(ring, -1)
             parts += [np.stack([ring, inner, after], axis=1), np.stack([ring, after, beside], axis=1)]
             ring = inner
@@ -193,7 +192,7 @@ def test_a_thickness_given_wins_and_a_contradiction_is_said(tmp_path: Path) -> N
         thing = import_object(tmp_path / "jar.ply", thickness_m=given)
         np.testing.assert_allclose(thing.mesh.thickness_m, given, rtol=1e-12)
         assert any("contradicts the mesh, 2 mm" in note for note in thing.notes) == contradicts
-        assert thing.wall_spread == 0.1
+        assert thing.wall_spread == pytest.approx(0.1)
 
 
 def with_boards(width: float) -> tuple[trimesh.Trimesh, float]:

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import dual_tip_map, import_object, object_map, tube_mesh
-from visuohaptic.deformation.mesh_state import inspect_mesh
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import object_map
+from visuohaptic.deformation.shapes import import_object, inspect_mesh, tube_mesh
+from visuohaptic.deformation.shells import dual_tip_map
 
 trimesh = pytest.importorskip("trimesh")
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.deformation import _corotational_kernels as corotational
-from visuohaptic.deformation import _pinch_kernels as pinch
-from visuohaptic.deformation import _shell_kernels as shell
-from visuohaptic.deformation import tube_mesh
+from visuohaptic.deformation.shapes import tube_mesh
+from visuohaptic.deformation.shells import _corotational_kernels as corotational
+from visuohaptic.deformation.shells import _pinch_kernels as pinch
+from visuohaptic.deformation.shells import _shell_kernels as shell
 
 
 def test_rays_across_the_axis_against_every_triangle():

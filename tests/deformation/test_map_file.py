@@ -8,20 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
-    Contents,
-    ShellObject,
-    load_container,
-    load_map,
-    mesh_container,
-    nearest_value,
-    object_map,
-    plot_map,
-    save_map,
-)
-from visuohaptic.deformation.map_file import colours
-from visuohaptic.errors import InputError
-from visuohaptic.objects import StiffnessMap
+from visuohaptic.core import InputError, StiffnessMap
+from visuohaptic.deformation.maps import colours, load_map, object_map, plot_map, save_map
+from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import ShellObject, load_container, mesh_container
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +83,7 @@ def test_sigma_is_the_spread_of_maps_with_other_walls_and_moduli(cup: ShellObjec
     """Monte Carlo over wall and modulus against the declared band."""
     from dataclasses import replace
 
-    from visuohaptic.deformation import IsotropicMaterial, ShellMesh
+    from visuohaptic.deformation.shells import IsotropicMaterial, ShellMesh
 
     small = replace(cup, wall_spread=0.05, youngs_modulus_spread=0.04)
     for contents in (None, Contents(fill=0.9)):
@@ -104,7 +95,9 @@ def test_sigma_is_the_spread_of_maps_with_other_walls_and_moduli(cup: ShellObjec
             mesh = small.mesh
             other = replace(
                 small,
-                mesh=ShellMesh(mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * wall, mesh.share),
+                mesh=ShellMesh(
+                    mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * wall, mesh.fraction
+                ),
                 material=IsotropicMaterial(
                     small.material.youngs_modulus_Pa * modulus, small.material.poisson_ratio
                 ),

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from visuohaptic.deformation import MATERIALS, IsotropicMaterial, material
-from visuohaptic.errors import InputError
-from visuohaptic.objects.model import Material
+from visuohaptic.core import InputError, Material
+from visuohaptic.deformation.shells import MATERIALS, IsotropicMaterial, material
 
 
 @pytest.mark.parametrize(

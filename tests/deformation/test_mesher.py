@@ -3,23 +3,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import grasp_curve, object_stiffness, side_vertex
+from visuohaptic.deformation.shapes import (
+    ContainerDescription,
     ShellObject,
     class_names,
     detect_symmetry,
-    dual_tip_map,
-    enclosed_volume,
-    grasp_curve,
     load_container,
     mesh_container,
-    object_stiffness,
-    opposing_points,
-    side_vertex,
+    ring_lid,
     with_elastic_base,
 )
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.mesher import ring_lid
-from visuohaptic.errors import InputError
+from visuohaptic.deformation.shells import dual_tip_map, enclosed_volume, opposing_points
 
 
 def tube(**more: object) -> ContainerDescription:

@@ -9,20 +9,22 @@ import pytest
 from benchmarks.shell_nonlinear import PINCH, quarter_tube
 
 from benchmarks import _shell_problems as problems
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.nonlinear import (
+    follow_arc,
+    follow_displacement,
+    follow_load,
+    pinch_curve,
+    reach_loads,
+)
+from visuohaptic.deformation.shapes import tube_mesh
+from visuohaptic.deformation.shells import (
     CorotationalShell,
     IsotropicMaterial,
     ShellMesh,
     ShellModel,
-    follow_arc,
-    follow_displacement,
-    follow_load,
     opposing_points,
-    pinch_curve,
-    reach_loads,
-    tube_mesh,
 )
-from visuohaptic.errors import InputError
 
 
 @pytest.mark.parametrize(
@@ -103,7 +105,7 @@ def test_pressure_blows_up_a_sphere_as_membrane_theory_says():
 def test_boyle_in_a_pinched_ellipse():
     """Enclosed air: the pressure of the state is that of its volume, and it pushes back."""
     mesh = tube_mesh(1.0, 0.1, 0.0005, around=24, along=8)
-    mesh = ShellMesh(mesh.vertices_m * [0.045, 0.025, 1], mesh.faces, 0.0005, mesh.share)
+    mesh = ShellMesh(mesh.vertices_m * [0.045, 0.025, 1], mesh.faces, 0.0005, mesh.fraction)
     fixed = np.zeros((len(mesh.vertices_m), 6), dtype=bool)
     fixed[:24] = True
     model = ShellModel(mesh, IsotropicMaterial(2.5e9, 0.38), fixed)

@@ -9,16 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import Delaunay
 
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import tube_mesh
+from visuohaptic.deformation.shells import (
     IsotropicMaterial,
     ShellMesh,
     ShellModel,
     enclosed_volume,
     plane_stress,
-    tube_mesh,
     volume_gradient,
 )
-from visuohaptic.errors import InputError
 
 MATERIAL = IsotropicMaterial(1e6, 0.3)
 CORNERS = np.array([[0.0, 0], [2, 0], [2, 1], [0, 1]])
@@ -162,7 +162,7 @@ def test_volume_and_its_gradient():
         ({"faces": np.array([[0, 1, 1]])}, "1 triangles without area, the first is face 0 at"),
         ({"thickness_m": 0.0}, "thickness_m: found 0.0 m, expected > 0"),
         ({"faces": np.zeros((0, 3), dtype=int)}, "expected \\(f, 3\\), f > 0"),
-        ({"share": 2.0}, "at most 1"),
+        ({"fraction": 2.0}, "at most 1"),
     ],
 )
 def test_meshes_that_cannot_be_are_refused(change, text):

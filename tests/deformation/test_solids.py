@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.peers.solids import quadratic_compliance, solid_stiffness
+from benchmarks.peers.tetrahedra import linear_tetrahedra, wall_tetrahedra
 
-from visuohaptic.deformation import (
-    IsotropicMaterial,
-    ShellMesh,
-    dual_tip_map,
-    grid_mesh,
-    mesh_container,
-    opposing_points,
-    side_vertex,
-    solid_stiffness,
-    tube_mesh,
-)
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.deformation.mitc4 import mitc4_tube_stiffness
-from visuohaptic.deformation.solids import quadratic_compliance
-from visuohaptic.deformation.tetrahedra import linear_tetrahedra, wall_tetrahedra
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import side_vertex
+from visuohaptic.deformation.shapes import ContainerDescription, grid_mesh, mesh_container, tube_mesh
+from visuohaptic.deformation.shells import IsotropicMaterial, ShellMesh, dual_tip_map, opposing_points
+from visuohaptic.rigs import mitc4_tube_stiffness
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)
 

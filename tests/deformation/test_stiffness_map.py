@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.shapes import tube_mesh
+from visuohaptic.deformation.shells import (
     DualTips,
     IsotropicMaterial,
     RevolutionShell,
@@ -16,10 +18,8 @@ from visuohaptic.deformation import (
     opposing_points,
     pinch_stiffness,
     tip_loads,
-    tube_mesh,
 )
-from visuohaptic.deformation.stiffness_map import bent_loads
-from visuohaptic.errors import InputError
+from visuohaptic.deformation.shells.stiffness_map import bent_loads
 
 PLASTIC = IsotropicMaterial(2.5e9, 0.38)
 
@@ -27,7 +27,7 @@ PLASTIC = IsotropicMaterial(2.5e9, 0.38)
 def ellipse_tube(around=23, along=8, long=0.045, short=0.025):
     """An odd number of columns: nothing faces a vertex exactly."""
     mesh = tube_mesh(1.0, 0.1, 0.0005, around=around, along=along)
-    return ShellMesh(mesh.vertices_m * [long, short, 1], mesh.faces, 0.0005, mesh.share)
+    return ShellMesh(mesh.vertices_m * [long, short, 1], mesh.faces, 0.0005, mesh.fraction)
 
 
 def test_opposite_is_across_the_axis_at_the_same_height():
@@ -76,7 +76,7 @@ def test_stiffness_goes_with_the_modulus_and_nearly_the_square_of_the_wall():
     base = dual_tip_map(ShellModel(mesh, PLASTIC, range(24)))[24:]
     stiffer = dual_tip_map(ShellModel(mesh, IsotropicMaterial(5e9, 0.38), range(24)))[24:]
     assert stiffer == pytest.approx(2 * base, rel=1e-8)
-    thicker = ShellMesh(mesh.vertices_m, mesh.faces, 0.00055, mesh.share)
+    thicker = ShellMesh(mesh.vertices_m, mesh.faces, 0.00055, mesh.fraction)
     power = np.log(dual_tip_map(ShellModel(thicker, PLASTIC, range(24)))[24:] / base) / np.log(1.1)
     assert np.all((power > 1.5) & (power < 3.0))
 
@@ -90,8 +90,8 @@ def test_gas_is_one_rank_one_term():
     a = model.volume_gradient()
     kappa = 1e5 / 3e-4
     w = model.solve(a).ravel()
-    share = loads.T @ w
-    closed = dual_tip_compliance(model, tips) - share**2 / (1 / kappa + a.ravel() @ w)
+    fraction = loads.T @ w
+    closed = dual_tip_compliance(model, tips) - fraction**2 / (1 / kappa + a.ravel() @ w)
     free = model.free
     dense = model.stiffness_matrix.toarray()[np.ix_(free, free)]
     dense += kappa * np.outer(a.ravel()[free], a.ravel()[free])

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import (
-    ShellMesh,
+from visuohaptic.deformation.shapes import (
     ShellObject,
     detect_symmetry,
     load_container,
     mesh_container,
     symmetric_part,
 )
+from visuohaptic.deformation.shells import ShellMesh
 
 
 def shipped(name: str) -> ShellObject:
@@ -46,7 +46,7 @@ def test_the_part_is_as_small_as_the_mirrors_allow(
     def wall(mesh: ShellMesh) -> float:
         a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        return float(np.sum(area * mesh.share * mesh.thickness_m))
+        return float(np.sum(area * mesh.fraction * mesh.thickness_m))
 
     assert copies * wall(part.model.mesh) == pytest.approx(wall(part.whole.mesh), rel=1e-9)
 
@@ -71,11 +71,15 @@ def test_what_differs_a_little_is_no_mirror() -> None:
     thing = shipped("bottle")
     thick = np.asarray(thing.mesh.thickness_m).copy()
     thick[100] *= 1.05
-    patched = replace(thing, mesh=ShellMesh(thing.mesh.vertices_m, thing.mesh.faces, thick, thing.mesh.share))
+    patched = replace(
+        thing, mesh=ShellMesh(thing.mesh.vertices_m, thing.mesh.faces, thick, thing.mesh.fraction)
+    )
     assert symmetric_part(patched).copies < 4
     moved = thing.mesh.vertices_m.copy()
     moved[85, 1] += 1e-4
-    dented = replace(thing, mesh=ShellMesh(moved, thing.mesh.faces, thing.mesh.thickness_m, thing.mesh.share))
+    dented = replace(
+        thing, mesh=ShellMesh(moved, thing.mesh.faces, thing.mesh.thickness_m, thing.mesh.fraction)
+    )
     assert symmetric_part(dented).copies == 1
     held = thing.fixed.copy()
     held[85] = True

@@ -3,9 +3,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import ShellObject, TouchGuard, class_names, load_container, mesh_container
-from visuohaptic.deformation import _touch_kernels as kernels
-from visuohaptic.deformation.container import ContainerDescription
+from visuohaptic.deformation.nonlinear import TouchGuard
+from visuohaptic.deformation.nonlinear import _touch_kernels as kernels
+from visuohaptic.deformation.shapes import (
+    ContainerDescription,
+    ShellObject,
+    class_names,
+    load_container,
+    mesh_container,
+)
 
 
 def tube(around: int = 24, **more: object) -> ShellObject:
@@ -96,11 +102,11 @@ def test_what_meets_at_rest_does_not_count_for_ever() -> None:
     rest = mesh.vertices_m.copy()
     from dataclasses import replace
 
-    from visuohaptic.deformation import ShellMesh
+    from visuohaptic.deformation.shells import ShellMesh
 
     vertex = int(np.argmin(np.linalg.norm(rest - [0.035, 0, 0.075], axis=1)))
     rest[vertex, 0] = -0.04
-    odd = replace(thing, mesh=ShellMesh(rest, mesh.faces, mesh.thickness_m, mesh.share))
+    odd = replace(thing, mesh=ShellMesh(rest, mesh.faces, mesh.thickness_m, mesh.fraction))
     guard = TouchGuard(odd)
     assert guard._meetings(rest)[2].min() == 0
     assert guard.vertex(rest) is None

@@ -55,9 +55,9 @@ def test_blocks_that_are_not_run_name_what_exists(page):
         ("from visuohaptic.sensing.foam import FoamSensor\ns = FoamSensor.load('a')\ns.measure(1)",
          "s.measure: FoamSensor has no measure"),
         ("from visuohaptic.sensing.foam import FoamSensor\nFoamSensor.open('a')", "FoamSensor.open does not exist"),
-        ("from visuohaptic.recording import open_camera\nwith open_camera('0') as c:\n    c.newest()",
+        ("from visuohaptic.io import open_camera\nwith open_camera('0') as c:\n    c.newest()",
          "c.newest: LiveSource has no newest"),
-        ("from visuohaptic.recording import open_source\nopen_source('a', gray=True)",
+        ("from visuohaptic.io import open_source\nopen_source('a', gray=True)",
          "open_source has no argument gray"),
     ],
 )  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from tests.docs.test_blocks import PAGES
 
 from visuohaptic.cli.main import VERBS, verb_parser
-from visuohaptic.errors import VisuohapticError
+from visuohaptic.core import VisuohapticError
 
 FENCE = re.compile(r"^ *```(?:text|sh|bash|console)?\n(.*?)^ *```", re.MULTILINE | re.DOTALL)
 INLINE = re.compile(r"`(?:\.venv/bin/)?(visuohaptic [^`]+)`")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.deformation import ShellObject, mesh_container, tube_mesh
-from visuohaptic.deformation.container import ContainerDescription
-from visuohaptic.objects import StiffnessMap
+from visuohaptic.core import StiffnessMap
+from visuohaptic.deformation.shapes import ContainerDescription, ShellObject, mesh_container, tube_mesh
 
 
 def tube_map(radius_m: float, height_m: float, stiffness: float, around: int = 96) -> StiffnessMap:

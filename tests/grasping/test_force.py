@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import IsotropicMaterial, liquid_level_m, load_object
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.nonlinear import liquid_level_m
+from visuohaptic.deformation.shapes import load_object
+from visuohaptic.deformation.shells import IsotropicMaterial
 from visuohaptic.grasping import GripperModel, Handling, Load, object_load, required_force_N
 
 from .objects import container

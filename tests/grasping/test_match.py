@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.deformation import load_object
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Pose
+from visuohaptic.deformation.shapes import load_object
 from visuohaptic.grasping import DeformedShape, confirm_grasp, match_shape, predicted_shape
 
 THING = load_object("cup-rim", around=48)
@@ -45,7 +45,7 @@ def test_amplitude_and_pose_within_their_doubt(shape, true):
     for _ in range(6):
         T = Pose(turned(rng.normal(0, 0.02, 3).tolist()), np.array([0.1, 0.002, -0.3]))
         seen = cloud(shape.vertices_m + true * shape.displacement_m, rng) @ T.rotation.T + T.translation_m
-        found = match_shape(shape, seen, pose_observed_object=Pose(np.eye(3), np.array([0.1, 0.0, -0.3])))
+        found = match_shape(shape, seen, T_observed_object=Pose(np.eye(3), np.array([0.1, 0.0, -0.3])))
         chi.append((found.amplitude.value - true) / found.amplitude.sigma)
         assert found.residual_m == pytest.approx(0.001, rel=0.15)
     # 1.5: the standard deviation leaves out that closest points follow the noise.
@@ -105,7 +105,7 @@ def test_few_points_are_refused(shape):
 
 
 def test_gas_takes_part_in_the_prediction():
-    from visuohaptic.deformation import Contents
+    from visuohaptic.deformation.nonlinear import Contents
 
     thing = load_object("elliptic", around=32)
     points = thing.mesh.vertices_m

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import dual_tip_map, load_object, opposing_points
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError, StiffnessMap
+from visuohaptic.deformation.shapes import load_object
+from visuohaptic.deformation.shells import dual_tip_map, opposing_points
 from visuohaptic.grasping import (
     GraspTask,
     GripperModel,
@@ -20,7 +21,6 @@ from visuohaptic.grasping import (
     plan_map,
     spill_of,
 )
-from visuohaptic.objects import StiffnessMap
 
 from .objects import box_map, container, tube_map
 
@@ -102,7 +102,8 @@ def test_a_map_alone_needs_a_force():
 
 def test_what_a_pinch_presses_out_agrees_with_the_volume_of_its_shape():
     """Reciprocity: one solve for the gas's load against one solve for the pinch."""
-    from visuohaptic.deformation.contents import enclosed_gradient, pinch_load
+    from visuohaptic.deformation.nonlinear import enclosed_gradient
+    from visuohaptic.deformation.nonlinear.contents import pinch_load
 
     thing = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
     plan = plan_grasps(thing, GraspTask(force_N=2.0), count=1)

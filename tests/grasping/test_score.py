@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError, StiffnessMap
 from visuohaptic.grasping import ScoreParameters, deformation_score, grasp_scores
-from visuohaptic.objects import StiffnessMap
 
 from .objects import box_map, tube_map
 

@@ -6,8 +6,7 @@ import numpy as np
 from shapely import LineString, Point, Polygon, covers, points, polygons, prepare, union_all
 from shapely.affinity import translate
 
-from visuohaptic.navigation.plan import Plan
-from visuohaptic.navigation.problem import PlanningProblem
+from visuohaptic.navigation.problem import Plan, PlanningProblem
 
 
 def faults(problem: PlanningProblem, plan: Plan) -> list[str]:

@@ -4,21 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.experiments.virtual_office import (
-    BIN,
-    FULL_BIN,
-    ROBOT,
-    STOOL,
-    TABLE,
-    TOWER,
-    box,
-    office,
-    rooms,
-    tag,
-    with_objects,
-)
+from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.rigs import BIN, FULL_BIN, ROBOT, STOOL, TABLE, TOWER, box, office, rooms, tag, with_objects
 
 __all__ = [
     "BIN", "FULL_BIN", "ROBOT", "STOOL", "TABLE", "TOWER",

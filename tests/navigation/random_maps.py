@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.io.maps import OccupancyMap
 
 RADII_M = (0.05, 0.1, 0.2, 0.3)
 

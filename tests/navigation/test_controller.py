@@ -10,9 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.controller import FollowLimits, PathFollower, drive_path
-from visuohaptic.robots import BaseState, MobileBase
+from visuohaptic.core import BaseState, InputError, MobileBase
+from visuohaptic.navigation.planning import FollowLimits, PathFollower, drive_path
 
 
 class Unicycle:

@@ -8,12 +8,16 @@ import numpy as np
 import pytest
 import shapely
 
-from visuohaptic.navigation.direct_push import PushLimits, plan_direct_push
-from visuohaptic.navigation.push_failure import centre_from_tag
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import line_path, simulate_push
-from visuohaptic.objects import Estimate, HapticTag
-from visuohaptic.recording.occupancy_map import OccupancyMap
+from visuohaptic.core import Estimate, HapticTag
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.pushing import (
+    PushLimits,
+    PushModel,
+    centre_from_tag,
+    line_path,
+    plan_direct_push,
+    simulate_push,
+)
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

@@ -10,10 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks import nav_doors
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.door_openings import free_space, measure
-from visuohaptic.navigation.doors import DoorSettings, find_doors
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.mapping import DoorSettings, find_doors, free_space, measure
 
 
 def two_rooms(width_m: float, place_m: float, resolution_m: float = 0.05, yaw: float = 0.0) -> OccupancyMap:

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, contains_xy
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.footprints import FootprintSettings, changed_cells, find_footprints
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.grid import FootprintSettings, changed_cells, find_footprints
 
 
 def with_box(
@@ -72,10 +72,7 @@ def test_size_and_surroundings_decide() -> None:
     assert find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0)) == ()
     assert find_footprints(with_box((2.0, 2.0), (0.05, 0.05), 0.0, 0.0)) == ()
     assert find_footprints(with_box((0.1, 2.0), (0.3, 0.3), 0.0, 0.0)) == (), "joined to the wall"
-    assert (
-        len(find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0), FootprintSettings(largest_m=1.0)))
-        == 1
-    )
+    assert len(find_footprints(with_box((2.0, 2.0), (0.9, 0.3), 0.0, 0.0), FootprintSettings(max_m=1.0))) == 1
     cells = np.full((40, 40), -1, np.int8)
     cells[15:20, 15:20] = 100
     assert find_footprints(OccupancyMap(cells, 0.05)) == (), "nobody has seen what is around it"

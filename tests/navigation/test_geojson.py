@@ -7,11 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.geojson import load_graph, load_route_graph, save_graph, save_route_graph
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.files import load_graph, load_route_graph, save_graph, save_route_graph
 from visuohaptic.navigation.graph import build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.recording import OccupancyMap
 
 from .test_incremental import GRAPH_FIELDS
 

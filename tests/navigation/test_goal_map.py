@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation._ground_kernels import blocked_parts, first_clash, fits
-from visuohaptic.navigation.goal_map import goal_map
-from visuohaptic.navigation.local_ground import Footprint, local_ground
-from visuohaptic.recording.occupancy_map import OccupancyMap
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.pushing import Footprint, goal_map, local_ground
+from visuohaptic.navigation.pushing._ground_kernels import blocked_parts, first_clash, fits
 
 RADIUS_M = 0.17
 STOOL = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

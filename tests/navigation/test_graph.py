@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.graph import build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.recording import OccupancyMap
 
 from .random_maps import RADII_M, random_map, real_maps, topology
 

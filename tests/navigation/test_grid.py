@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers, window_distance
-from visuohaptic.recording import OccupancyMap
 
 from .random_maps import RADII_M, random_map
 

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from benchmarks import _haptic_room
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.haptic_map import HapticContact, HapticMap, primitive_occupancy
-from visuohaptic.objects import Primitive, PrimitiveKind
+from visuohaptic.core import InputError, Primitive, PrimitiveKind
+from visuohaptic.navigation.mapping import HapticContact, HapticMap, primitive_occupancy
 
 STRIP = np.column_stack([np.zeros(11), np.linspace(-0.1, 0.1, 11)])
 
@@ -133,6 +132,6 @@ def test_bad_input() -> None:
 
 
 def test_a_room_by_22_contacts() -> None:
-    shares = [_haptic_room.iou(*_haptic_room.explore(np.random.default_rng(seed))) for seed in range(5)]
-    assert min(shares) > 0.6
-    assert np.median(shares) > 0.75
+    fractions = [_haptic_room.iou(*_haptic_room.explore(np.random.default_rng(seed))) for seed in range(5)]
+    assert min(fractions) > 0.6
+    assert np.median(fractions) > 0.75

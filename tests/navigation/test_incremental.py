@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation import incremental
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.graph import NavigationMap, footprint_cells, incremental
 from visuohaptic.navigation.grid import SpeedLimits
-from visuohaptic.navigation.incremental import NavigationMap, footprint_cells
-from visuohaptic.recording import OccupancyMap
 
 from .random_maps import RADII_M, random_map, real_maps
 

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.navigation.geojson import save_route_graph
-from visuohaptic.navigation.graph import build_graph
+from visuohaptic.navigation.files import save_joint_route_graph, save_route_graph
+from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.joint_geojson import save_joint_route_graph
-from visuohaptic.navigation.joint_graph import extend_graph
-from visuohaptic.navigation.node_types import DoorNode, ManipulationNode, SlidingDoorNode, TransparencyNode
-from visuohaptic.navigation.regions import assign_regions
+from visuohaptic.navigation.planning import extend_graph
+from visuohaptic.navigation.problem import DoorNode, ManipulationNode, SlidingDoorNode, TransparencyNode
 
 from .plan_scenes import ROBOT, box, office
 

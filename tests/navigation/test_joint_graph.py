@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.graph import build_graph
+from visuohaptic.core import Estimate, HapticTag, InputError, Primitive, PrimitiveKind
+from visuohaptic.navigation.files import save_joint_route_graph
+from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.joint_geojson import save_joint_route_graph
-from visuohaptic.navigation.joint_graph import extend_graph, with_regions
-from visuohaptic.navigation.node_types import (
+from visuohaptic.navigation.planning import extend_graph, make_plan, with_regions
+from visuohaptic.navigation.problem import (
     DoorNode,
     ManipulationNode,
     SlidingDoorNode,
@@ -20,9 +20,6 @@ from visuohaptic.navigation.node_types import (
     WaitingNode,
     is_door_wing,
 )
-from visuohaptic.navigation.regions import assign_regions
-from visuohaptic.navigation.strategies import make_plan
-from visuohaptic.objects import Estimate, HapticTag, Primitive, PrimitiveKind
 
 from .plan_scenes import ROBOT, STOOL, box, office
 
@@ -62,9 +59,9 @@ def test_a_manipulation_node_carries_half_its_task_on_each_edge(joint):
 def test_edge_costs_are_those_of_the_map_without_the_object(scene, joint):
     """Step 6, the long way: the same node and neighbours on layers of the whole map without the stool."""
     problem, graph, _ = scene
-    from visuohaptic.navigation.push_world import clear_cells, grid_from_world
-    from visuohaptic.navigation.query import plan_on_grid
-    from visuohaptic.recording import OccupancyMap
+    from visuohaptic.io.maps import OccupancyMap
+    from visuohaptic.navigation.graph import plan_on_grid
+    from visuohaptic.navigation.planning import clear_cells, grid_from_world
 
     occupied = problem.map.cells >= 50
     clear_cells(occupied, grid_from_world(problem.map, problem.objects[0].footprint_m))

@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.layers_io import load_layer, save_layer
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.files import load_layer, save_layer
 
 GRID = OccupancyMap(np.zeros((7, 11), np.int8), 0.05, (1.0, -2.0, 3.14))
 

@@ -8,15 +8,11 @@ import numpy as np
 import pytest
 from benchmarks._nav_walks import agreement, drifted, smooth_way
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation._mapper_kernels import add_beams, correlate, nearest_lines
-from visuohaptic.navigation.mapper import MapperSettings, OccupancyMapper
-from visuohaptic.navigation.scan_matching import match_scan
-from visuohaptic.objects import Reason
-from visuohaptic.objects.laser import LaserScan
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.laser import LaserConfig, SimulatedLaser
-from visuohaptic.simulation.office import furnished_office
+from visuohaptic.core import InputError, LaserScan, Reason
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.mapping import MapperSettings, OccupancyMapper, match_scan
+from visuohaptic.navigation.mapping._mapper_kernels import add_beams, correlate, nearest_lines
+from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser, furnished_office
 
 OFFICE = furnished_office()
 GRID = OccupancyMap(OFFICE.cells, OFFICE.resolution_m, OFFICE.origin)

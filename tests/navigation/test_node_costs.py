@@ -10,15 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.node_costs import (
+from visuohaptic.core import Estimate, HapticTag, InputError
+from visuohaptic.navigation.problem import (
     PushCosts,
     failure_probability,
     manipulability,
     push_cost,
     push_speed_m_s,
 )
-from visuohaptic.objects import Estimate, HapticTag
 
 from .plan_scenes import BIN, FULL_BIN, ROBOT, STOOL, TABLE, TOWER
 
@@ -138,7 +137,7 @@ def test_costs_are_sound_for_any_tag(force, drift, sigma, explored, failed, leng
     assert 0.0 <= cost.failure_probability <= 1.0
     if math.isfinite(cost.total_s):
         assert cost.total_s >= ROBOT.setup_time_s + length_m / ROBOT.v_push_m_s - 1e-9
-        assert cost.push_s <= length_m / (PushCosts().slowest_share * ROBOT.v_push_m_s) + 1e-9
+        assert cost.push_s <= length_m / (PushCosts().slowest_fraction * ROBOT.v_push_m_s) + 1e-9
         assert push_cost(tag, 0.5 * length_m, ROBOT).total_s <= cost.total_s + 1e-9
     else:
         assert abs(drift) * length_m > PushCosts().drift_limit_m * (1 - 1e-9)

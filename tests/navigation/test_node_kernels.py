@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.navigation._joint_kernels import free_object
-from visuohaptic.navigation._node_kernels import clearance_without
 from visuohaptic.navigation.grid import window_distance
+from visuohaptic.navigation.planning._joint_kernels import free_object
+from visuohaptic.navigation.planning._node_kernels import clearance_without
 
 from .random_maps import random_map
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import yaml
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.objects_file import load_objects, load_robot, objects_from_data, robot_from_data
+from visuohaptic.core import InputError
+from visuohaptic.navigation.problem import load_objects, load_robot, objects_from_data, robot_from_data
 
 CONTRACT = """
 objects:

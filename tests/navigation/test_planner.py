@@ -8,16 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.oracle import ask_oracle, prove
-from visuohaptic.navigation.plan import plan_from_json
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.navigation.push_search import SearchLimits, search_pushes
-from visuohaptic.navigation.push_world import grid_from_world, push_world
-from visuohaptic.navigation.replanning import after_exploration, after_failure, after_push
-from visuohaptic.navigation.strategies import alternatives, make_plan, without_pushing
-from visuohaptic.objects import HapticTag
-from visuohaptic.recording import OccupancyMap
+from visuohaptic.core import HapticTag, InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.planning import (
+    SearchLimits,
+    after_exploration,
+    after_failure,
+    after_push,
+    alternatives,
+    grid_from_world,
+    make_plan,
+    push_world,
+    search_pushes,
+    without_pushing,
+)
+from visuohaptic.navigation.planning.oracle import prove, solve_exact
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem, plan_from_json
 
 from .plan_check import faults
 from .plan_scenes import BIN, ROBOT, STOOL, box, office, random_scene, rooms, with_objects
@@ -189,7 +195,7 @@ def test_random_scenes_against_the_exact_oracle(seed):
     rng = np.random.default_rng(100 + seed)
     objects = 1 + seed % 2
     problem = random_scene(rng, objects, 30 if objects == 1 else 20)
-    oracle = ask_oracle(problem)
+    oracle = solve_exact(problem)
     world = push_world(problem)
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     result = search_pushes(world, start, goal)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Point, Polygon
 
-from visuohaptic.navigation.push_contacts import push_contacts
+from visuohaptic.navigation.pushing import push_contacts
 
 from .plan_scenes import box
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.navigation.push_failure import PushDoubt, simulated_failure
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import line_path
+from visuohaptic.navigation.pushing import PushModel, PushUncertainty, line_path, simulated_failure
 
 BOX = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 
@@ -16,7 +14,9 @@ def test_a_short_push_of_a_box_holds_and_one_beside_its_centre_does_not():
 
     def failure(aside):
         path = line_path(np.array([0.0, aside]), np.array([0.5, aside]))
-        return simulated_failure(model, (0.33, 0.0, 0.0), path, 0.17, rng, doubt=PushDoubt(), samples=40)
+        return simulated_failure(
+            model, (0.33, 0.0, 0.0), path, 0.17, rng, doubt=PushUncertainty(), samples=40
+        )
 
     assert failure(0.0) < 0.3
     assert failure(0.1) > 0.8
@@ -27,10 +27,10 @@ def test_an_object_drawn_into_the_platform_is_met_earlier():
     plank = np.array([[-0.05, -0.4], [0.05, -0.4], [0.05, 0.4], [-0.05, 0.4]])
     model, rng = PushModel.patch(plank, 0.3), np.random.default_rng(2)
     path = line_path(np.array([0.0, 0.3]), np.array([0.3, 0.3]))
-    doubt = PushDoubt(place_m=0.03, yaw_rad=0.15)
+    doubt = PushUncertainty(place_m=0.03, yaw_rad=0.15)
     for _ in range(5):
-        share = simulated_failure(model, (0.22, 0.0, 0.0), path, 0.17, rng, doubt=doubt, samples=40)
-        assert 0.5 < share <= 1.0
+        fraction = simulated_failure(model, (0.22, 0.0, 0.0), path, 0.17, rng, doubt=doubt, samples=40)
+        assert 0.5 < fraction <= 1.0
 
 
 def test_a_platform_that_begins_in_the_outline_is_moved_back():

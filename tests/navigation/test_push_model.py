@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.push_model import PushModel, area_and_centroid, load_of_feet, patch_points
+from visuohaptic.core import InputError
+from visuohaptic.navigation.pushing import PushModel, area_and_centroid, load_of_feet, patch_points
 
 SQUARE = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 ELL = np.array([[0, 0], [0.4, 0], [0.4, 0.1], [0.1, 0.1], [0.1, 0.3], [0, 0.3]], dtype=float)

@@ -6,31 +6,29 @@ import numpy as np
 import pytest
 from benchmarks._push_loop import closed_loop
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.push_monitor import PushMonitor
-from visuohaptic.navigation.quasi_static import line_path, simulate_push
+from visuohaptic.core import InputError
+from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
 
 RADIUS_M = 0.17
 BOX = 0.16 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 START = (0.34, 0.05, 0.1)
 
 
-def follow(truth, believed, rows):
+def follow(truth, estimated, rows):
     path = line_path(np.zeros(2), np.array([0.6, 0.0]))
     seen = simulate_push(truth, START, path, RADIUS_M)
-    monitor = PushMonitor(believed, START, RADIUS_M)
+    monitor = PushMonitor(estimated, START, RADIUS_M)
     for pose, contact in zip(path[:rows], seen.contact_m[:rows], strict=True):
         monitor.update(pose, contact)
     return monitor, seen, path
 
 
 def test_the_object_is_found_where_it_is_although_the_model_was_wrong():
-    believed = PushModel.patch(BOX, 0.15)
-    truth = believed.with_friction(0.35).with_centre_moved(0.02, -0.04)
-    monitor, seen, path = follow(truth, believed, 28)
+    estimated = PushModel.patch(BOX, 0.15)
+    truth = estimated.with_friction(0.35).with_centre_moved(0.02, -0.04)
+    monitor, seen, path = follow(truth, estimated, 28)
     estimate = monitor.estimate()
-    wrong = simulate_push(believed, START, path[:28], RADIUS_M)
+    wrong = simulate_push(estimated, START, path[:28], RADIUS_M)
     ours = np.hypot(*(estimate.object_m - seen.object_m[27])[:2])
     theirs = np.hypot(*(wrong.object_m[-1] - seen.object_m[27])[:2])
     assert ours < 0.4 * theirs
@@ -38,8 +36,8 @@ def test_the_object_is_found_where_it_is_although_the_model_was_wrong():
 
 
 def test_a_right_model_is_left_alone():
-    believed = PushModel.patch(BOX, 0.2)
-    monitor, _, path = follow(believed, believed, 20)
+    estimated = PushModel.patch(BOX, 0.2)
+    monitor, _, path = follow(estimated, estimated, 20)
     value = monitor.estimate().value
     assert np.abs(value).max() < 0.02
     rest = path[19:]
@@ -48,8 +46,8 @@ def test_a_right_model_is_left_alone():
 
 
 def test_nothing_that_helps_is_told_as_none():
-    believed = PushModel.patch(BOX, 0.2)
-    monitor, _, path = follow(believed, believed, 12)
+    estimated = PushModel.patch(BOX, 0.2)
+    monitor, _, path = follow(estimated, estimated, 12)
     rest = line_path(path[11, :2], path[11, :2] + [0.15, 0.0])
     assert monitor.corrected(rest, np.random.default_rng(0), allowed=lambda path, trace: False) is None
 

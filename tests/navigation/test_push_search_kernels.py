@@ -8,17 +8,17 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
-from visuohaptic.navigation._joint_kernels import bounded_ways, cell_meets_polygon, free_object
-from visuohaptic.navigation._outline_kernels import disc_touches_at, distance_patch, polygon_distance
-from visuohaptic.navigation._push_search_kernels import (
+from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
+from visuohaptic.navigation.planning._push_search_kernels import (
     FAR,
     UNITS,
     flood,
     free_push_steps,
-    pull_taut,
     segment_cost,
+    string_pull,
     travel_field,
 )
+from visuohaptic.navigation.pushing._outline_kernels import disc_touches_at, distance_patch, polygon_distance
 
 from .plan_scenes import box
 
@@ -26,8 +26,8 @@ RADIUS, SLOW = 2.0, 6.0
 
 
 def price(clearance):
-    share = np.clip((clearance / RADIUS - 1) / 2, 0, 1)
-    return SLOW + share * (1 - SLOW)
+    fraction = np.clip((clearance / RADIUS - 1) / 2, 0, 1)
+    return SLOW + fraction * (1 - SLOW)
 
 
 def plain_field(clearance, source):
@@ -156,11 +156,11 @@ def test_a_path_is_pulled_taut_where_that_is_cheaper_only():
     corner = np.array(
         [[2.5, 2.5], *[[x + 0.5, 2.5] for x in range(3, 20)], *[[19.5, y + 0.5] for y in range(3, 20)]]
     )
-    kept, cost = pull_taut(clearance, RADIUS, SLOW, corner, 80)
+    kept, cost = string_pull(clearance, RADIUS, SLOW, corner, 80)
     assert list(kept) == [0, len(corner) - 1]
     assert cost == pytest.approx(17 * np.sqrt(2), rel=1e-6)
     clearance[8:22, 5:17] = 0.0
-    kept, cost = pull_taut(clearance, RADIUS, SLOW, corner, 80)
+    kept, cost = string_pull(clearance, RADIUS, SLOW, corner, 80)
     assert len(kept) > 2
     for a, b in zip(corner[kept], corner[kept][1:], strict=False):
         assert np.isfinite(segment_cost(clearance, RADIUS, SLOW, *a, *b, False))

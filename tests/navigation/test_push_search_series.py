@@ -7,9 +7,8 @@ import pytest
 from tests.navigation.plan_check import faults
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 
+from visuohaptic.navigation.planning import SearchLimits, make_plan
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.navigation.push_search import SearchLimits
-from visuohaptic.navigation.strategies import make_plan
 
 
 def series(doors):
@@ -38,12 +37,12 @@ def test_doors_in_series(doors):
 def test_the_hasty_pass_changes_no_cheapest_plan():
     problem = series(1)
     with_it = make_plan(problem)
-    without = make_plan(problem, limits=SearchLimits(hasty_expansions=0))
+    without = make_plan(problem, limits=SearchLimits(weighted_expansions=0))
     assert with_it.cost_s == pytest.approx(without.cost_s, abs=1e-6)
 
 
 def test_contacts_follow_the_learnt_centre_of_friction():
-    from visuohaptic.navigation.push_world import push_world, world_from_grid
+    from visuohaptic.navigation.planning import push_world, world_from_grid
 
     problem = series(1)
     stool = problem.objects[0]

@@ -7,14 +7,13 @@ import math
 import numpy as np
 import pytest
 from benchmarks._push_world import random_case
+from benchmarks.peers.impulse_push import simulate_impulses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation._push_kernels import _balance, _energy
-from visuohaptic.navigation.impulse_push import simulate_impulses
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import arc_path, line_path, simulate_push
+from visuohaptic.core import InputError
+from visuohaptic.navigation.pushing import PushModel, arc_path, line_path, simulate_push
+from visuohaptic.navigation.pushing._push_kernels import _balance, _energy
 
 RADIUS_M = 0.17
 SQUARE = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -114,9 +113,11 @@ def test_force_stays_in_the_friction_cone_and_the_rim_outside(seed):
         assert away > -1.5e-3
         away_m = trace.contact_m[row] - path[row, :2]
         normal = away_m / np.hypot(*away_m)
-        share = trace.force[row]
-        if (share @ normal) > 0.05 and len(corners) <= 4:
-            assert abs(cross(normal, share)) <= (model.contact_friction + 0.15) * (share @ normal) + 0.02
+        fraction = trace.force[row]
+        if (fraction @ normal) > 0.05 and len(corners) <= 4:
+            assert (
+                abs(cross(normal, fraction)) <= (model.contact_friction + 0.15) * (fraction @ normal) + 0.02
+            )
 
 
 def test_small_steps_change_little():

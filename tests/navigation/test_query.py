@@ -7,12 +7,18 @@ import numpy as np
 import pytest
 from scipy.sparse.csgraph import dijkstra
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.graph import build_graph
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.graph import (
+    assign_regions,
+    build_graph,
+    costs_from,
+    plan_on_grid,
+    plan_path,
+    pull_string,
+    shortest_path,
+)
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.query import costs_from, plan_on_grid, plan_path, shortest_path, taut_path
-from visuohaptic.navigation.regions import assign_regions
-from visuohaptic.recording import OccupancyMap
 
 from .random_maps import random_map, real_maps
 from .test_regions import grid_graph
@@ -91,8 +97,8 @@ def test_the_way_over_the_cells_is_the_cheapest():
         assert found.line_cost_s <= found.cost_s * (1 + 1e-4) + 1e-9
         integral_s = 0.0
         for a, b in zip(found.points_m[:-1], found.points_m[1:], strict=True):
-            share = (np.arange(4000) + 0.5) / 4000
-            cells = grid.cell_from_world(a + share[:, None] * (b - a))
+            fraction = (np.arange(4000) + 0.5) / 4000
+            cells = grid.cell_from_world(a + fraction[:, None] * (b - a))
             integral_s += cost[cells[:, 0], cells[:, 1]].mean() * np.hypot(*(b - a))
         assert found.line_cost_s == pytest.approx(integral_s, rel=2e-3)
 
@@ -129,7 +135,7 @@ def test_taut_paths_on_a_real_map_are_optimal(data):
         a, b = rng.choice(large, 2, replace=False)
         best = plan_on_grid(layers, graph.node_m[a], graph.node_m[b])
         route = shortest_path(graph, int(a), int(b))
-        taut = taut_path(regions, route.edges, graph.node_cells[a], graph.node_cells[b])
+        taut = pull_string(regions, route.edges, graph.node_cells[a], graph.node_cells[b])
         route_ratios.append(taut.cost_s / best.cost_s)
         ratios.append(plan_path(regions, graph.node_m[a], graph.node_m[b]).cost_s / best.cost_s)
     assert min(ratios) >= 1.0 - 1e-9

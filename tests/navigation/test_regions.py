@@ -7,11 +7,10 @@ import pytest
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.graph import build_graph
+from visuohaptic.core import InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.regions import assign_regions
-from visuohaptic.recording import OccupancyMap
 
 from .random_maps import RADII_M, random_map
 

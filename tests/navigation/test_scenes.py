@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.peers.scenes import load_namosim, load_svg_mppi
+from benchmarks.peers.svg_path import outline_from_svg_path
 from shapely import Polygon
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.scenes import load_namosim, load_svg_mppi
-from visuohaptic.navigation.strategies import make_plan
-from visuohaptic.navigation.svg_path import outline_from_svg_path
+from visuohaptic.core import InputError
+from visuohaptic.navigation.planning import make_plan
 
 from .plan_check import faults
 

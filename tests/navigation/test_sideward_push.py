@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 import shapely
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.local_ground import Footprint, local_ground
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import line_path
-from visuohaptic.navigation.sideward_push import Outcome, judge_push, plan_sideward_push
-from visuohaptic.objects import HapticTag
-from visuohaptic.recording.occupancy_map import OccupancyMap
+from visuohaptic.core import HapticTag, InputError
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.navigation.pushing import (
+    Footprint,
+    Outcome,
+    PushModel,
+    judge_push,
+    line_path,
+    local_ground,
+    plan_sideward_push,
+)
 
 RADIUS_M = 0.17
 BOX = 0.15 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])

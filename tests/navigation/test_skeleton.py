@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import label
 
-from visuohaptic.navigation._skeleton_kernels import ADJACENT
+from visuohaptic.navigation.graph import skeleton
+from visuohaptic.navigation.graph._skeleton_kernels import ADJACENT
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.skeleton import skeleton
 
 from .random_maps import RADII_M, random_map, topology
 

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.navigation.planning import after_push, make_plan, plan_turning_pushes, without_pushing
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.navigation.quasi_static import line_path, simulate_push
-from visuohaptic.navigation.replanning import after_push
-from visuohaptic.navigation.strategies import make_plan, without_pushing
-from visuohaptic.navigation.turning_push import plan_turning_pushes
+from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
 
 #: A wall with a door of 0.9 m.
 WALLS = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])

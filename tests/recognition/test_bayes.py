@@ -3,24 +3,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import (
+from visuohaptic.core import InputError
+from visuohaptic.recognition.data import TouchProtocol, noisy_copies, travel_seconds
+from visuohaptic.recognition.touch import (
     UNKNOWN,
     HapticModel,
     ModelSettings,
-    TouchProtocol,
-    believe,
     calibrate,
     calibration_error,
+    condition,
+    evidence,
     explore,
     fit_model,
-    mean_touches,
-    noisy_copies,
     touch_gains,
-    train_tree,
-    travel_seconds,
+    update_belief,
 )
-from visuohaptic.recognition.belief import condition, evidence
+from visuohaptic.recognition.trees import mean_touches, train_tree
 
 from .worlds import synthetic, touch_of
 
@@ -32,7 +30,7 @@ def model() -> HapticModel:
 
 def test_the_prior_is_believed_until_something_is_touched() -> None:
     data = synthetic(10)
-    found = believe(fit_model(data, prior={"soft": 3.0, "flat": 1.0}), ()).as_mapping()
+    found = update_belief(fit_model(data, prior={"soft": 3.0, "flat": 1.0}), ()).as_mapping()
     assert found == pytest.approx({"flat": 0.225, "rim": 0.0, "soft": 0.675, UNKNOWN: 0.1})
     with pytest.raises(InputError, match="found 'mug', expected one of"):
         fit_model(data, prior={"mug": 1.0})
@@ -54,7 +52,7 @@ def test_probabilities_are_bayes_rule_written_out(model: HapticModel) -> None:
     for kind in model.unknown_covariance:
         spread = kind[np.ix_(place, place)] + np.diag(noise)
         density[-1] += 0.1 / 3 * multivariate_normal.pdf(value, model.unknown_mean[place], spread)
-    np.testing.assert_allclose(believe(model, readings).probability, density / density.sum(), rtol=1e-6)
+    np.testing.assert_allclose(update_belief(model, readings).probability, density / density.sum(), rtol=1e-6)
 
 
 def test_conditioning_in_steps_is_conditioning_at_once(model: HapticModel) -> None:
@@ -105,7 +103,7 @@ def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
         touch = touch_of(strange, row)
         # The soft top, 60 times as stiff, is that of "rim": only further down it is like nothing.
         assert (
-            believe(model, [touch(height, axis) for height in (5, 8, 11, 15) for axis in "xy"]).answer
+            update_belief(model, [touch(height, axis) for height in (5, 8, 11, 15) for axis in "xy"]).answer
             == UNKNOWN
         )
     for row in (2, 4):  # a rim and a flat one
@@ -115,17 +113,19 @@ def test_what_no_class_is_like_is_unknown(model: HapticModel) -> None:
 def test_calibration_lowers_what_is_wrong_with_confidence() -> None:
     data = synthetic(30, spread=0.4)
     plain = fit_model(data, settings=ModelSettings(use_width=False))
-    warm = calibrate(plain, data, np.random.default_rng(1), explorations=80, most_touches=3)
+    warm = calibrate(plain, data, np.random.default_rng(1), explorations=80, max_touches=3)
     assert 0.5 <= warm.temperature <= 6
     assert 0.05 <= warm.unknown_from <= 0.95
     unseen, rng = synthetic(25, seed=4, spread=0.4), np.random.default_rng(3)
     confidence, hit = [], []
     for row in range(len(unseen)):
         touch = touch_of(unseen, row, rng=rng)
-        share = believe(warm, [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))])]).probability[:-1]
-        share = share / share.sum()
-        confidence.append(share.max())
-        hit.append(warm.answers[int(np.argmax(share))] == unseen.label[row])
+        fraction = update_belief(
+            warm, [touch(int(rng.integers(1, 17)), "xy"[int(rng.integers(2))])]
+        ).probability[:-1]
+        fraction = fraction / fraction.sum()
+        confidence.append(fraction.max())
+        hit.append(warm.answers[int(np.argmax(fraction))] == unseen.label[row])
     # 75 objects in few bins: chance alone gives about 0.06.
     assert calibration_error(np.array(confidence), np.array(hit)) < 0.12
 

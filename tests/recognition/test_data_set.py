@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import FeatureSet, load_feature_set, read_build, save_feature_set
+from visuohaptic.core import InputError
+from visuohaptic.recognition.data import FeatureSet, load_feature_set, read_build, save_feature_set
 
 from .worlds import build_folder, synthetic
 

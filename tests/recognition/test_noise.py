@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import TouchProtocol, fit_curve, noisy_copies
+from visuohaptic.core import InputError
+from visuohaptic.recognition.data import TouchProtocol, fit_curve, noisy_copies
 
 from .worlds import synthetic
 
@@ -29,7 +29,7 @@ def test_copies_are_as_noisy_as_a_touch_and_carry_their_class() -> None:
 def test_the_expected_doubt_is_that_of_a_fitted_curve(stiffness: float) -> None:
     protocol = TouchProtocol()
     rng = np.random.default_rng(0)
-    reach = min(protocol.most_deformation_m, protocol.most_force_N / stiffness)
+    reach = min(protocol.max_deformation_m, protocol.max_force_N / stiffness)
     d = np.arange(1, round(protocol.rate_Hz * reach / protocol.close_m_per_s) + 1)
     d = d * protocol.close_m_per_s / protocol.rate_Hz
     found = [

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.recognition.places import HEIGHTS
-from visuohaptic.recognition.posed import posed_changes
+from visuohaptic.recognition.data import HEIGHTS, posed_changes
 
 RADIUS_m, HEIGHT_m = 0.04, 0.16
 

@@ -14,10 +14,9 @@ pytest.importorskip("trimesh")
 from benchmarks._prior_world import containers, label, scene_with, seen_cloud
 
 from benchmarks import prior as bench
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Appearance, Geometry, Sighting, VisuoHapticObject
-from visuohaptic.recognition import (
-    UNKNOWN,
+from visuohaptic.core import Appearance, Geometry, InputError, Sighting, VisuoHapticObject
+from visuohaptic.recognition.touch import UNKNOWN
+from visuohaptic.recognition.visual import (
     Example,
     VisualPrior,
     calibrate_prior,
@@ -48,9 +47,9 @@ def _share(prior: VisualPrior, *args: object, **kwargs: object) -> dict[str, flo
 
 
 def test_nothing_seen_is_the_prior(kitchen: VisualPrior) -> None:
-    share = _share(kitchen)
-    assert share.pop(UNKNOWN) == pytest.approx(kitchen.settings.unknown_prior)
-    assert np.ptp(list(share.values())) < 1e-12
+    fraction = _share(kitchen)
+    assert fraction.pop(UNKNOWN) == pytest.approx(kitchen.settings.unknown_prior)
+    assert np.ptp(list(fraction.values())) < 1e-12
     assert _share(VisualPrior()) == {UNKNOWN: pytest.approx(1.0)}
     assert _share(VisualPrior(), image=label(1), cloud=np.random.default_rng(0).random((50, 3))) == {
         UNKNOWN: pytest.approx(1.0)
@@ -77,8 +76,8 @@ def test_something_else_is_unknown(kitchen: VisualPrior) -> None:
     assert kitchen.candidates(image=scene_with(label(99), rng, hardness=0.3))[0].object_id != "label-7"
     sofa = rng.uniform(-1, 1, (3000, 3)) * [1.0, 0.4, 0.3]
     # Only what has a shape can be refused by a cloud; the labels have none and keep their odds.
-    share = _share(kitchen, cloud=sofa)
-    assert share[UNKNOWN] > 50 * max(share["cup"], share["bottle"], share["palmo"])
+    fraction = _share(kitchen, cloud=sofa)
+    assert fraction[UNKNOWN] > 50 * max(fraction["cup"], fraction["bottle"], fraction["palmo"])
     blank = _share(kitchen, image=np.full((300, 300), 128, np.uint8))
     assert blank == pytest.approx(_share(kitchen))
 
@@ -91,10 +90,10 @@ def test_context_multiplies_the_odds() -> None:
     prior.add("new", context=())
     plain = _share(prior)
     assert plain["cup"] == pytest.approx(plain["drill"])
-    share = _share(prior, context=("kitchen",))
+    fraction = _share(prior, context=("kitchen",))
     # By hand: 16 sightings, half of them in the kitchen; two average ones are added to each object's own.
-    assert share["cup"] / share["drill"] == pytest.approx((8 + 1) / (0 + 1))
-    assert share["new"] / share[UNKNOWN] == pytest.approx(plain["new"] / plain[UNKNOWN])
+    assert fraction["cup"] / fraction["drill"] == pytest.approx((8 + 1) / (0 + 1))
+    assert fraction["new"] / fraction[UNKNOWN] == pytest.approx(plain["new"] / plain[UNKNOWN])
     assert _share(prior, context=("nowhere",)) == pytest.approx(plain)
 
 
@@ -106,9 +105,9 @@ def test_alike_stay_together(kitchen: VisualPrior) -> None:
     cloud = mesh.sampled(3000, rng)[0]
     prior.add("paper cup", cloud=cloud)
     prior.add("china cup", cloud=cloud)
-    share = _share(prior, cloud=seen_cloud(mesh, rng))
-    assert share["paper cup"] == pytest.approx(share["china cup"])
-    assert share["paper cup"] > 0.4
+    fraction = _share(prior, cloud=seen_cloud(mesh, rng))
+    assert fraction["paper cup"] == pytest.approx(fraction["china cup"])
+    assert fraction["paper cup"] > 0.4
 
 
 def test_file(kitchen: VisualPrior, tmp_path: Path) -> None:
@@ -216,7 +215,8 @@ def test_benchmark_of_pictures_in_small() -> None:
 
 def test_no_match_is_another_thing_than_few() -> None:
     """A look that is too blurred for any match is judged by its own weight, not by the curve of the counts."""
-    from visuohaptic.recognition.prior import PriorSettings, _Evidence, _probabilities
+    from visuohaptic.recognition.visual import PriorSettings
+    from visuohaptic.recognition.visual.prior import _Evidence, _probabilities
 
     def unknown(matches: list[float], settings: PriorSettings) -> float:
         nothing = np.full(len(matches), np.nan)

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import curve_coefficients
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import SensorNoise, fit_curve, read_curves, stiffness_grid
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import curve_coefficients
+from visuohaptic.recognition.data import SensorNoise, fit_curve, read_curves, stiffness_grid
 
 
 def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:

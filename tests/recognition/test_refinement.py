@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import linear_features, load_container, mesh_container
-from visuohaptic.errors import InputError
-from visuohaptic.objects import StiffnessMap
-from visuohaptic.recognition.refinement import combine_models, correct_map, fit_wall
+from visuohaptic.core import InputError, StiffnessMap
+from visuohaptic.deformation.maps import linear_features
+from visuohaptic.deformation.shapes import load_container, mesh_container
+from visuohaptic.recognition.touch import combine_models, correct_map, fit_wall
 
 
 def test_a_wall_is_found_again_where_the_modulus_is_known() -> None:

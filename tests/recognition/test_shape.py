@@ -12,14 +12,9 @@ pytest.importorskip("trimesh")
 
 from benchmarks._prior_world import containers, seen_cloud
 
-from visuohaptic.errors import InputError
-from visuohaptic.recognition.shape import (
-    describe_cloud,
-    fit_shape,
-    shape_views,
-    thinned,
-    visible_from,
-)
+from visuohaptic.core import InputError
+from visuohaptic.recognition.visual import describe_cloud, fit_shape, shape_views, thinned
+from visuohaptic.recognition.visual.shape import visible_from
 
 
 def _box(rng: np.random.Generator, size: tuple[float, float, float], count: int = 3000) -> np.ndarray:

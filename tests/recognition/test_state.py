@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import Contents, load_container
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import TouchReading, fit_curve
-from visuohaptic.recognition.state import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.nonlinear import Contents
+from visuohaptic.deformation.shapes import load_container
+from visuohaptic.recognition.data import TouchReading, fit_curve
+from visuohaptic.recognition.touch import (
     StateCurve,
     fit_state_model,
     load_state_model,

@@ -2,17 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.recognition import (
+from visuohaptic.recognition.touch import (
     explore,
     fit_model,
-    next_touch,
     planner_follower,
     planner_steps,
-    train_tree,
     tree_follower,
     tree_steps,
-    walk,
 )
+from visuohaptic.recognition.trees import next_touch, train_tree, walk
 
 from .worlds import synthetic, touch_of
 

@@ -9,24 +9,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.deformation import normalised
-from visuohaptic.errors import InputError
-from visuohaptic.recognition import (
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import normalised
+from visuohaptic.recognition.trees import (
+    DRAWS,
     grow_tree,
+    grown,
     load_tree,
     mean_touches,
     next_touch,
     predict,
+    predictors,
+    pruned,
+    pruning_alphas,
     save_tree,
     scaled_features,
     scaling_touches,
+    simplest,
+    smoothed,
     train_tree,
     tree_text,
     walk,
 )
-from visuohaptic.recognition._tree_kernels import best_splits
-from visuohaptic.recognition.tree_growth import DRAWS, grown, predictors, smoothed
-from visuohaptic.recognition.tree_pruning import pruned, pruning_alphas, simplest
+from visuohaptic.recognition.trees._tree_kernels import best_splits
 
 from .worlds import synthetic, touch_of
 
@@ -67,10 +72,10 @@ def test_weights_count_like_copies() -> None:
     x, y, weight = rng.normal(size=(30, 4)), rng.integers(0, 3, 30), rng.integers(1, 4, 30).astype(float)
     copies = np.repeat(np.arange(30), weight.astype(int))
     found = []
-    for rows, share in ((np.arange(30), weight), (copies, np.ones(len(copies)))):
+    for rows, fraction in ((np.arange(30), weight), (copies, np.ones(len(copies)))):
         columns = np.ascontiguousarray(x[rows].T)
         order = np.argsort(columns, axis=1).astype(np.int32)
-        found.append(best_splits(order, columns, y[rows], share, 3)[:2])
+        found.append(best_splits(order, columns, y[rows], fraction, 3)[:2])
     np.testing.assert_allclose(found[0], found[1], atol=1e-9)
 
 

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.recognition import train_tree
-from visuohaptic.recognition.tree_plots import class_correlation, plot_correlation, plot_tree
+from visuohaptic.recognition.trees import class_correlation, plot_correlation, plot_tree, train_tree
 
 from .worlds import synthetic
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from benchmarks._prior_world import label, scene_with
 
-from visuohaptic.errors import InputError
-from visuohaptic.recognition.words import (
+from visuohaptic.core import InputError
+from visuohaptic.recognition.visual import (
     LocalFeatures,
     WordIndex,
     agreeing_matches,

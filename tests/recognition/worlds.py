@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.recognition import HEIGHTS, CurveFit, FeatureSet, TouchReading
+from visuohaptic.recognition.data import HEIGHTS, CurveFit, FeatureSet, TouchReading
 
 #: Class -> (log stiffness at the top, at the middle of y, width across y [m]).
 PROFILES = {"soft": (4.0, 7.0, 0.06), "rim": (9.0, 7.0, 0.06), "flat": (9.0, 5.5, 0.03)}

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.recording.depth_sequence import DepthFrame
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io.depth import DepthFrame
 
 #: Second eye of the camera along its x [m], and noise of a depth at 1 m [m].
 BASELINE_M, NOISE_M = 0.075, 0.0015

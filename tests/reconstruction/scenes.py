@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.recording import DepthFrame
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io.depth import DepthFrame
 
 SPHERES = (((0.5, 0.5, 0.15), 0.15), ((0.25, 0.65, 0.1), 0.1), ((0.72, 0.3, 0.08), 0.08))
 

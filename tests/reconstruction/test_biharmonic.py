@@ -7,9 +7,9 @@ import pytest
 import robust_laplacian
 from scipy.linalg import eigh
 
-from visuohaptic.errors import InputError
-from visuohaptic.reconstruction.biharmonic import BiharmonicMesh
-from visuohaptic.simulation.bottles import random_bottle
+from visuohaptic.core import InputError
+from visuohaptic.reconstruction.surfaces import BiharmonicMesh
+from visuohaptic.simulation.tabletop import random_bottle
 
 
 def bottle_mesh(seed, step_m=0.016):

@@ -7,17 +7,26 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
 from visuohaptic.cli.main import main
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.reconstruction.completion import Completion, CompletionSettings
-from visuohaptic.reconstruction.hole import HoleRegion, boundary_loops, load_hole_regions, support_band
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.profile import fit_radial_model, wall_seen
-from visuohaptic.reconstruction.symmetry import fit_prior
-from visuohaptic.reconstruction.touch import Touch, read_touches, rigid_fit
-from visuohaptic.recording.ply import read_ply
-from visuohaptic.simulation.bottles import Bottle, random_bottle
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.core.camera import Pose
+from visuohaptic.io.meshes import read_ply
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import (
+    Completion,
+    CompletionSettings,
+    HoleRegion,
+    Touch,
+    boundary_loops,
+    fit_prior,
+    fit_radial_model,
+    load_hole_regions,
+    read_touches,
+    rigid_fit,
+    support_band,
+    wall_seen,
+)
+from visuohaptic.simulation.tabletop import Bottle, random_bottle
 
 SIGMA_M = 0.0003
 
@@ -231,8 +240,8 @@ def test_rings_of_an_improbable_symmetry_are_not_invented():
     def wall(theta, z):
         low = (np.abs(np.cos(theta) / 0.045) ** 4 + np.abs(np.sin(theta) / 0.03) ** 4) ** -0.25
         high = 0.032 * (1 + 0.25 * np.cos(theta - 0.5) + 0.08 * np.cos(3 * theta + 1))
-        share = np.clip((z - 0.05) / 0.09, 0, 1)
-        return (1 - share) * low + share * high
+        fraction = np.clip((z - 0.05) / 0.09, 0, 1)
+        return (1 - fraction) * low + fraction * high
 
     def part(low_m, high_m):
         z, theta = np.meshgrid(np.linspace(low_m, high_m, 24), np.arange(64) * 2 * np.pi / 64, indexing="ij")
@@ -270,7 +279,7 @@ def test_touches_of_another_frame_are_registered():
     with pytest.raises(CalibrationError, match="one line"):
         rigid_fit(np.outer(np.arange(4.0), [1, 2, 3]), np.outer(np.arange(4.0), [1, 2, 3]))
     plain = Completion(visible, region)
-    turned = Completion(visible, region, pose_visual_haptic=found)
+    turned = Completion(visible, region, T_visual_haptic=found)
     contact = np.array([float(bottle.radius_m(0.0, 0.1)), 0.0, 0.1])
     plain.add(Touch(contact))
     turned.add(Touch(pose.inverse().apply(contact)))
@@ -403,7 +412,7 @@ def test_the_variance_is_scaled_by_contacts_left_out():
     known = model.lower @ model.whitened
     pick = model.row[:, None] == np.arange(len(model.z_m))
     assert len(model.profiles) > 1
-    assert sum(profile.share for profile in model.profiles) == pytest.approx(1.0)
+    assert sum(profile.fraction for profile in model.profiles) == pytest.approx(1.0)
     for profile in model.profiles:
         # Leaving one out by hand: the same parameters, one row and column less.
         of_p = profile.deviation**2 * (profile.lower @ profile.lower.T)
@@ -443,8 +452,8 @@ def test_what_is_expected_of_the_wall_is_kriging_by_each_process():
         section = prior.section(np.arctan2(*(touched[:, :2] - prior.axis_m).T[::-1]), touched[:, 2])
         rho_m = np.exp(model.middle + section + known @ solved)
         variance = own_rest + of_p[rows, rows] - (cross * solved.T).sum(axis=1)
-        mean_m = mean_m + profile.share * rho_m
-        square_m2 = square_m2 + profile.share * rho_m**2 * (1 + profile.scale * variance)
+        mean_m = mean_m + profile.fraction * rho_m
+        square_m2 = square_m2 + profile.fraction * rho_m**2 * (1 + profile.scale * variance)
     expected_m, sigma_m = model.expected(touched)
     # The correlation of p is made regular by 1e-8.
     assert np.allclose(expected_m, mean_m, rtol=1e-5)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.reconstruction.pipeline import reconstruct
-from visuohaptic.reconstruction.volume import SpaceGrid
+from visuohaptic.reconstruction import reconstruct
+from visuohaptic.reconstruction.fusion import SpaceGrid
 
 from .glass_caster import Table, cast, inside, random_table, ring
 

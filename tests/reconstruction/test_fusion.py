@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.reconstruction.fusion import TsdfVolume
-from visuohaptic.reconstruction.sparse_fusion import SparseTsdfVolume
-from visuohaptic.recording import DepthFrame
-from visuohaptic.recording.ply import read_ply
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io.depth import DepthFrame
+from visuohaptic.io.meshes import read_ply
+from visuohaptic.reconstruction.fusion import SparseTsdfVolume, TsdfVolume
 
 from .scenes import SPHERES, ring, surface_error_m, view
 
@@ -37,7 +36,7 @@ def twin(volume, frames):
     points = index * volume.voxel_m + volume.origin_m
     distance, weight = np.ones(index.shape[:3]), np.zeros(index.shape[:3])
     for frame in frames:
-        seen = frame.pose_world_camera.inverse().apply(points)
+        seen = frame.T_world_camera.inverse().apply(points)
         with np.errstate(invalid="ignore", divide="ignore"):
             pixels = np.floor(frame.camera.project(seen) + 0.5)
         inside = (pixels >= 0).all(-1) & (pixels < [frame.camera.width, frame.camera.height]).all(-1)
@@ -60,7 +59,7 @@ def test_the_kernel_equals_its_plain_twin(volume, frames):
 
 
 def test_the_surface_lies_on_the_spheres_and_the_plate(volume):
-    mesh = volume.mesh(least_weight=2)
+    mesh = volume.mesh(min_weight=2)
     errors = surface_error_m(mesh.vertices_m)
     assert np.median(errors) < 0.1 * VOXEL_M
     # Where spheres meet the plate and at grazing sight the projective distance is too large.
@@ -68,7 +67,7 @@ def test_the_surface_lies_on_the_spheres_and_the_plate(volume):
 
 
 def test_triangles_look_outside(volume):
-    mesh = volume.mesh(least_weight=2)
+    mesh = volume.mesh(min_weight=2)
     centre, radius = np.array(SPHERES[0][0]), SPHERES[0][1]
     offset = mesh.vertices_m - centre
     on = (np.abs(np.linalg.norm(offset, axis=1) - radius) < 0.2 * VOXEL_M) & (offset[:, 2] > 0)
@@ -78,14 +77,14 @@ def test_triangles_look_outside(volume):
 
 
 def test_colour_is_averaged_and_comes_out_as_red_green_blue(volume):
-    mesh = volume.mesh(least_weight=2)
+    mesh = volume.mesh(min_weight=2)
     assert mesh.colors is not None
     assert np.median(mesh.colors, axis=0).tolist() == [0, 0, 200]
 
 
 def test_bricks_leave_no_cracks(volume):
     """Edges of one triangle only are where the known region ends, never between two known bricks."""
-    mesh = volume.mesh(least_weight=2)
+    mesh = volume.mesh(min_weight=2)
     edges = np.sort(
         np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1
     )
@@ -128,7 +127,7 @@ def test_noise_averages_out(frames):
 
     def noisy():
         depth = (frame.depth_m + rng.normal(0, sigma_m, frame.depth_m.shape)).astype(np.float32)
-        return DepthFrame(0.0, depth, None, frame.pose_world_camera, CAMERA)
+        return DepthFrame(0.0, depth, None, frame.T_world_camera, CAMERA)
 
     def spread(volume):
         return np.median(surface_error_m(volume.mesh().vertices_m))

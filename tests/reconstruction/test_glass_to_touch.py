@@ -8,16 +8,14 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
 from visuohaptic.cli.main import main
-from visuohaptic.reconstruction.hole import load_hole_regions, support_band
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.regions import find_regions
-from visuohaptic.reconstruction.seen_through import without_seen_through
-from visuohaptic.reconstruction.volume import SpaceGrid
-from visuohaptic.recording import DepthFrame
-from visuohaptic.simulation.depth_camera import DepthCamera
-from visuohaptic.simulation.glass_scene import glass_scene
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.io.depth import DepthFrame
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import load_hole_regions, support_band
+from visuohaptic.reconstruction.fusion import SpaceGrid
+from visuohaptic.reconstruction.transparency import find_regions, without_seen_through
+from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
 SEED = 2  # a development seed
 
@@ -152,7 +150,7 @@ def test_a_reading_through_a_hull_is_dropped_and_one_before_it_is_kept():
     cube = np.array([[x, y, z] for x in (-0.05, 0.05) for y in (-0.05, 0.05) for z in (0.95, 1.05)])
     cells = np.ones((4, 4, 4), dtype=bool)
     grid = SpaceGrid.around(cube.min(axis=0), cube.max(axis=0), 0.025)
-    (region,) = find_regions(cells.astype(float), cells, cells, grid, least_voxels=1)
+    (region,) = find_regions(cells.astype(float), cells, cells, grid, min_voxels=1)
     for depth_m, dropped in ((2.0, True), (0.9, False), (0.955, False)):
         frame = DepthFrame(0.0, np.full((30, 40), depth_m, np.float32), None, Pose.identity(), camera)
         kept = np.isfinite(without_seen_through(frame, [region]).depth_m)

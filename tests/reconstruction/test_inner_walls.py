@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.reconstruction.hole import HoleRegion
-from visuohaptic.reconstruction.inner_walls import without_inner_walls
-from visuohaptic.reconstruction.mesh import SurfaceMesh
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import HoleRegion, without_inner_walls
 
 from .test_sight import wall
 

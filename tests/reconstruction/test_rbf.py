@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import RBFInterpolator
 
-from visuohaptic.errors import InputError
-from visuohaptic.reconstruction.rbf import Grid, RbfSurface, isosurface
+from visuohaptic.core import InputError
+from visuohaptic.reconstruction.surfaces import Grid, RbfSurface, isosurface
 
 
 def sphere(rng, count=60, radius=0.05, d=0.005):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.reconstruction.hole import HoleRegion
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.sight import open_sight
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import HoleRegion, open_sight
 
 
 def wall(radius_m, outward, columns=48, rows=20, high_m=0.1):
@@ -27,10 +26,10 @@ def test_glass_on_a_tube_closes_its_inside():
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (0, 1)])
     glass = HoleRegion.of_points(cube * [0.04, 0.04, 0.1] + [0, 0, 0.102])
     centres, normals = tube.vertices_m[tube.faces].mean(axis=1), tube.face_normals
-    share = open_sight(tube, glass, centres, normals)
+    fraction = open_sight(tube, glass, centres, normals)
     outward = (normals[:, :2] * centres[:, :2]).sum(axis=1) > 0
-    assert share[outward].min() > 0.5
+    assert fraction[outward].min() > 0.5
     # What is left to the inside is the open foot of the tube, wide for its lowest parts only.
-    assert share[~outward & (centres[:, 2] > 0.05)].max() < 0.2
+    assert fraction[~outward & (centres[:, 2] > 0.05)].max() < 0.2
     away = HoleRegion.of_points(cube * [0.04, 0.04, 0.1] + [0.3, 0, 0.102])
     assert open_sight(tube, away, centres, normals)[~outward & (centres[:, 2] > 0.08)].min() > 0.2

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
 from visuohaptic.cli.main import main
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.reconstruction.touch_registration import register_touches
-from visuohaptic.simulation.bottles import random_bottle
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.core.camera import Pose
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import register_touches
+from visuohaptic.simulation.tabletop import random_bottle
 
 SIGMA_M = 0.0003
 

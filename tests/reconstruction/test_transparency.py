@@ -11,31 +11,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.camera import Camera, Pose
 from visuohaptic.cli.main import main
-from visuohaptic.errors import InputError
-from visuohaptic.files import save_yaml
-from visuohaptic.reconstruction._background_kernels import cast_rays, view_moments, warp_views
-from visuohaptic.reconstruction._consistency_kernels import projector_shadow
-from visuohaptic.reconstruction.background import (
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.depth import DepthFrame, write_depth, write_poses
+from visuohaptic.io.meshes import read_ply
+from visuohaptic.reconstruction.fusion import SENSOR_NOISE, SpaceGrid, sensor_noise, space_of_interest
+from visuohaptic.reconstruction.transparency import (
     HELLINGER_WEIGHT,
     BackgroundModel,
+    ConsistencyDetector,
+    ConsistencySettings,
     LocalViews,
+    TransparencyDetector,
     background_model,
+    error_image,
+    find_regions,
     intrinsics,
+    ray_image,
+    refine_poses,
 )
-from visuohaptic.reconstruction.consistency import ConsistencyDetector, ConsistencySettings, ray_image
-from visuohaptic.reconstruction.pose_refinement import refine_poses
-from visuohaptic.reconstruction.regions import find_regions
-from visuohaptic.reconstruction.sensor_noise import SENSOR_NOISE, sensor_noise
-from visuohaptic.reconstruction.transparency import TransparencyDetector, error_image
-from visuohaptic.reconstruction.volume import SpaceGrid, space_of_interest
-from visuohaptic.recording.depth_pictures import write_depth
-from visuohaptic.recording.depth_sequence import DepthFrame
-from visuohaptic.recording.ply import read_ply
-from visuohaptic.recording.poses import write_poses
-from visuohaptic.simulation.depth_camera import DepthCamera
-from visuohaptic.simulation.glass_scene import disturb_pose, glass_scene
+from visuohaptic.reconstruction.transparency._background_kernels import cast_rays, view_moments, warp_views
+from visuohaptic.reconstruction.transparency._consistency_kernels import projector_shadow
+from visuohaptic.simulation.tabletop import DepthCamera, disturb_pose, glass_scene
 
 CAMERA = Camera.simple(64, 48, 60.0)
 SEED = 12  # a development seed: thin, 360 degrees
@@ -61,7 +60,7 @@ def sequence():
     scene = glass_scene(SEED, step_m=0.06)
     sensor = DepthCamera.kinect(200)
     frames = [
-        DepthFrame(view.t_s, view.depth_m, None, view.true_pose_world_camera, sensor.camera, i)
+        DepthFrame(view.t_s, view.depth_m, None, view.true_T_world_camera, sensor.camera, i)
         for i, view in enumerate(scene.render(sensor, np.random.default_rng(0)))
     ]
     return scene, frames
@@ -81,7 +80,7 @@ def test_warp_equals_plain_numpy_and_the_truth():
     frames = [plane_frame(looking_down(x)) for x in (-0.1, 0.0, 0.07)]
     here = looking_down(0.03)
     moved = np.array(
-        [(here.inverse() @ frame.pose_world_camera).matrix[:3] for frame in frames], dtype=np.float32
+        [(here.inverse() @ frame.T_world_camera).matrix[:3] for frame in frames], dtype=np.float32
     )
     depths = np.stack([frame.depth_m for frame in frames])
     depths[1][rng.random(depths[1].shape) < 0.2] = np.nan
@@ -91,7 +90,7 @@ def test_warp_equals_plain_numpy_and_the_truth():
         plain = np.full(depths[k].shape, np.inf)
         rows, columns = np.nonzero(np.isfinite(depths[k]))
         rays = CAMERA.rays(np.column_stack([columns, rows]).astype(float))
-        points = (here.inverse() @ frame.pose_world_camera).apply(rays * depths[k][rows, columns, None])
+        points = (here.inverse() @ frame.T_world_camera).apply(rays * depths[k][rows, columns, None])
         pixels = np.floor(CAMERA.project(points) + 0.5).astype(int)
         for (u, v), z in zip(pixels, points[:, 2], strict=True):
             if 0 <= u < CAMERA.width and 0 <= v < CAMERA.height:
@@ -186,7 +185,7 @@ def test_views_of_a_model_keep_the_gap():
     views = LocalViews()
     for i in range(60):
         views.add(plane_frame(looking_down(0.01 * i)))
-    x = [view.pose_world_camera.translation_m[0] for view in views.of_model()]
+    x = [view.T_world_camera.translation_m[0] for view in views.of_model()]
     assert len(x) == 8
     behind = 0.59 - np.array(x)
     assert behind.min() == pytest.approx(0.16, abs=0.006)
@@ -214,21 +213,21 @@ def test_region_of_a_box_of_voxels():
     grid = SpaceGrid(np.array([1.0, 2.0, 3.0]), (20, 20, 20), 0.01)
     score = np.zeros(grid.shape)
     score[5:10, 4:8, 3:9] = 0.5
-    (region,) = find_regions(score, score > 0, score > 0, grid, least_voxels=10)
+    (region,) = find_regions(score, score > 0, score > 0, grid, min_voxels=10)
     np.testing.assert_allclose(region.size_m, [0.05, 0.04, 0.06])
     np.testing.assert_allclose(region.centroid_m, [1.075, 2.06, 3.06])
     assert region.volume_m3 == pytest.approx(0.05 * 0.04 * 0.06)
     assert region.score == pytest.approx(0.5)
     assert region.contains(region.centroid_m)
     assert not region.contains(region.centroid_m + np.array([0.03, 0, 0]))
-    assert find_regions(score, score > 0, score > 0, grid, least_voxels=1000) == ()
+    assert find_regions(score, score > 0, score > 0, grid, min_voxels=1000) == ()
 
 
 def test_refined_poses_are_better(sequence):
     scene, frames = sequence
     rng = np.random.default_rng(4)
     noisy = [
-        replace(frame, pose_world_camera=disturb_pose(frame.pose_world_camera, rng, 0.003, math.radians(0.1)))
+        replace(frame, T_world_camera=disturb_pose(frame.T_world_camera, rng, 0.003, math.radians(0.1)))
         for frame in frames[:20]
     ]
 
@@ -236,7 +235,7 @@ def test_refined_poses_are_better(sequence):
         """Of the motions between neighbours: a common shift of all views does no harm."""
         return [
             np.linalg.norm(
-                (a.pose_world_camera.inverse() @ b.pose_world_camera).translation_m
+                (a.T_world_camera.inverse() @ b.T_world_camera).translation_m
                 - (p.inverse() @ q).translation_m
             )
             for a, b, p, q in zip(views, views[1:], scene.poses, scene.poses[1:], strict=False)
@@ -248,9 +247,9 @@ def test_refined_poses_are_better(sequence):
 def test_right_poses_stay_where_they_are(sequence):
     """No common drift: the surface must not move because its views were fitted to each other."""
     scene, frames = sequence
-    told = [replace(f, pose_world_camera=p) for f, p in zip(frames, scene.poses, strict=True)][:24]
+    told = [replace(f, T_world_camera=p) for f, p in zip(frames, scene.poses, strict=True)][:24]
     moved_m = [
-        f.pose_world_camera.translation_m - p.translation_m
+        f.T_world_camera.translation_m - p.translation_m
         for f, p in zip(refine_poses(told), scene.poses, strict=False)
     ]
     assert np.linalg.norm(np.mean(moved_m, axis=0)) < 2e-4  # half a millimetre without the anchor
@@ -269,7 +268,7 @@ def test_glass_is_found_and_opaque_twins_are_not(sequence):
     sensor = DepthCamera.kinect(200)
     twin = scene.scene.opaque_twin()
     painted = [
-        replace(f, depth_m=sensor.render(twin, f.pose_world_camera, np.random.default_rng(f.index)))
+        replace(f, depth_m=sensor.render(twin, f.T_world_camera, np.random.default_rng(f.index)))
         for f in frames[:40]
     ]
     opaque = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
@@ -305,7 +304,7 @@ def test_space_of_interest_is_where_the_axes_meet(sequence):
     middle = 0.5 * (grid.low_m + grid.high_m)
     np.testing.assert_allclose(middle, [0, 0, 0.07], atol=0.03)
     one = space_of_interest(frames[:1])
-    assert (one.low_m < frames[0].pose_world_camera.apply([0, 0, 0.9])).all()
+    assert (one.low_m < frames[0].T_world_camera.apply([0, 0, 0.9])).all()
 
 
 def test_command_writes_the_three_files(sequence, tmp_path, capsys):
@@ -314,7 +313,7 @@ def test_command_writes_the_three_files(sequence, tmp_path, capsys):
     (scan / "depth").mkdir(parents=True)
     for frame in frames[::2]:
         write_depth(scan / "depth" / f"{frame.index:06d}.png", frame.depth_m, 1e-4)
-    write_poses(scan / "poses.txt", [(frame.t_s, frame.pose_world_camera) for frame in frames[::2]])
+    write_poses(scan / "poses.txt", [(frame.t_s, frame.T_world_camera) for frame in frames[::2]])
     frames[0].camera.save(scan / "camera.yaml")
     save_yaml(scan / "sequence.yaml", {"sensor": "simulated", "depth_scale_m": 1e-4, "camera": "camera.yaml"})
     words = ["reconstruct", str(scan), "--out", str(tmp_path / "out"), "--voxel-m", "0.01", "--json"]

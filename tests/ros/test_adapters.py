@@ -9,12 +9,11 @@ import time
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import DeviceError, InputError, StaleFrameError
-from visuohaptic.recording import ros_messages as messages
-from visuohaptic.robots import Gripper, MobileBase, ProbeArm
-from visuohaptic.ros import RosArm, RosBase, RosGripper, RosNode
-from visuohaptic.ros.latest import Repeater
+from visuohaptic.core import DeviceError, Gripper, InputError, MobileBase, ProbeArm, StaleFrameError
+from visuohaptic.core.camera import Pose
+from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.ros import Repeater, RosNode
+from visuohaptic.ros.robots import RosArm, RosBase, RosGripper
 
 from .conftest import until
 

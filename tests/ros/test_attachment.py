@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.ros.attachment import Attachment
+from visuohaptic.core import InputError
+from visuohaptic.ros.wire import Attachment
 
 ext = pytest.importorskip("zenoh.ext")
 WHOLE = st.integers(-(2**63), 2**63 - 1)

@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.errors import InputError
-from visuohaptic.experiments.virtual_sensor import VirtualSensor
-from visuohaptic.files import save_yaml
-from visuohaptic.recording import ros_messages as messages
-from visuohaptic.ros import RosNode, message_type
-from visuohaptic.ros.bridge import Bridge
-from visuohaptic.ros.bridge_config import BridgeConfig
-from visuohaptic.simulation.press import PressShape, press
+from visuohaptic.core import InputError
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.ros import ros_messages as messages
+from visuohaptic.rigs import VirtualSensor
+from visuohaptic.ros import Bridge, BridgeConfig, RosNode
+from visuohaptic.ros.wire import message_type
+from visuohaptic.simulation.foam import PressShape, press
 
 from .conftest import until
 

@@ -12,11 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
-from visuohaptic.errors import InputError
-from visuohaptic.recording._ros_definitions import _PARTS
-from visuohaptic.ros import MessageType, message_type, parse_definition
-from visuohaptic.ros.cdr import decode, encode
-from visuohaptic.ros.message_type import Field, Shape
+from visuohaptic.core import InputError
+from visuohaptic.io.ros._ros_definitions import _PARTS
+from visuohaptic.ros.wire import Field, MessageType, Shape, decode, encode, message_type, parse_definition
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 NAMES = [short.replace("/", "/msg/") for short in _PARTS]

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera
-from visuohaptic.errors import DeviceError, InputError, StaleFrameError
-from visuohaptic.recording import ros_messages as messages
-from visuohaptic.robots import FrameSource
+from visuohaptic.core import DeviceError, FrameSource, InputError, StaleFrameError
+from visuohaptic.core.camera import Camera
+from visuohaptic.io.ros import ros_messages as messages
 from visuohaptic.ros import RosNode, RosPublisher, TopicFrames
 
 from .conftest import until

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.ros._gid import publisher_gid, xxh3_128
+from visuohaptic.ros.wire._gid import publisher_gid, xxh3_128
 
 #: XXH3_128bits of libxxhash 0.8.1 over the bytes 0, 1, ..., 250, 0, 1, ...; one length of each way of computing.
 STORED = [

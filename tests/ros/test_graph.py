@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.ros import Entity, EntityKind, Qos, message_type
-from visuohaptic.ros.graph import check_node, resolve_name, topic_key
+from visuohaptic.core import InputError
+from visuohaptic.ros.wire import Entity, EntityKind, Qos, message_type, resolve_name, topic_key
+from visuohaptic.ros.wire.graph import check_node
 
 STRING = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
 #: Printed in the design document of rmw_zenoh, section Graph Cache.

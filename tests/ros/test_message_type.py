@@ -7,10 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from visuohaptic.errors import InputError
-from visuohaptic.recording._ros_definitions import _PARTS
-from visuohaptic.ros import message_type, parse_definition
-from visuohaptic.ros.message_type import Shape
+from visuohaptic.core import InputError
+from visuohaptic.io.ros._ros_definitions import _PARTS
+from visuohaptic.ros.wire import Shape, message_type, parse_definition
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
 

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from visuohaptic.errors import DeviceError, InputError
-from visuohaptic.ros import EntityKind, Qos, Received, RosNode, RosOptions, message_type
-from visuohaptic.ros.attachment import Attachment
-from visuohaptic.ros.message_type import NO_HASH
+from visuohaptic.core import DeviceError, InputError
+from visuohaptic.ros import Received, RosNode, RosOptions
+from visuohaptic.ros.wire import NO_HASH, Attachment, EntityKind, Qos, message_type
 
 from .conftest import free_endpoint, until
 

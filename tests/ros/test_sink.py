@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame, Pose
-from visuohaptic.files import save_yaml
-from visuohaptic.objects import Reason
-from visuohaptic.recording import MeasurementSink, OccupancyMap
-from visuohaptic.ros import Qos, RosNode, RosSink, message_type
+from visuohaptic.core import Reason
+from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.sinks import MeasurementSink
+from visuohaptic.ros import RosNode, RosSink, contact_markers, load_reader
 from visuohaptic.ros.bridge_config import sensor_kind
-from visuohaptic.ros.cdr import decode, encode
-from visuohaptic.ros.markers import contact_markers
-from visuohaptic.ros.readers import load_reader
+from visuohaptic.ros.wire import Qos, decode, encode, message_type
 
 from .conftest import until
 
@@ -34,7 +33,7 @@ def _load(name: str, *parts: str) -> Any:
     return module
 
 
-helpers = _load("ros_helpers", "recording", "helpers.py")
+helpers = _load("ros_helpers", "io", "helpers.py")
 scenes = _load("ros_scenes", "sensing", "scenes.py")
 
 
@@ -95,13 +94,13 @@ class Kept(MeasurementSink):
 def test_a_scene_is_read(tmp_path: Path) -> None:
     rig, rng = scenes.RIG, np.random.default_rng(0)
     rig.camera.save(tmp_path / "camera.yaml")
-    pose = rig.pose_camera_foam
+    pose = rig.T_camera_foam
     described = {
         "translation_m": [float(v) for v in pose.translation_m],
         "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
     }
     path = tmp_path / "scene.yaml"
-    save_yaml(path, {"kind": "scene", "camera": "camera.yaml", "pose_camera_foam": described})
+    save_yaml(path, {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     assert sensor_kind(path) == "scene"
     reader = load_reader("scene", path, "ahead")
     assert reader.zeroed
@@ -123,12 +122,12 @@ def test_a_scene_is_read(tmp_path: Path) -> None:
 
 
 def test_a_beam_is_read(tmp_path: Path) -> None:
-    from visuohaptic.camera import Camera
-    from visuohaptic.experiments.virtual_beam import VirtualBeam
-    from visuohaptic.ros.readers import BeamReader
+    from visuohaptic.core.camera import Camera
+    from visuohaptic.rigs import VirtualBeam
+    from visuohaptic.ros import BeamReader
     from visuohaptic.sensing.beam import TrackedBeam
-    from visuohaptic.simulation.effects import CameraEffects
-    from visuohaptic.simulation.rod_rig import RodRig
+    from visuohaptic.simulation.beam import RodRig
+    from visuohaptic.simulation.rendering import CameraEffects
 
     virtual = VirtualBeam(
         RodRig(), Camera.simple(800, 448, 900.0), CameraEffects(blur_px=0.7, noise_sigma=3.0)

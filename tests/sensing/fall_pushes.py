@@ -11,12 +11,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parent))
 import scenes
 
-from visuohaptic.camera import Frame
-from visuohaptic.objects import Contact, ErrorBudget, EventKind, ForceProfile, Reason
+from visuohaptic.core import Contact, ErrorBudget, EventKind, ForceProfile, Reason
+from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.simulation.look import Look, Surface
-from visuohaptic.simulation.obstacles import box, cylinder
-from visuohaptic.simulation.world import PushWorld
+from visuohaptic.simulation.mobile import PushWorld, box, cylinder
+from visuohaptic.simulation.rendering import Look, Surface
 
 FRAME_S = 1 / 30
 
@@ -27,7 +26,7 @@ class Watched:
     true_fall_s: float  # nan: it did not
     told_fall_s: float
     turn_error_rad: float  # at the end of the push, nan if fallen or not tracked
-    largest_tilt_rad: float
+    max_tilt_rad: float
     tracked: float  # share of frames in contact with a valid motion
 
 
@@ -86,7 +85,7 @@ def watch(seed: int, *, frames: int = 0, verbose: bool = False) -> Watched:
         face_contrast=0.35, shadow=0.5,
     )  # fmt: skip
     render = scenes.renderer(scenes.RIG, look, noise=2.5)
-    tracker = SceneTracker(scenes.RIG.camera, scenes.RIG.pose_camera_foam, scenes.BELOW_M)
+    tracker = SceneTracker(scenes.RIG.camera, scenes.RIG.T_camera_foam, scenes.BELOW_M)
     world.base.drive(float(rng.uniform(0.03, 0.08)), 0.0)
     told, tilt, valid, seen, after, turn, start_yaw = np.nan, 0.0, 0, 0, 0, np.nan, np.nan
     for index in range(frames):

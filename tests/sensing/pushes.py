@@ -74,9 +74,9 @@ def simulate(rng: np.random.Generator, kind: str | None = None) -> TruePush:
         if squeeze > 0:
             place = min(squeeze / step_total, 3999.0)
             low = int(place)
-            share = place - low
-            force = table_force[low] + share * (table_force[low + 1] - table_force[low])
-            d = table_delta[low] + share * (table_delta[low + 1] - table_delta[low])
+            fraction = place - low
+            force = table_force[low] + fraction * (table_force[low + 1] - table_force[low])
+            d = table_delta[low] + fraction * (table_delta[low + 1] - table_delta[low])
         else:
             force, d = 0.0, 0.0
         drive = force + (damping * (robot_speed - v) if squeeze > 0 and v != 0 else 0.0)
@@ -174,7 +174,7 @@ def real_record(push: RealPush) -> PushRecord:
     first = int(np.argmax(loaded))
     turn = np.angle(np.exp(1j * (push.object_after[2] - push.object_before[2])))
     # Only the poses before and after are known: the object turns evenly with the push.
-    share = np.clip((travel - travel[first]) / max(travel[-1] - travel[first], 1e-9), 0, 1)
+    fraction = np.clip((travel - travel[first]) / max(travel[-1] - travel[first], 1e-9), 0, 1)
     return PushRecord(
         t_s=t - t[0],
         force_valid=np.ones(len(t), dtype=bool),
@@ -186,5 +186,5 @@ def real_record(push: RealPush) -> PushRecord:
         travel_m=travel,
         lateral_m=np.zeros(len(t)),
         contact_m=np.zeros(len(t)),
-        angle_rad=turn * share,
+        angle_rad=turn * fraction,
     )

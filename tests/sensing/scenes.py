@@ -7,12 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from visuohaptic.camera import PlaneView, Pose
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.look import Look
-from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.scene import FoamScene, SceneObject
+from visuohaptic.core.camera import PlaneView, Pose
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
 
 BELOW_M, FRONT_M = 0.05, 0.02
 
@@ -28,12 +25,12 @@ BACK = np.column_stack([np.zeros_like(_Y), _Y])
 
 def floor_view(rig: SensorRig = RIG) -> PlaneView:
     below = Pose(np.eye(3), np.array([0.0, 0.0, -BELOW_M]))
-    return PlaneView(rig.camera, rig.pose_camera_foam @ below)
+    return PlaneView(rig.camera, rig.T_camera_foam @ below)
 
 
 def renderer(rig: SensorRig = RIG, look: Look | None = None, noise: float = 2.0) -> SceneRenderer:
     effects = CameraEffects(blur_px=0.8, noise_sigma=noise)
-    return SceneRenderer(rig.camera, rig.pose_camera_foam, look or Look.photo(), effects)
+    return SceneRenderer(rig.camera, rig.T_camera_foam, look or Look.photo(), effects)
 
 
 def planar(x_m: float, y_m: float, turn_rad: float, z_m: float = 0.0) -> Pose:
@@ -47,7 +44,7 @@ def scene(
     pose = planar(0.0, 0.0, 0.0) if platform is None else platform
     lifted = Pose(pose.rotation, pose.translation_m + np.array([0.0, 0.0, BELOW_M]))
     return FoamScene(
-        t_s, BACK, BACK + np.array([FRONT_M - delta_m, 0.0]), tuple(objects), BELOW_M, pose_world_foam=lifted
+        t_s, BACK, BACK + np.array([FRONT_M - delta_m, 0.0]), tuple(objects), BELOW_M, T_world_foam=lifted
     )
 
 

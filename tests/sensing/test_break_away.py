@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.break_away import break_away
-from visuohaptic.sensing.push import PushRecord
+from visuohaptic.sensing.push import PushRecord, break_away
 
 FRAME_S, NOISE_M = 1 / 30, 1e-5
 
@@ -91,9 +90,9 @@ def test_a_platform_that_slows_down_and_frames_that_are_lost() -> None:
         found = break_away(record, begin, until, dynamic)
         if found is not None:
             off.append((abs(found[0] - static) / found[1], abs(found[0] / static - 1)))
-    sigmas, share = np.array(off).T
+    sigmas, fraction = np.array(off).T
     assert len(off) >= 20
-    assert share.max() < 0.3
+    assert fraction.max() < 0.3
     # Of 40 normal errors one in a hundred beyond three sigmas is one at the most by chance.
     assert (sigmas > 3.0).sum() <= 1
 

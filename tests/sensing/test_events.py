@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Contact, ErrorBudget, Event, EventKind, ForceProfile, Reason
-from visuohaptic.sensing.events import ContactEvents, DeflectionEvents
+from visuohaptic.core import Contact, ErrorBudget, Event, EventKind, ForceProfile, InputError, Reason
+from visuohaptic.sensing.push import ContactEvents, DeflectionEvents
 
 SIGMA = 2e-5
 FRAME = 1 / 30

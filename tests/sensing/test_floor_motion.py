@@ -5,17 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Motion, Reason
-from visuohaptic.robots import BaseState
-from visuohaptic.sensing.ego_motion import EgoMotionFilter
-from visuohaptic.sensing.floor_motion import (
-    FloorMotionSettings,
-    chain,
-    chain_covariance,
-    fit_planar_motion,
-    inverse,
-)
+from visuohaptic.core import BaseState, InputError, Motion, Reason
+from visuohaptic.sensing.scene import EgoMotionFilter, FloorMotionSettings, chain, fit_planar_motion, inverse
+from visuohaptic.sensing.scene.floor_motion import chain_covariance
 
 
 def moved_points(rng, motion, count, sigma):
@@ -82,8 +74,8 @@ def test_too_few_points_or_no_agreement_is_not_valid():
     assert not fit_planar_motion(noise[0][:5], noise[0][:5], covariance[:5], rng).valid
     with pytest.raises(InputError, match="expected"):
         fit_planar_motion(noise[0], noise[1][:3], covariance, rng)
-    with pytest.raises(InputError, match="least_share"):
-        FloorMotionSettings(least_share=1.5)
+    with pytest.raises(InputError, match="min_share"):
+        FloorMotionSettings(min_share=1.5)
 
 
 def seen(t_s, motion, sigma=1e-5, valid=True):

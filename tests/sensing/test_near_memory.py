@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.objects import Motion, Reason
-from visuohaptic.sensing.near_memory import NearMemory, NearMemorySettings
-from visuohaptic.sensing.obstacle_mask import Obstacle
+from visuohaptic.core import Motion, Reason
+from visuohaptic.sensing.scene import NearMemory, NearMemorySettings, Obstacle
 
 STEP_m = 0.002
 

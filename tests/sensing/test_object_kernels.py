@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.sensing._object_kernels import fit_motion
-from visuohaptic.tracking.plane_pose import lens_numbers
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.sensing.scene._object_kernels import fit_motion
+from visuohaptic.tracking.pose import lens_numbers
 
 CAMERA = Camera(
     800, 450, np.array([[700.0, 0, 399.5], [0, 710.0, 224.5], [0, 0, 1]]), np.array([-0.1, 0.02, 1e-3, 0, 0])

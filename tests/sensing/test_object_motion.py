@@ -5,13 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Contact, ErrorBudget, EventKind, Primitive, PrimitiveKind, Reason
-from visuohaptic.sensing.object_face import contact_face
-from visuohaptic.sensing.object_motion import ObjectMotionSettings, ObjectTracker
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.tracking.flow import FlowStep
+from visuohaptic.core import Contact, ErrorBudget, EventKind, InputError, Primitive, PrimitiveKind, Reason
+from visuohaptic.core.camera import Pose
+from visuohaptic.sensing.scene import ObjectMotionSettings, ObjectTracker, contact_face
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.tracking.points import FlowStep
 
 RIG = SensorRig(
     width_px=800,
@@ -21,7 +19,7 @@ RIG = SensorRig(
     angle_rad=math.radians(55),
     look_ahead_m=0.08,
 )
-CAMERA, VIEW = RIG.camera, RIG.pose_camera_foam
+CAMERA, VIEW = RIG.camera, RIG.T_camera_foam
 FACE = Pose(np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]), np.array([0.015, 0.01, 0.0]))
 
 
@@ -222,7 +220,7 @@ def test_a_fall_that_tracking_cannot_follow_is_carried_on():
             before = after
         else:
             step = step_of(np.zeros((0, 2)), np.zeros((0, 2)), tried=60)
-        motion, events = tracker.update(step, t, force_share=1.0)
+        motion, events = tracker.update(step, t, force_fraction=1.0)
         if events:
             fall = i
     assert not motion.valid
@@ -230,8 +228,8 @@ def test_a_fall_that_tracking_cannot_follow_is_carried_on():
     assert fall == pytest.approx(30 * math.log(0.5 / 0.006) / 5, abs=2)
 
 
-@pytest.mark.parametrize(("force_share", "falls"), [(0.1, True), (1.0, False)])
-def test_a_sudden_loss_is_a_fall_only_when_the_force_goes_too(force_share, falls):
+@pytest.mark.parametrize(("force_fraction", "falls"), [(0.1, True), (1.0, False)])
+def test_a_sudden_loss_is_a_fall_only_when_the_force_goes_too(force_fraction, falls):
     rng = np.random.default_rng(9)
     points, tracker = face_points(rng), ObjectTracker(CAMERA, VIEW)
     tracker.start(FACE)
@@ -239,7 +237,7 @@ def test_a_sudden_loss_is_a_fall_only_when_the_force_goes_too(force_share, falls
     for i in range(4):
         tracker.update(step_of(pixels, pixels), i / 30)
     gone = step_of(pixels[:3], pixels[:3], tried=60)
-    _, events = tracker.update(gone, 4 / 30, in_contact=not falls, force_share=force_share)
+    _, events = tracker.update(gone, 4 / 30, in_contact=not falls, force_fraction=force_fraction)
     assert [e.kind for e in events] == ([EventKind.FALL] if falls else [])
 
 
@@ -274,5 +272,5 @@ def test_nothing_is_said_without_an_object_or_with_few_points():
     tracker.start(FACE)
     motion, _ = tracker.update(step_of(pixels, pixels), 0.0)
     assert (motion.valid, motion.reason) == (False, Reason.LOST)
-    with pytest.raises(InputError, match="least_points 1"):
-        ObjectMotionSettings(least_points=1)
+    with pytest.raises(InputError, match="min_points 1"):
+        ObjectMotionSettings(min_points=1)

@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Reason
-from visuohaptic.sensing._mixture_kernels import update_mixture
-from visuohaptic.sensing.obstacle_mask import FloorMixture, MixtureSettings, ObstacleDetector
-from visuohaptic.simulation.look import Look, Surface
-from visuohaptic.simulation.rig import SensorRig
+from visuohaptic.core import InputError, Reason
+from visuohaptic.sensing.scene import FloorMixture, MixtureSettings, ObstacleDetector
+from visuohaptic.sensing.scene._mixture_kernels import update_mixture
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.simulation.rendering import Look, Surface
 
 
 def _load(name):
@@ -26,7 +25,7 @@ def _load(name):
 scenes = _load("scenes")
 
 
-def mixture_twin(image, modes, held, rate, rate_foreground, background_share, settings):
+def mixture_twin(image, modes, held, rate, rate_foreground, background_fraction, settings):
     """The kernel's rule, pixel by pixel in plain Python with double precision."""
     gate, prior, start, smallest, largest = settings
     mask = np.zeros(image.shape[:2], np.uint8)
@@ -37,7 +36,7 @@ def mixture_twin(image, modes, held, rate, rate_foreground, background_share, se
         near = [np.sum((level - m[2:]) ** 2) < gate * len(level) * m[1] for m in used]
         found = used[near.index(True)] if any(near) else None
         before = sum(m[0] for m in used[: near.index(True)]) if any(near) else 1.0
-        background = found is not None and before < background_share
+        background = found is not None and before < background_fraction
         mask[index] = 0 if background else 255
         alpha = rate if background and not held[index] else rate_foreground
         if found is not None:
@@ -102,10 +101,10 @@ def test_a_new_floor_is_learnt_within_a_few_frames_and_called_settling_until_the
     mixture = FloorMixture()
     for _ in range(20):
         mask = mixture.update(floor(90))
-    assert mixture.foreground_share < 0.01
+    assert mixture.foreground_fraction < 0.01
     assert not mixture.settling
     mixture.update(floor(150))
-    assert mixture.foreground_share > 0.95
+    assert mixture.foreground_fraction > 0.95
     assert mixture.settling
     for _ in range(6):
         mask = mixture.update(floor(150))

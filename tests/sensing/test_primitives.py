@@ -9,11 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Primitive, PrimitiveKind
-from visuohaptic.sensing._primitive_kernels import BENT, ROUND, STRAIGHT, contact_profile
-from visuohaptic.sensing.circle_fit import fit_circle, fit_circle_algebraic
-from visuohaptic.sensing.primitives import fit_primitive, primitive_distance_m, score_primitive
+from visuohaptic.core import InputError, Primitive, PrimitiveKind
+from visuohaptic.sensing.push import (
+    fit_circle,
+    fit_circle_algebraic,
+    fit_primitive,
+    primitive_distance_m,
+    score_primitive,
+)
+from visuohaptic.sensing.push._primitive_kernels import BENT, ROUND, STRAIGHT, contact_profile
 
 
 def _load(name: str):
@@ -201,7 +205,7 @@ def test_the_score_is_equation_3_11() -> None:
 
 def test_a_turned_frame_turns_the_result() -> None:
     """A strip that looks along y of the frame instead of x."""
-    from visuohaptic.sensing.primitives import PrimitiveSettings
+    from visuohaptic.sensing.push import PrimitiveSettings
 
     truth = contacts.random_contact(np.random.default_rng(12), "cylinder")
     plain = fit_primitive(truth.points_m, truth.sigma_m, delta_m=truth.delta_m)

@@ -7,13 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Contact, ErrorBudget, EventKind, ForceProfile, Reason
-from visuohaptic.robots import BaseState
-from visuohaptic.sensing.floor_motion import chain
-from visuohaptic.sensing.scene import SceneSettings, SceneTracker
-from visuohaptic.simulation.look import Look, Surface
+from visuohaptic.core import BaseState, Contact, ErrorBudget, EventKind, ForceProfile, InputError, Reason
+from visuohaptic.core.camera import Frame
+from visuohaptic.sensing.scene import SceneSettings, SceneTracker, chain
+from visuohaptic.simulation.rendering import Look, Surface
 
 
 def _load(name):
@@ -52,7 +49,7 @@ def profile(t_s, force_N=0.0, x_m=0.016, half_m=0.05, y_m=0.0):
 
 
 def tracker():
-    return SceneTracker(scenes.RIG.camera, scenes.RIG.pose_camera_foam, scenes.BELOW_M)
+    return SceneTracker(scenes.RIG.camera, scenes.RIG.T_camera_foam, scenes.BELOW_M)
 
 
 @pytest.mark.parametrize("odometry", [False, True])
@@ -138,6 +135,6 @@ def test_what_cannot_be_used_is_refused():
     with pytest.raises(InputError, match="expected 800 x 448"):
         tracker().update(Frame(np.zeros((10, 10), np.uint8), 0.0, 0))
     with pytest.raises(InputError, match="floor_below_m"):
-        SceneTracker(scenes.RIG.camera, scenes.RIG.pose_camera_foam, -0.05)
-    with pytest.raises(InputError, match="largest_width_px 10"):
-        SceneSettings(largest_width_px=10)
+        SceneTracker(scenes.RIG.camera, scenes.RIG.T_camera_foam, -0.05)
+    with pytest.raises(InputError, match="max_width_px 10"):
+        SceneSettings(max_width_px=10)

@@ -10,12 +10,17 @@ import numpy as np
 import pytest
 import yaml
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Estimate, Event, EventKind, HapticTag, Primitive, PrimitiveKind
-from visuohaptic.sensing import merge_tags
-from visuohaptic.sensing.push import StopLimits, StopReason, stop_reason
-from visuohaptic.sensing.tag import predictive_interval, tag_from_push
-from visuohaptic.sensing.tag_file import tag_from_dict, tag_to_dict
+from visuohaptic.core import Estimate, Event, EventKind, HapticTag, InputError, Primitive, PrimitiveKind
+from visuohaptic.database import merge_tags
+from visuohaptic.sensing.push import (
+    StopLimits,
+    StopReason,
+    predictive_interval,
+    stop_reason,
+    tag_from_dict,
+    tag_from_push,
+    tag_to_dict,
+)
 
 
 def _load(name: str):

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import DeviceError, InputError
-from visuohaptic.robots import ProbeArm
-from visuohaptic.simulation.arm import SimulatedArm
+from visuohaptic.core import DeviceError, InputError, ProbeArm
+from visuohaptic.core.camera import Pose
+from visuohaptic.simulation.tabletop import SimulatedArm
 
 START = Pose(np.eye(3), np.array([0.4, 0.0, 0.3]))
 

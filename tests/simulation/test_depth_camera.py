@@ -7,11 +7,19 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.simulation._refraction_kernels import trace_rays
-from visuohaptic.simulation.depth_camera import DepthCamera, DepthCameraOptics
-from visuohaptic.simulation.glass_scene import SCENE_KINDS, disturb_pose, glass_scene
-from visuohaptic.simulation.refraction import GLASS, Box, RefractingScene, Revolution
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.simulation.tabletop import (
+    GLASS,
+    SCENE_KINDS,
+    Box,
+    DepthCamera,
+    DepthCameraOptics,
+    RefractingScene,
+    Revolution,
+    disturb_pose,
+    glass_scene,
+)
+from visuohaptic.simulation.tabletop._refraction_kernels import trace_rays
 
 WALL = Box((0, 0, 2.05), (6, 6, 0.1))
 
@@ -103,7 +111,7 @@ def test_a_wall_is_read_at_its_depth_with_the_declared_noise():
 
 def test_the_projectors_shadow_lies_where_geometry_puts_it():
     """A projector on the right (+x) leaves its shadow on the left of an object, as wide as the disparity step."""
-    sensor = DepthCamera(Camera.simple(320, 40, 300.0), DepthCameraOptics(window_px=3, window_share=0.5))
+    sensor = DepthCamera(Camera.simple(320, 40, 300.0), DepthCameraOptics(window_px=3, window_fraction=0.5))
     box = Box((0, 0, 1.0), (0.2, 4, 0.02))
     row = sensor.render(RefractingScene((), (WALL, box)), Pose.identity())[20]
     left = 159.5 - 300 * 0.1 / 0.99
@@ -117,7 +125,7 @@ def test_the_projectors_shadow_lies_where_geometry_puts_it():
 def test_glass_of_every_kind_is_missed_as_real_cameras_miss_it():
     """ClearGrasp's D435 pairs have 29-77 % invalid pixels on unfilled glass, 11-23 % on painted twins."""
     sensor = DepthCamera.kinect(320)
-    shares, twins = [], []
+    fractions, twins = [], []
     for seed, kind in enumerate(SCENE_KINDS[:3]):
         scene = glass_scene(seed, kind=kind)
         pose = scene.poses[10]
@@ -131,10 +139,10 @@ def test_glass_of_every_kind_is_missed_as_real_cameras_miss_it():
             scene.scene.box_rows,
         )
         glass = found[..., 7] > 0
-        shares.append(np.isnan(sensor.render(scene.scene, pose, np.random.default_rng(0)))[glass].mean())
+        fractions.append(np.isnan(sensor.render(scene.scene, pose, np.random.default_rng(0)))[glass].mean())
         twin = sensor.render(scene.scene.opaque_twin(), pose, np.random.default_rng(0))
         twins.append(np.isnan(twin)[glass].mean())
-    assert all(0.25 < share < 0.8 for share in shares), shares
+    assert all(0.25 < fraction < 0.8 for fraction in fractions), fractions
     assert max(twins) < 0.23
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.simulation._kernels import develop
-from visuohaptic.simulation.effects import CameraEffects, _normal_quantiles
+from visuohaptic.core import InputError
+from visuohaptic.simulation.rendering import CameraEffects
+from visuohaptic.simulation.rendering._render_kernels import develop
+from visuohaptic.simulation.rendering.effects import _normal_quantiles
 
 
 def developed(

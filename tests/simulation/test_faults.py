@@ -11,10 +11,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.camera import Frame
-from visuohaptic.errors import InputError
-from visuohaptic.robots import FrameSource, MobileBase
-from visuohaptic.simulation.faults import (
+from visuohaptic.core import FrameSource, InputError, MobileBase
+from visuohaptic.core.camera import Frame
+from visuohaptic.simulation import (
     FaultKind,
     FaultyBase,
     FaultyFrames,
@@ -23,7 +22,7 @@ from visuohaptic.simulation.faults import (
     frame_faults,
     wrong_map,
 )
-from visuohaptic.simulation.quick_world import QuickWorld
+from visuohaptic.simulation.mobile import QuickWorld
 
 
 class Frames:
@@ -132,7 +131,7 @@ def test_a_frozen_pose_keeps_its_time() -> None:
 
 def test_slipping_wheels_count_on() -> None:
     """One second at 0.2 m/s with half of it lost: odometry is 10 cm ahead."""
-    world, base = drive(PoseFaults(slip_at_s=1.0, slip_s=1.0, slip_share=0.5))
+    world, base = drive(PoseFaults(slip_at_s=1.0, slip_s=1.0, slip_fraction=0.5))
     assert base.state().x_m - world.state().x_m == pytest.approx(0.1, rel=0.15)
     assert world.state().x_m < drive(PoseFaults())[0].state().x_m - 0.06
 
@@ -153,7 +152,7 @@ def test_wrong_maps() -> None:
 def test_bad_shares_are_refused() -> None:
     with pytest.raises(InputError, match=r"drop: found 1.5, expected 0 to 1"):
         FrameFaults(drop=1.5)
-    with pytest.raises(InputError, match="slip_share: found -1"):
-        FaultyBase(QuickWorld([]), PoseFaults(slip_share=-1.0))
+    with pytest.raises(InputError, match="slip_fraction: found -1"):
+        FaultyBase(QuickWorld([]), PoseFaults(slip_fraction=-1.0))
     assert frame_faults(FaultKind.SLIP) == FrameFaults()
     assert math.isinf(frame_faults(FaultKind.WRONG_MAP).end_at_s)

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.simulation.floor_push import FloorPush, FloorThing
+from visuohaptic.core import InputError
+from visuohaptic.simulation.floor import FloorPush, FloorThing
 
 pytest.importorskip("mujoco")
 

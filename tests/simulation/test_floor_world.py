@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import box, rooms
 
-from visuohaptic.errors import InputError
-from visuohaptic.robots import MobileBase
-from visuohaptic.simulation.floor_senses import FloorSenses, SenseErrors
-from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
+from visuohaptic.core import InputError, MobileBase
+from visuohaptic.simulation.floor import FloorItem, FloorSenses, FloorWorld, SenseErrors
 
 pytest.importorskip("mujoco")
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.robots import FrameSource, Gripper
-from visuohaptic.simulation._finger_tag import FingerTag
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.gripper import GRIPPER_RIG, ROD, RUBBER_FOAM, GraspObject, VirtualGripper
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.strip import FoamStrip, Outline
+from visuohaptic.core import FrameSource, Gripper, InputError
+from visuohaptic.simulation.foam import FoamStrip, Outline, SensorRig
+from visuohaptic.simulation.rendering import CameraEffects
+from visuohaptic.simulation.rendering._finger_tag import FingerTag
+from visuohaptic.simulation.tabletop import GRIPPER_RIG, ROD, RUBBER_FOAM, GraspObject, VirtualGripper
 
 DISC = Outline.disc((0.065, 0.0), 0.035)
 
@@ -118,9 +116,9 @@ def test_tag_is_where_the_finger_is(row_delay_s: float) -> None:
     model = np.array([[-half, -half, 0], [half, -half, 0], [half, half, 0], [-half, half, 0]])
     for found, corner in zip(corners[0].reshape(4, 2), model, strict=True):
         t_s = frame.t_s + row_delay_s * float(found[1])
-        place = tag.pose_foam_tag.apply(corner[None])[0] + [device.truth(t_s).position_m, 0.0, 0.0]
+        place = tag.T_foam_tag.apply(corner[None])[0] + [device.truth(t_s).position_m, 0.0, 0.0]
         # The detector without refinement is good to a pixel.
-        assert rig.camera.project(rig.pose_camera_foam.apply(place[None]))[0] == pytest.approx(found, abs=1.0)
+        assert rig.camera.project(rig.T_camera_foam.apply(place[None]))[0] == pytest.approx(found, abs=1.0)
 
 
 def test_same_seed_same_picture_and_colours_where_they_belong() -> None:
@@ -129,7 +127,7 @@ def test_same_seed_same_picture_and_colours_where_they_belong() -> None:
     rig = GRIPPER_RIG
 
     def colour(x: float, y: float) -> np.ndarray:
-        u, v = rig.camera.project(rig.pose_camera_foam.apply(np.array([[x, y, 0.0]])))[0]
+        u, v = rig.camera.project(rig.T_camera_foam.apply(np.array([[x, y, 0.0]])))[0]
         return first.image[int(v) - 1 : int(v) + 2, int(u) - 1 : int(u) + 2].reshape(-1, 3).mean(axis=0)
 
     assert colour(0.006, 0.02).max() < 60, "black foam"

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects.laser import LaserScan
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.laser import LaserConfig, SimulatedLaser
+from visuohaptic.core import InputError, LaserScan
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.simulation.mobile import LaserConfig, SimulatedLaser
 
-QUIET = LaserConfig(beams=181, range_max_m=6.0, sigma_m=1e-9, lost_share=0.0)
+QUIET = LaserConfig(beams=181, range_max_m=6.0, sigma_m=1e-9, lost_fraction=0.0)
 
 
 def marched(grid: OccupancyMap, pose: tuple[float, float, float], angle: float, longest_m: float) -> float:
@@ -49,10 +48,10 @@ def test_noise_and_losses_are_those_declared() -> None:
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     grid = OccupancyMap(cells, 0.1)
     laser = SimulatedLaser(
-        grid, LaserConfig(beams=1000, sigma_m=0.02, lost_share=0.1), np.random.default_rng(1)
+        grid, LaserConfig(beams=1000, sigma_m=0.02, lost_fraction=0.1), np.random.default_rng(1)
     )
     quiet = SimulatedLaser(
-        grid, LaserConfig(beams=1000, sigma_m=1e-9, lost_share=0), np.random.default_rng(1)
+        grid, LaserConfig(beams=1000, sigma_m=1e-9, lost_fraction=0), np.random.default_rng(1)
     )
     pose = (5.0, 5.0, 0.3)
     errors = laser.scan(pose, 0.0).ranges_m - quiet.scan(pose, 0.0).ranges_m

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.simulation.obstacles import box, cylinder, section, table
+from visuohaptic.simulation.mobile import box, cylinder, section, table
 
 
 def turn(axis: str, angle: float) -> np.ndarray:

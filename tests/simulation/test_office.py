@@ -8,15 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.files import load_yaml
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.office import (
-    ApproachPath,
-    furnished_office,
-    obstacles_for_map,
-    wall_obstacles,
-)
+from visuohaptic.core import InputError
+from visuohaptic.core.files import load_yaml
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.simulation.mobile import ApproachPath, furnished_office, obstacles_for_map, wall_obstacles
 
 
 def read_map(path: Path) -> tuple[np.ndarray, float, tuple[float, float, float]]:

@@ -5,9 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.simulation.press import PressShape, calibration_press, press, press_outline, press_path
-from visuohaptic.simulation.strip import REFERENCE_FOAM, SOFT_FOAM, StripGeometry
+from visuohaptic.core import InputError
+from visuohaptic.simulation.foam import (
+    REFERENCE_FOAM,
+    SOFT_FOAM,
+    PressShape,
+    StripGeometry,
+    calibration_press,
+    press,
+    press_outline,
+    press_path,
+)
 
 COARSE = StripGeometry(spacing_m=0.001)
 

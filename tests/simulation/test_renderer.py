@@ -5,17 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.simulation._canvas import coverage
-from visuohaptic.simulation._kernels import add_plane
-from visuohaptic.simulation.contour_truth import crossings
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.look import Look, Occluder, Surface
-from visuohaptic.simulation.renderer import SceneRenderer
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.scene import FoamScene, SceneObject, Solid
-from visuohaptic.simulation.textures import MATERIALS, texture_tile
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.simulation.foam import SensorRig
+from visuohaptic.simulation.rendering import (
+    MATERIALS,
+    CameraEffects,
+    FoamScene,
+    Look,
+    Occluder,
+    SceneObject,
+    SceneRenderer,
+    Solid,
+    Surface,
+    crossings,
+    texture_tile,
+)
+from visuohaptic.simulation.rendering._canvas import coverage
+from visuohaptic.simulation.rendering._render_kernels import add_plane
 
 FLAT = Look()  # no texture, no shading: levels 170 foam, 60 body, 100 floor
 FOAM, BODY, FLOOR = 170.0, 60.0, 100.0
@@ -248,7 +255,7 @@ def test_round_objects_fill_their_outline() -> None:
     assert part is not None
     rows = slice(0, int(np.nanmin(renderer.truth(FoamScene(0.0, *strip())).front_px[:, 1])) - 8)
     expected = np.full((360, 640), FLOOR)
-    expected[part.window] += (215.0 - FLOOR) * part.share
+    expected[part.window] += (215.0 - FLOOR) * part.fraction
     # Pieces of straight lines between points 8 px apart: 0.001 px of a contrast of 115.
     assert np.abs(many - expected)[rows].max() < 0.2
 
@@ -263,7 +270,7 @@ def test_coverage_equals_area_of_clipped_polygons() -> None:
         part = coverage(polygon, 20, 24)
         assert part is not None
         image = np.zeros((20, 24))
-        image[part.window] = part.share
+        image[part.window] = part.fraction
         fine = polygon2mask((20 * 40, 24 * 40), (polygon[:, ::-1] + 0.5) * 40 - 0.5)
         counted = fine.reshape(20, 40, 24, 40).mean(axis=(1, 3))
         # Counting 40 x 40 cells errs by about one cell for each of the 40 that an edge crosses.
@@ -280,7 +287,7 @@ def test_coverage_sums_to_the_polygon_area() -> None:
         assert part is not None
         (x0, y0), (x1, y1), (x2, y2) = polygon
         area = 0.5 * abs((x1 - x0) * (y2 - y0) - (x2 - x0) * (y1 - y0))
-        np.testing.assert_allclose(part.share.sum(), area, atol=1e-3)
+        np.testing.assert_allclose(part.fraction.sum(), area, atol=1e-3)
     assert coverage(np.array([[-9.0, -9], [-5, -9], [-5, -5]]), 10, 10) is None
 
 
@@ -315,7 +322,7 @@ def test_floor_texture_sticks_to_the_world() -> None:
     look = Look(floor=Surface(110.0, 15.0, "concrete"))
     renderer = SceneRenderer(camera, pose, look, CameraEffects(blur_px=0))
     scenes = [
-        FoamScene(0.0, *strip(), pose_world_foam=Pose.from_rotation_vector([0, 0, a], [x, 2.0, 0.05]))
+        FoamScene(0.0, *strip(), T_world_foam=Pose.from_rotation_vector([0, 0, a], [x, 2.0, 0.05]))
         for a, x in ((0.3, 5.0), (0.35, 5.02))
     ]
     first, second = (renderer.render_exact(s) for s in scenes)
@@ -323,7 +330,7 @@ def test_floor_texture_sticks_to_the_world() -> None:
     points = np.column_stack(
         [*np.random.default_rng(0).uniform([0.08, -0.05], [0.11, 0.05], (60, 2)).T, np.full(60, -0.05)]
     )
-    other = scenes[1].pose_world_foam.inverse().apply(scenes[0].pose_world_foam.apply(points))
+    other = scenes[1].T_world_foam.inverse().apply(scenes[0].T_world_foam.apply(points))
     from scipy.ndimage import map_coordinates
 
     levels = [
@@ -423,7 +430,7 @@ def test_tiles_repeat_without_seams(material: str) -> None:
 
 def test_a_solid_that_stands_looks_like_its_upright_prism_and_one_that_leans_moves_with_its_pose():
     rig = SensorRig(width_px=400, height_px=224, focal_px=350.0, distance_m=0.35, angle_rad=np.radians(55))
-    renderer = SceneRenderer(rig.camera, rig.pose_camera_foam, Look.photo())
+    renderer = SceneRenderer(rig.camera, rig.T_camera_foam, Look.photo())
     y = np.linspace(-0.1, 0.1, 21)
     back = np.column_stack([np.zeros(21), y])
     own = np.array([[-0.03, -0.05], [0.03, -0.05], [0.03, 0.05], [-0.03, 0.05]])
@@ -441,5 +448,5 @@ def test_a_solid_that_stands_looks_like_its_upright_prism_and_one_that_leans_mov
     # Fallen away by a right angle it shows its bottom to the camera.
     fallen = picture(Solid(own, 0.2, Pose.from_rotation_vector([0.0, 1.5, 0.0], at)))
     floor = renderer.render_exact(FoamScene(0.0, back, back + np.array([0.02, 0])))
-    u, v = rig.camera.project(rig.pose_camera_foam.apply(at + np.array([0.0, 0.0, 0.02]))).round().astype(int)
+    u, v = rig.camera.project(rig.T_camera_foam.apply(at + np.array([0.0, 0.0, 0.02]))).round().astype(int)
     assert abs(float(fallen[v, u]) - float(floor[v, u])) > 5

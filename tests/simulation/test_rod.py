@@ -7,9 +7,8 @@ import pytest
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from visuohaptic.errors import InputError
-from visuohaptic.simulation.rod import ElasticRod
-from visuohaptic.simulation.rod_rig import POSE_NOISE, RodRig, noisy_pose
+from visuohaptic.core import InputError
+from visuohaptic.simulation.beam import POSE_NOISE, ElasticRod, RodRig, noisy_pose
 
 ROD = ElasticRod()
 EI = ROD.youngs_Pa * np.pi / 4 * (0.5 * ROD.diameter_m) ** 4
@@ -105,16 +104,16 @@ def test_the_rig_sees_what_the_rod_does():
     state = ROD.bend(np.array([0.0, 1.0, 0.0]))
     poses = rig.poses(state)
     xi, mount = rig.mounts["tip"]
-    section = rig.pose_camera_sensor.inverse() @ poses["tip"] @ mount.inverse()
+    section = rig.T_camera_sensor.inverse() @ poses["tip"] @ mount.inverse()
     assert section.translation_m == pytest.approx(state.pose(xi).translation_m, abs=1e-15)
-    middle = rig.pose_camera_sensor.apply(np.array([0.5 * L, 0, 0]))
+    middle = rig.T_camera_sensor.apply(np.array([0.5 * L, 0, 0]))
     assert middle == pytest.approx([0, 0, 0.3], abs=1e-12)
 
 
 def test_noise_has_the_covariance_that_it_says():
     rng = np.random.default_rng(3)
     covariance = POSE_NOISE[0.3].covariance
-    pose = RodRig().pose_camera_sensor
+    pose = RodRig().T_camera_sensor
     draws = [noisy_pose(pose, covariance, rng) for _ in range(2000)]
     spread = np.std([draw.translation_m - pose.translation_m for draw in draws], axis=0)
     # 2000 draws: 1.6 % one sigma.

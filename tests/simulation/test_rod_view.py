@@ -5,12 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.rod_prints import Print, collage, print_of_image, print_of_tag
-from visuohaptic.simulation.rod_rig import RodRig
-from visuohaptic.simulation.rod_view import RodRenderer, hand_held
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.simulation.beam import (
+    Print,
+    RodRenderer,
+    RodRig,
+    collage,
+    hand_held,
+    print_of_image,
+    print_of_tag,
+)
+from visuohaptic.simulation.rendering import CameraEffects
 
 SIZE = (400, 224)
 

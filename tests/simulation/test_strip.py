@@ -8,16 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.simulation.strip import (
-    REFERENCE_FOAM,
-    SOFT_FOAM,
-    FoamStrip,
-    Outline,
-    StripGeometry,
-    StripLaw,
-    write_calibration_csv,
-)
+from visuohaptic.core import InputError
+from visuohaptic.simulation.foam import REFERENCE_FOAM, SOFT_FOAM, FoamStrip, Outline, StripGeometry, StripLaw
+from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
 COARSE = StripGeometry(spacing_m=0.001)
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.simulation.wall_boxes import merged_rectangles, wall_boxes
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.simulation.floor import merged_rectangles, wall_boxes
 
 
 @settings(max_examples=60, deadline=None)

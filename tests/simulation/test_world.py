@@ -7,14 +7,21 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects import EventKind
-from visuohaptic.robots import FrameSource, MobileBase
-from visuohaptic.simulation.obstacles import GRAVITY_M_S2, Obstacle, box, cylinder, door, table, wall
-from visuohaptic.simulation.platform import PlatformConfig
-from visuohaptic.simulation.scene import FoamScene
-from visuohaptic.simulation.sensor_camera import SimulatedSensorCamera
-from visuohaptic.simulation.world import PushTruth, PushWorld
+from visuohaptic.core import EventKind, FrameSource, InputError, MobileBase
+from visuohaptic.simulation.mobile import (
+    Obstacle,
+    PlatformConfig,
+    PushTruth,
+    PushWorld,
+    SimulatedSensorCamera,
+    box,
+    cylinder,
+    door,
+    table,
+    wall,
+)
+from visuohaptic.simulation.mobile.obstacles import GRAVITY_M_S2
+from visuohaptic.simulation.rendering import FoamScene
 
 #: Front of the foam of the default platform at rest (m).
 FRONT_M = 0.17 + 0.02
@@ -113,7 +120,7 @@ def test_wall_and_drive(kinematic: bool) -> None:
 
 def test_drive_force_is_limited_and_hull_stops_a_blind_robot() -> None:
     world = PushWorld(
-        [wall("wall", FRONT_M + 0.06, 0.0, yaw_rad=math.pi / 2)], PlatformConfig(largest_force_N=15.0)
+        [wall("wall", FRONT_M + 0.06, 0.0, yaw_rad=math.pi / 2)], PlatformConfig(max_force_N=15.0)
     )
     truth = drive(world, 0.05, 4.0)
     assert truth[-1].load_N == pytest.approx(15.0, rel=0.02)
@@ -177,7 +184,7 @@ def test_scene_fits_the_truth() -> None:
     # The foam lies on the box: both come from the same instant.
     assert scene.front_m[touching, 0] == pytest.approx(near[:, 0].min(), abs=1e-6)
     assert scene.objects[0].top_m == pytest.approx(0.25, abs=1e-3)
-    corner = scene.pose_world_foam.apply(np.array([0.0, 0.0, -0.05]))
+    corner = scene.T_world_foam.apply(np.array([0.0, 0.0, -0.05]))
     px, py, ph = world.truth.platform_pose
     assert corner == pytest.approx([px + 0.17 * math.cos(ph), py + 0.17 * math.sin(ph), 0.0])
 

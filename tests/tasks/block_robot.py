@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visuohaptic.robots import BaseState
+from visuohaptic.core import BaseState
 
 RADIUS_M, HALF_M = 0.17, 0.175
 

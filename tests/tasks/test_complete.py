@@ -9,25 +9,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Reason, Wrench
-from visuohaptic.reconstruction.completion import Completion
-from visuohaptic.reconstruction.hole import HoleRegion
-from visuohaptic.reconstruction.mesh import SurfaceMesh
-from visuohaptic.robots import FrameSource
-from visuohaptic.simulation.arm import SimulatedArm
-from visuohaptic.simulation.bottles import Bottle
-from visuohaptic.simulation.probe_cell import ProbeCell
-from visuohaptic.tasks.complete import (
+from visuohaptic.core import FrameSource, InputError, Reason, Wrench
+from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import Completion, HoleRegion
+from visuohaptic.simulation.tabletop import Bottle, ProbeCell, SimulatedArm
+from visuohaptic.tasks.framework import replay
+from visuohaptic.tasks.manipulation import (
     CompleteOutcome,
     CompleteSettings,
     CompleteTask,
     CompletionByTouch,
-    ProbeMoment,
+    ProbeObservation,
     complete_by_touch,
 )
-from visuohaptic.tasks.machine import replay
 
 #: Its belly begins and ends where nobody sees it.
 BOTTLE = Bottle(
@@ -44,21 +39,21 @@ def unfinished() -> Completion:
     hidden, _ = BOTTLE.mesh(LOW_M, HIGH_M, caps=False)
     centre = hidden.mean(axis=0)
     region = HoleRegion.of_points(centre + 0.9 * (hidden - centre))
-    return Completion(visible, region, pose_visual_haptic=PLACE.inverse())
+    return Completion(visible, region, T_visual_haptic=PLACE.inverse())
 
 
 def explore(
     settings: CompleteSettings = SETTINGS, valid: bool = True, **cell: Any
 ) -> tuple[CompletionByTouch, Completion]:
     arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.3])), rng=np.random.default_rng(0))
-    world = ProbeCell(arm, BOTTLE, np.random.default_rng(1), **({"pose_base_bottle": PLACE} | cell))
+    world = ProbeCell(arm, BOTTLE, np.random.default_rng(1), **({"T_base_bottle": PLACE} | cell))
     assert isinstance(world, FrameSource)
 
     def feel(frame: Frame) -> Wrench:
         return Wrench(frame.t_s, valid, Reason.OK, world.force(), np.zeros(3), np.eye(6))
 
     completion = unfinished()
-    return complete_by_touch(arm, world, feel, completion, settings, pose_base_visual=PLACE), completion
+    return complete_by_touch(arm, world, feel, completion, settings, T_base_visual=PLACE), completion
 
 
 def wall_error_m(completion: Completion) -> float:
@@ -81,14 +76,12 @@ def test_touches_find_the_belly() -> None:
     # A frame at 3 cm/s is a millimetre deep, which the compliance takes out; 0.03 N are 0.02 mm.
     assert np.abs(np.hypot(contacts[:, 0], contacts[:, 1]) - wall).max() < 2e-4
     assert found.ending.success == completion.done(SETTINGS.bound_m)
-    assert replay(found.trace, CompleteTask(SETTINGS), ProbeMoment) == found.ending
+    assert replay(found.trace, CompleteTask(SETTINGS), ProbeObservation) == found.ending
 
 
 def test_a_missing_bottle_uses_its_touches_up() -> None:
     """Lines that meet nothing are no contacts, and nothing is claimed."""
-    found, _ = explore(
-        replace(SETTINGS, touches=2), pose_base_bottle=Pose(np.eye(3), np.array([9.0, 0.0, 0.0]))
-    )
+    found, _ = explore(replace(SETTINGS, touches=2), T_base_bottle=Pose(np.eye(3), np.array([9.0, 0.0, 0.0])))
     assert found.ending.outcome == CompleteOutcome.TOUCHES_USED
     assert [touch.contact_m for touch in found.touches] == [None, None]
 
@@ -102,8 +95,8 @@ def test_other_failures() -> None:
     assert found.ending.outcome == CompleteOutcome.OUT_OF_REACH
     task = CompleteTask(SETTINGS)
     line = ((0.4, 0.0, 0.1), (0.5, 0.0, 0.1), 0, 0.01, False)
-    task.step(ProbeMoment(0.0, (0.3, 0.0, 0.3), True, 0.0, *line))
-    task.step(ProbeMoment(0.1, (0.3, 0.0, 0.2), True, 3.0, *line))
+    task.step(ProbeObservation(0.0, (0.3, 0.0, 0.3), True, 0.0, *line))
+    task.step(ProbeObservation(0.1, (0.3, 0.0, 0.2), True, 3.0, *line))
     assert task.ending is not None
     assert task.ending.outcome == CompleteOutcome.BLOCKED
     with pytest.raises(InputError, match="bound_m: found nan"):

@@ -9,16 +9,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.experiments.virtual_opener import SCAN_M, open_virtual_cap, virtual_opener
-from visuohaptic.objects import Reason, Wrench
-from visuohaptic.robots import FrameSource, ProbeArm
-from visuohaptic.simulation.crown_cap import ROTATION_TOOL_SENSOR, CrownCapCell
-from visuohaptic.tasks.crown_cap import CrownCapTask, open_crown_cap, tool_wrench
-from visuohaptic.tasks.crown_cap_records import CapMoment, CapOpening, CapOutcome, CapSettings
-from visuohaptic.tasks.machine import replay
-from visuohaptic.tasks.trace import Trace
+from visuohaptic.core import FrameSource, InputError, ProbeArm, Reason, Wrench
+from visuohaptic.core.camera import Frame, Pose
+from visuohaptic.rigs import open_virtual_cap, virtual_opener
+from visuohaptic.rigs.virtual_crown_cap import SCAN_M
+from visuohaptic.simulation.tabletop import CrownCapCell
+from visuohaptic.simulation.tabletop.crown_cap import ROTATION_TOOL_SENSOR
+from visuohaptic.tasks.framework import Trace, replay
+from visuohaptic.tasks.manipulation import (
+    CapObservation,
+    CapOpening,
+    CapOutcome,
+    CapSettings,
+    CrownCapTask,
+    open_crown_cap,
+    tool_wrench,
+)
 
 SETTINGS = CapSettings(scan_m=SCAN_M)
 
@@ -42,7 +48,7 @@ def test_the_rows_of_table_3_1_in_their_order(tmp_path: Path) -> None:
     assert [states.index(row) for row in rows] == sorted(states.index(row) for row in rows)
     trial.opening.trace.save(tmp_path / "cap.jsonl")
     read = Trace.load(tmp_path / "cap.jsonl")
-    assert replay(read, CrownCapTask(SETTINGS), CapMoment) == trial.opening.ending
+    assert replay(read, CrownCapTask(SETTINGS), CapObservation) == trial.opening.ending
 
 
 @pytest.mark.parametrize(("seed", "sight"), [(1, "start"), (2, "start"), (3, "corner")])

@@ -11,12 +11,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Contact, ErrorBudget, Event, EventKind, ForceProfile, Reason
-from visuohaptic.robots import BaseState, MobileBase
+from visuohaptic.core import (
+    BaseState,
+    Contact,
+    ErrorBudget,
+    Event,
+    EventKind,
+    ForceProfile,
+    InputError,
+    MobileBase,
+    Reason,
+)
+from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.push import StopReason
-from visuohaptic.tasks.explore import ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.mobile import ExploreSettings, Outcome, explore_obstacle
 
 FRAME_S, WIDTH_M, STIFFNESS_N_PER_M = 1 / 30, 0.02, 800.0
 
@@ -153,7 +161,7 @@ def test_a_wall_is_fixed() -> None:
 
 
 def test_a_heavy_obstacle_stops_the_platform_at_its_force() -> None:
-    found, _ = explore(Obstacle(0.05, math.inf), ExploreSettings(largest_force_N=5.0))
+    found, _ = explore(Obstacle(0.05, math.inf), ExploreSettings(max_force_N=5.0))
     assert found.stopped_by is StopReason.TOO_HEAVY
     assert found.tag.fixed is True
     assert found.tag.min_static_friction_N == 5.0
@@ -280,10 +288,8 @@ def test_bad_settings_are_refused() -> None:
 def test_four_rendered_pushes(tmp_path) -> None:
     """A slice of benchmarks/foam_tags.py: box, cylinder, heavy box, table leg."""
     pytest.importorskip("mujoco")
-    from visuohaptic.experiments.virtual_sensor import VirtualSensor
-    from visuohaptic.simulation.obstacles import box, cylinder, table
-    from visuohaptic.simulation.sensor_camera import SimulatedSensorCamera
-    from visuohaptic.simulation.world import PushWorld
+    from visuohaptic.rigs import VirtualSensor
+    from visuohaptic.simulation.mobile import PushWorld, SimulatedSensorCamera, box, cylinder, table
 
     virtual = VirtualSensor()
     sensor = virtual.build(tmp_path, np.random.default_rng(0), zero_frames=10)

@@ -8,12 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.simulation.obstacles import box, cylinder, wall
-from visuohaptic.simulation.odometry import DriftingBase, OdometryErrors
-from visuohaptic.simulation.quick_foam import QuickFoam, QuickFrames
-from visuohaptic.simulation.quick_world import QuickWorld
-from visuohaptic.tasks._felt_scale import FeltScale, felt_stretch
-from visuohaptic.tasks.explore import Exploration, ExploreSettings, explore_obstacle
+from visuohaptic.simulation.mobile import (
+    DriftingBase,
+    OdometryErrors,
+    QuickFoam,
+    QuickFrames,
+    QuickWorld,
+    box,
+    cylinder,
+    wall,
+)
+from visuohaptic.tasks.mobile import Exploration, ExploreSettings, explore_obstacle
+from visuohaptic.tasks.mobile.touch_map._felt_scale import FeltScale, felt_stretch
 
 SETTINGS = ExploreSettings(
     approach_m_s=0.08, push_m_s=0.04, search_m=0.4, push_m=0.04, halt_s=0.3, back_off_m=0.05
@@ -60,7 +66,7 @@ def test_what_gives_way_says_nothing() -> None:
 
 
 def test_contacts_join_and_slipping_wheels_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    from visuohaptic.tasks import _felt_scale
+    from visuohaptic.tasks.mobile.touch_map import _felt_scale
 
     rng = np.random.default_rng(0)
     told = iter([*rng.normal(1.02, 0.011, 19), 1.11, math.nan])

@@ -12,20 +12,31 @@ import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from tests.tasks.block_robot import BlockRobot
 
-from visuohaptic.errors import DeviceError, InputError
-from visuohaptic.navigation.controller import FollowLimits, PathFollower, drive_path
-from visuohaptic.navigation.direct_push import PushLimits
-from visuohaptic.navigation.node_costs import failure_probability, manipulability
-from visuohaptic.navigation.objects_file import objects_from_data
-from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.objects import HapticTag
-from visuohaptic.objects.tags import merge_tags
-from visuohaptic.robots import ClockWatch, FrameSource, Gripper, MobileBase, ProbeArm, require_members
-from visuohaptic.sensing.tag_file import tag_from_dict, tag_to_dict
-from visuohaptic.tasks.force_guard import ForceGuard, GuardState
-from visuohaptic.tasks.machine import Machine, Rule
-from visuohaptic.tasks.steered_push import PushEnd, PushSettings, SteeredPush
-from visuohaptic.tasks.travel import TravelOutcome, TravelSenses, TravelSettings, travel
+from visuohaptic.core import (
+    ClockWatch,
+    DeviceError,
+    FrameSource,
+    Gripper,
+    HapticTag,
+    InputError,
+    MobileBase,
+    ProbeArm,
+    require_members,
+)
+from visuohaptic.database import merge_tags
+from visuohaptic.navigation.planning import FollowLimits, PathFollower, drive_path
+from visuohaptic.navigation.problem import (
+    MovableObject,
+    PlanningProblem,
+    failure_probability,
+    manipulability,
+    objects_from_data,
+)
+from visuohaptic.navigation.pushing import PushLimits
+from visuohaptic.sensing.push import tag_from_dict, tag_to_dict
+from visuohaptic.tasks.framework import Machine, Rule
+from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, SteeredPush
+from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel
 
 LIMIT_N = ROBOT.push_force_max_N
 WALLS = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])

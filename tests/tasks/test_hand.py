@@ -10,17 +10,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import RevolutionShell
-from visuohaptic.errors import InputError
-from visuohaptic.robots import FrameSource, Gripper
-from visuohaptic.simulation.deformable import DeformableContainer
-from visuohaptic.simulation.kitchen import KitchenTable
-from visuohaptic.tasks.classify import ClassifyOutcome, ClassifySettings, classify_by_squeezing
-from visuohaptic.tasks.grasp import GraspOutcome, GraspPlan, GraspTask, grasp_and_lift
-from visuohaptic.tasks.hand import Hand, HandMoment, Place
-from visuohaptic.tasks.machine import replay
-from visuohaptic.tasks.squeeze import SqueezeCurve, SqueezeOutcome, SqueezeSettings, SqueezeTask, squeeze
-from visuohaptic.tasks.trace import Trace
+from visuohaptic.core import FrameSource, Gripper, InputError
+from visuohaptic.deformation.shells import RevolutionShell
+from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
+from visuohaptic.tasks.framework import Trace, replay
+from visuohaptic.tasks.manipulation import (
+    ClassifyOutcome,
+    ClassifySettings,
+    GraspOutcome,
+    GraspPlan,
+    GraspTask,
+    Hand,
+    HandObservation,
+    Place,
+    SqueezeCurve,
+    SqueezeOutcome,
+    SqueezeSettings,
+    SqueezeTask,
+    classify_by_squeezing,
+    grasp_and_lift,
+    squeeze,
+)
 
 HEIGHTS = np.array([0.0, 0.1, 0.2])
 DEPTHS = np.linspace(0.0, 0.012, 25)
@@ -52,7 +62,9 @@ def test_stiffness_by_height_is_that_of_the_container(tmp_path: Path) -> None:
         assert curve.stiffness_N_per_m == pytest.approx(true, rel=0.06)
         assert curve.surface_m == pytest.approx(0.035, abs=1e-4)
     found.trace.save(tmp_path / "squeeze.jsonl")
-    assert replay(Trace.load(tmp_path / "squeeze.jsonl"), SqueezeTask(places), HandMoment) == found.ending
+    assert (
+        replay(Trace.load(tmp_path / "squeeze.jsonl"), SqueezeTask(places), HandObservation) == found.ending
+    )
 
 
 def test_contents_show_in_large_deformations_only() -> None:
@@ -156,7 +168,7 @@ def test_a_grasp_lifts() -> None:
     assert kitchen.lifted_m == pytest.approx(0.1, abs=2e-3)
     # 4 N on 1500 N/m, less the first newton or so that was needed to feel the surface at all.
     assert found.deformation_m == pytest.approx(4.0 / 1500.0, abs=5e-4)
-    assert replay(found.trace, GraspTask(plan), HandMoment) == found.ending
+    assert replay(found.trace, GraspTask(plan), HandObservation) == found.ending
 
 
 def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:

@@ -12,9 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.tasks.machine import Machine, Rule, replay
-from visuohaptic.tasks.trace import Ending, Step, Trace, decoded, encoded
+from visuohaptic.core import InputError
+from visuohaptic.tasks.framework import Ending, Machine, Rule, Step, Trace, decoded, encoded, replay
 
 
 class State(StrEnum):

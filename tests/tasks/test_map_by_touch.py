@@ -12,29 +12,27 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely.affinity import rotate
 
-from visuohaptic.errors import InputError
-from visuohaptic.experiments.virtual_touch_map import map_virtual_room
-from visuohaptic.robots import FrameSource, MobileBase
-from visuohaptic.simulation.obstacles import box, cylinder, wall
-from visuohaptic.simulation.odometry import DriftingBase, OdometryErrors
-from visuohaptic.simulation.quick_foam import QuickFoam, QuickFrames
-from visuohaptic.simulation.quick_world import QuickWorld
-from visuohaptic.tasks._map_contacts import aside_rad
-from visuohaptic.tasks.explore import ExploreSettings, Outcome, explore_obstacle
-from visuohaptic.tasks.machine import replay
-from visuohaptic.tasks.map_by_touch import (
-    MapMoment,
-    MapOutcome,
-    MapSettings,
-    MapState,
-    TouchMapTask,
-    contact_of,
+from visuohaptic.core import FrameSource, InputError, MobileBase
+from visuohaptic.rigs import map_virtual_room
+from visuohaptic.simulation.mobile import (
+    DriftingBase,
+    OdometryErrors,
+    QuickFoam,
+    QuickFrames,
+    QuickWorld,
+    box,
+    cylinder,
+    wall,
 )
+from visuohaptic.tasks.framework import replay
+from visuohaptic.tasks.mobile import ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.mobile.touch_map import MapObservation, MapOutcome, MapSettings, MapState, TouchMapTask
+from visuohaptic.tasks.mobile.touch_map._map_contacts import aside_rad, contact_of
 
 
-def moment(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapMoment:
+def moment(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapObservation:
     values: dict[str, Any] = {"touched": False, "explored": "", "contact": False, "face_rad": math.nan}
-    return MapMoment(t_s, x_m, 0.0, heading_rad, **(values | more))
+    return MapObservation(t_s, x_m, 0.0, heading_rad, **(values | more))
 
 
 def test_left_along_right_and_straight_on_again() -> None:
@@ -49,7 +47,10 @@ def test_left_along_right_and_straight_on_again() -> None:
     assert task.step(moment(5.0, explored="tagged", contact=True)).speed_m_s == 0.0
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.MAPPED
-    assert replay(task.trace(), TouchMapTask(MapSettings(contacts=2, along_m=0.3)), MapMoment) == task.ending
+    assert (
+        replay(task.trace(), TouchMapTask(MapSettings(contacts=2, along_m=0.3)), MapObservation)
+        == task.ending
+    )
 
 
 @pytest.mark.parametrize(
@@ -196,7 +197,7 @@ def test_the_quick_world_slides_at_its_friction(friction_N: float) -> None:
     # It was pushed along x and not aside; the map's contact is at its front.
     assert world.places["bin"][0] > 0.37
     assert world.places["bin"][1] == pytest.approx(0.0, abs=1e-3)
-    assert contact.pose_map_foam[0] + contact.points_foam_m[:, 0].min() == pytest.approx(
+    assert contact.T_map_foam[0] + contact.points_foam_m[:, 0].min() == pytest.approx(
         world.places["bin"][0] - 0.1, abs=0.003
     )
 
@@ -288,5 +289,6 @@ def test_a_slice_of_a_room() -> None:
     assert trial.score.mixed == 0
     assert any(contact.movable for contact in trial.mapping.contacts)
     assert (
-        replay(trial.mapping.trace, TouchMapTask(MapSettings(contacts=8)), MapMoment) == trial.mapping.ending
+        replay(trial.mapping.trace, TouchMapTask(MapSettings(contacts=8)), MapObservation)
+        == trial.mapping.ending
     )

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.navigation.plan_scenes import box, rooms
 
-from visuohaptic.errors import InputError
-from visuohaptic.navigation.push_model import PushModel
-from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
-from visuohaptic.tasks.steered_push import PushEnd, PushSettings, SteeredPush
+from visuohaptic.core import InputError
+from visuohaptic.navigation.pushing import PushModel
+from visuohaptic.simulation.floor import FloorItem, FloorWorld
+from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush
 
 pytest.importorskip("mujoco")
 

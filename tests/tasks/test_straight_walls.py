@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from visuohaptic.navigation.haptic_map import HapticContact
-from visuohaptic.objects import Primitive, PrimitiveKind
-from visuohaptic.tasks._straight_walls import StraightWalls, held_by_walls
+from visuohaptic.core import Primitive, PrimitiveKind
+from visuohaptic.navigation.mapping import HapticContact
+from visuohaptic.tasks.mobile.touch_map._straight_walls import StraightWalls, held_by_walls
 
 SQUARE = math.radians(4.0)
 
@@ -30,8 +30,8 @@ def around(
     true = []
     for side in (0, 1, 2, 3, 0):
         (x0, y0), (x1, y1) = corners[side], corners[(side + 1) % 4]
-        for share in (0.2, 0.5, 0.8):
-            x, y = x0 + share * (x1 - x0), y0 + share * (y1 - y0)
+        for fraction in (0.2, 0.5, 0.8):
+            x, y = x0 + fraction * (x1 - x0), y0 + fraction * (y1 - y0)
             c, s = math.cos(turn_rad), math.sin(turn_rad)
             true.append((c * x - s * y, s * x + c * y, turn_rad + (side - 1) * 0.5 * math.pi))
     told = [true[0]]
@@ -47,7 +47,7 @@ def around(
 def test_a_drifting_heading_is_held_by_the_walls(turn_rad: float) -> None:
     walls, worst, odometry = StraightWalls(SQUARE), 0.0, 0.0
     for true, told in around(turn_rad, math.radians(0.25)):
-        x, y, heading = walls.corrected(wall_contact(told)).pose_map_foam
+        x, y, heading = walls.corrected(wall_contact(told)).T_map_foam
         worst = max(worst, math.dist((x, y), true[:2]))
         odometry = max(odometry, math.dist(told[:2], true[:2]))
         assert math.remainder(heading - true[2], 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
@@ -60,27 +60,27 @@ def test_a_wall_touched_again_is_where_it_was() -> None:
     walls = StraightWalls(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     again = walls.corrected(wall_contact((1.05, 0.3, 0.0)))
-    assert again.pose_map_foam == pytest.approx((1.0, 0.3, 0.0))
+    assert again.T_map_foam == pytest.approx((1.0, 0.3, 0.0))
     behind = walls.corrected(wall_contact((1.3, 0.3, 0.0)))
-    assert behind.pose_map_foam[0] == pytest.approx(1.25)  # another wall, moved with the robot only
+    assert behind.T_map_foam[0] == pytest.approx(1.25)  # another wall, moved with the robot only
 
 
 def test_a_wall_at_an_angle_of_its_own_turns_nothing() -> None:
     walls = StraightWalls(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     slanted = walls.corrected(wall_contact((1.0, 1.0, 0.0), tilt_rad=math.radians(20.0)))
-    assert slanted.pose_map_foam == pytest.approx((1.0, 1.0, 0.0))
+    assert slanted.T_map_foam == pytest.approx((1.0, 1.0, 0.0))
 
 
 def test_what_gives_way_or_is_small_moves_nothing() -> None:
     walls = StraightWalls(SQUARE)
     walls.corrected(wall_contact((1.0, 0.0, 0.0)))
     one = wall_contact((1.05, 0.3, 0.02))
-    moved = HapticContact(one.primitive, one.points_foam_m, one.pose_map_foam, 1.0, True)
-    small = HapticContact(one.primitive, one.points_foam_m[14:17], one.pose_map_foam)
+    moved = HapticContact(one.primitive, one.points_foam_m, one.T_map_foam, 1.0, True)
+    small = HapticContact(one.primitive, one.points_foam_m[14:17], one.T_map_foam)
     for contact in (moved, small):
-        assert StraightWalls(SQUARE).corrected(contact).pose_map_foam == contact.pose_map_foam
-        assert walls.corrected(contact).pose_map_foam == pytest.approx(contact.pose_map_foam)
+        assert StraightWalls(SQUARE).corrected(contact).T_map_foam == contact.T_map_foam
+        assert walls.corrected(contact).T_map_foam == pytest.approx(contact.T_map_foam)
 
 
 def test_between_two_walls_the_drift_is_shared_by_time() -> None:
@@ -92,12 +92,12 @@ def test_between_two_walls_the_drift_is_shared_by_time() -> None:
     c, s = math.cos(0.75 * bias), math.sin(0.75 * bias)
     end = (at[0] - s, at[1] + c, bias)
     small = wall_contact(at)
-    small = HapticContact(small.primitive, small.points_foam_m[14:17], small.pose_map_foam)
+    small = HapticContact(small.primitive, small.points_foam_m[14:17], small.T_map_foam)
     told = [wall_contact(first), small, wall_contact(end)]
     placed = held_by_walls(told, (0.0, 5.0, 10.0), SQUARE)
-    assert placed[1].pose_map_foam == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
-    assert placed[2].pose_map_foam == pytest.approx(last, abs=1e-9)
+    assert placed[1].T_map_foam == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
+    assert placed[2].T_map_foam == pytest.approx(last, abs=1e-9)
     # One after the other, nobody knows yet.
     walls = StraightWalls(SQUARE)
-    assert abs([walls.corrected(contact).pose_map_foam[0] for contact in told][1]) > 0.005
-    assert held_by_walls([small], (0.0,), SQUARE)[0].pose_map_foam == pytest.approx(at)
+    assert abs([walls.corrected(contact).T_map_foam[0] for contact in told][1]) > 0.005
+    assert held_by_walls([small], (0.0,), SQUARE)[0].T_map_foam == pytest.approx(at)

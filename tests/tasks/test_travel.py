@@ -9,10 +9,16 @@ import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
 
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.simulation.floor_senses import FloorSenses
-from visuohaptic.simulation.floor_world import FloorItem, FloorWorld
-from visuohaptic.tasks.travel import TravelOutcome, TravelSenses, TravelSettings, travel
-from visuohaptic.tasks.travel_trace import final_places, trace_from_json, trace_to_json
+from visuohaptic.simulation.floor import FloorItem, FloorSenses, FloorWorld
+from visuohaptic.tasks.mobile.travel import (
+    TravelOutcome,
+    TravelSenses,
+    TravelSettings,
+    final_places,
+    trace_from_json,
+    trace_to_json,
+    travel,
+)
 
 pytest.importorskip("mujoco")
 
@@ -49,12 +55,12 @@ def test_pushes_the_stool_out_of_the_door(offset):
     assert done.pushes >= 1
     assert np.hypot(*(world.pose_m()[:2] - problem.goal_m)) < 0.06
     # It is where the memory says: looks err by 5 mm and 15 mrad.
-    believed = next(o for o in done.problem.objects if o.id == "stool")
+    estimated = next(o for o in done.problem.objects if o.id == "stool")
     truth = world.item_pose_m("stool")
-    assert np.hypot(*(believed.centre_m - truth[:2])) < 0.06
+    assert np.hypot(*(estimated.centre_m - truth[:2])) < 0.06
     assert done.problem.objects[0].tag.explored > 1
     places = final_places(done.trace)
-    assert not places or np.allclose(places["stool"][:2], believed.centre_m, atol=1e-6)
+    assert not places or np.allclose(places["stool"][:2], estimated.centre_m, atol=1e-6)
     assert trace_from_json(json.loads(json.dumps(trace_to_json(done.trace))))[-1].event == "arrived"
 
 

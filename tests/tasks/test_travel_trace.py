@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.tasks.travel_trace import TravelRecord, final_places, trace_from_json, trace_to_json
+from visuohaptic.core import InputError
+from visuohaptic.tasks.mobile.travel import TravelRecord, final_places, trace_from_json, trace_to_json
 
 TRACE = (
     TravelRecord(0.5, "plan", "planned", (1.0, 2.0, 0.5), values={"reachable": True, "tasks": ["navigate"]}),

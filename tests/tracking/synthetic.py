@@ -57,7 +57,7 @@ class Scene:
 
     def lines(self, count: int, *, spacing: float = 17.0, half_width: float = 8.5, reach: float = 25.0):
         """Constraint lines along t, and the true positions on them."""
-        from visuohaptic.tracking import ConstraintLines
+        from visuohaptic.tracking.contours import ConstraintLines
 
         along, across = self.axes()
         s = (np.arange(count) - (count - 1) / 2) * spacing

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.errors import InputError
-from visuohaptic.tracking import ConstraintLines, ContourSettings, ContourTracker, PointReason
+from visuohaptic.core import InputError
+from visuohaptic.tracking.contours import ConstraintLines, ContourSettings, ContourTracker, PointReason
 
 _spec = importlib.util.spec_from_file_location("synthetic", Path(__file__).with_name("synthetic.py"))
 synthetic = importlib.util.module_from_spec(_spec)
@@ -308,7 +308,7 @@ def test_real_high_speed_pixels(data):
 @pytest.mark.parametrize(("second", "expected"), [(None, 30.0), (24, 18.0)])
 def test_a_point_that_the_chain_left_beside_a_kink_starts_at_the_one_edge(second, expected):
     """Twelve pixels beside its edge a point moves onto it; of two edges in reach neither is chosen."""
-    from visuohaptic.tracking._refine_kernels import start_on_edge
+    from visuohaptic.tracking.contours._refine_kernels import start_on_edge
 
     image = np.full((80, 120), 170, np.uint8)
     image[40:] = 90

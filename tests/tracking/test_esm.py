@@ -9,12 +9,10 @@ import pytest
 from scipy.linalg import expm
 from scipy.ndimage import map_coordinates
 
-from visuohaptic.errors import InputError
-from visuohaptic.tracking import _esm_kernels as kernels
-from visuohaptic.tracking import _esm_row_kernels as row_kernels
-from visuohaptic.tracking.esm import EsmSettings, align
-from visuohaptic.tracking.esm_template import EsmTemplate
-from visuohaptic.tracking.warp import motion_jacobian, velocity_fields
+from visuohaptic.core import InputError
+from visuohaptic.tracking.templates import EsmSettings, EsmTemplate, align, motion_jacobian, velocity_fields
+from visuohaptic.tracking.templates import _esm_kernels as kernels
+from visuohaptic.tracking.templates import _esm_row_kernels as row_kernels
 
 SIZE = (300, 300)
 
@@ -64,8 +62,8 @@ def test_fields_are_the_derivative_of_the_exponential() -> None:
 
 
 @pytest.mark.parametrize("cubic", [False, True])
-@pytest.mark.parametrize("share", [0.0, 0.5])
-def test_sums_equal_their_numpy_twin(cubic: bool, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.0, 0.5])
+def test_sums_equal_their_numpy_twin(cubic: bool, fraction: float) -> None:
     """The kernel's moments, put together, are J^T W J and J^T W r of a plain implementation."""
     rng = np.random.default_rng(2)
     rows, columns, height, width = 20, 26, 50, 60
@@ -81,7 +79,7 @@ def test_sums_equal_their_numpy_twin(cubic: bool, share: float) -> None:
     matrix, vector, stats = np.zeros((10, 10)), np.zeros(10), np.zeros(13)
     used = np.arange(rows)
     kernels.gauss_newton_sums(
-        image, template, tx, ty, x, y, used, offset, h, gain, bias, cut, margin, share, unit, cubic,
+        image, template, tx, ty, x, y, used, offset, h, gain, bias, cut, margin, fraction, unit, cubic,
         matrix, vector, stats, np.zeros(256, np.int64),
     )  # fmt: skip
 
@@ -93,13 +91,13 @@ def test_sums_equal_their_numpy_twin(cubic: bool, share: float) -> None:
     bilinear = map_coordinates(image.astype(float), [py, px], order=1)
     # With ``cubic`` the image is taken as B-spline coefficients.
     value = map_coordinates(image.astype(float), [py, px], order=3, prefilter=False) if cubic else bilinear
-    if share > 0:
+    if fraction > 0:
         value = bilinear
     p = gain * template + bias
     r = value - p
     w = inside * np.minimum(1, (cut / np.abs(r)) ** 4) * ((p >= margin) & (p <= 255 - margin))
     gx, gy = gain * tx.astype(float), gain * ty.astype(float)
-    if share > 0:
+    if fraction > 0:
         gx[:, 1:-1] = 0.5 * gx[:, 1:-1] + 0.25 * unit * (value[:, 2:] - value[:, :-2])
         gy[1:-1] = 0.5 * gy[1:-1] + 0.25 * unit * (value[2:] - value[:-2])
         w[[0, -1]] = 0
@@ -115,7 +113,7 @@ def test_sums_equal_their_numpy_twin(cubic: bool, share: float) -> None:
     root = np.sqrt(np.diag(expected) * (w.ravel() @ r.ravel() ** 2))
     np.testing.assert_allclose(vector / root, right / root, atol=3e-5)
     assert stats[0] == pytest.approx(w.sum(), rel=1e-4)
-    assert stats[7] == inside[1:-1].sum() if share > 0 else inside.sum()
+    assert stats[7] == inside[1:-1].sum() if fraction > 0 else inside.sum()
 
 
 def test_spline_energy_is_the_variance_of_a_sample() -> None:

@@ -6,13 +6,17 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from visuohaptic.tracking.detector import detect_templates
-from visuohaptic.tracking.esm import align
-from visuohaptic.tracking.esm_blur import matching_blur
-from visuohaptic.tracking.esm_pyramid import EsmSettings, Work
-from visuohaptic.tracking.esm_template import BLUR_VARIANCES, EsmTemplate
-from visuohaptic.tracking.homography import apply_homography
-from visuohaptic.tracking.template import Template
+from visuohaptic.tracking.points import apply_homography
+from visuohaptic.tracking.templates import (
+    BLUR_VARIANCES,
+    EsmSettings,
+    EsmTemplate,
+    Template,
+    Work,
+    align,
+    detect_templates,
+    matching_blur,
+)
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.tracking.flow import FlowSettings, PointTracker, location_sigma_px
+from visuohaptic.core import InputError
+from visuohaptic.tracking.points import FlowSettings, PointTracker, location_sigma_px
 
 ROWS, COLUMNS = 200, 260
 

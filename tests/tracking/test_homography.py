@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.errors import InputError
-from visuohaptic.tracking.homography import (
+from visuohaptic.core import InputError
+from visuohaptic.tracking.points import (
     apply_homography,
     compose_homography,
     decompose_homography,

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
-from visuohaptic.tracking import _fit_kernels as fit
-from visuohaptic.tracking import _kernels
+from visuohaptic.tracking.contours import _fit_kernels as fit
+from visuohaptic.tracking.contours import _search_kernels as _kernels
 
 
 def chain_energy(cost, first, step, direction, weight, index):
@@ -94,7 +94,7 @@ def test_share_is_a_line_fit_through_the_neighbours():
     value = 5 + 0.1 * np.arange(40) + rng.standard_normal(40)
     use = rng.random(40) > 0.2
     mean, spread = np.empty(40), np.empty(40)
-    fit.share(value, np.ones(40), use, 6, mean, spread)
+    fit.fraction(value, np.ones(40), use, 6, mean, spread)
     for k in range(40):
         near = np.array([j for j in range(max(k - 6, 0), min(k + 7, 40)) if use[j] and j != k])
         if len(near) < 4:
@@ -108,7 +108,7 @@ def test_share_trusts_neighbours_as_far_as_they_agree():
     mean, spread = np.empty(200), np.empty(200)
     for scatter in (0.0, 3.0):
         value = rng.standard_normal(200) + scatter * rng.standard_normal(200)
-        fit.share(value, np.ones(200), np.ones(200, np.bool_), 10, mean, spread)
+        fit.fraction(value, np.ones(200), np.ones(200, np.bool_), 10, mean, spread)
         # Twenty neighbours: own noise / 20 when they agree, the scatter squared when not.
         low, high = (0.0, 0.25) if scatter == 0.0 else (5.0, 13.0)
         assert low < spread.mean() < high

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.camera import Camera, Pose
-from visuohaptic.tracking._pose_kernels import project_point, refine_pose, turn
-from visuohaptic.tracking.plane_pose import estimate_plane_poses, lens_numbers, tilted_back
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.tracking.pose import estimate_plane_poses, lens_numbers, tilted_back
+from visuohaptic.tracking.pose._pose_kernels import project_point, refine_pose, turn
 
 LENSES = {
     "none": [],

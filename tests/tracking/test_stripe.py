@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.tracking import ConstraintLines, ContourSettings, ContourTracker, PointReason, StripeModel
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.tracking.contours import (
+    ConstraintLines,
+    ContourSettings,
+    ContourTracker,
+    PointReason,
+    StripeModel,
+)
 
 pytest.importorskip("sklearn")
 

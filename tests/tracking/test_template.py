@@ -10,13 +10,20 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.tracking._dpi import pixels_per_metre
-from visuohaptic.tracking.detector import detect_templates
-from visuohaptic.tracking.esm import align
-from visuohaptic.tracking.homography import apply_homography
-from visuohaptic.tracking.sheet import SheetItem, lay_out, save_sheet, tag_item
-from visuohaptic.tracking.template import Template, load_templates, template_quality
+from visuohaptic.core import InputError
+from visuohaptic.tracking.points import apply_homography
+from visuohaptic.tracking.templates import (
+    SheetItem,
+    Template,
+    align,
+    detect_templates,
+    lay_out,
+    load_templates,
+    save_sheet,
+    tag_item,
+    template_quality,
+)
+from visuohaptic.tracking.templates._dpi import pixels_per_metre
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Frame
-from visuohaptic.tracking.detector import detect_templates
-from visuohaptic.tracking.esm import align
-from visuohaptic.tracking.esm_template import EsmTemplate
-from visuohaptic.tracking.homography import apply_homography
-from visuohaptic.tracking.template import Template
-from visuohaptic.tracking.template_tracker import TemplateTracker
+from visuohaptic.core.camera import Camera, Frame
+from visuohaptic.tracking.points import apply_homography
+from visuohaptic.tracking.templates import EsmTemplate, Template, TemplateTracker, align, detect_templates
 
 pytestmark = pytest.mark.data
 
@@ -194,4 +190,4 @@ def test_a_tag_sequence_end_to_end(data: Path) -> None:
     assert sum(pose.valid for pose in poses) >= 2
     for pose in poses:
         if pose.valid:
-            assert pose.pose_camera_template.translation_m[2] > 0
+            assert pose.T_camera_template.translation_m[2] > 0

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from visuohaptic.camera import Camera, Frame, Pose
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Reason
-from visuohaptic.tracking.plane_pose import estimate_plane_poses
-from visuohaptic.tracking.template import Template
-from visuohaptic.tracking.template_tracker import TemplateTracker
+from visuohaptic.core import InputError, Reason
+from visuohaptic.core.camera import Camera, Frame, Pose
+from visuohaptic.tracking.pose import estimate_plane_poses
+from visuohaptic.tracking.templates import Template, TemplateTracker
 
 CAMERA = Camera.simple(640, 480, 900.0)
 LENS = Camera.simple(640, 480, 700.0, distortion=np.array([-0.25, 0.1, 0.001, -0.0005, 0.0]))
@@ -61,7 +59,7 @@ def test_pose_follows_a_moving_template(scene, camera: Camera) -> None:
             (seen,) = tracker.update(frame)
             assert seen.valid, seen.detail
             assert not seen.ambiguous
-            found = seen.pose_camera_template
+            found = seen.T_camera_template
             sigma = np.sqrt(np.diag(seen.covariance))
             error = found.translation_m - pose.translation_m
             # Five declared sigmas, plus 1e-3 px of interpolation (0.3 um sideways, 10 um deep).
@@ -81,7 +79,7 @@ def test_declared_pose_covariance_is_the_scatter(scene) -> None:
             noisy = np.clip(np.round(clean + rng.normal(0, 5, clean.shape)), 0, 255).astype(np.uint8)
             (seen,) = tracker.update(Frame(noisy, 0.03 * k, k))
             assert seen.valid
-            found = seen.pose_camera_template
+            found = seen.T_camera_template
             error = np.concatenate(
                 [
                     found.translation_m - pose.translation_m,
@@ -119,9 +117,9 @@ def test_lost_template_is_found_again_and_said_to_be_lost(scene) -> None:
     ]
     assert results[2].reason is Reason.LOST
     assert results[2].detail
-    assert results[2].pose_camera_template is None
+    assert results[2].T_camera_template is None
     assert np.isnan(results[2].covariance).all()
-    assert angle_deg(results[8].pose_camera_template, other) < 0.05
+    assert angle_deg(results[8].T_camera_template, other) < 0.05
 
 
 def test_detection_in_its_own_thread_answers_in_a_later_frame(scene) -> None:
@@ -156,9 +154,9 @@ def test_tag_is_found_by_code_and_refined_on_all_pixels(views) -> None:
         (seen,) = tracker.update(Frame(image, 0.0, 0))
     assert seen.valid, seen.detail
     sigma = np.sqrt(np.diag(seen.covariance))
-    error = np.abs(seen.pose_camera_template.translation_m - pose.translation_m)
+    error = np.abs(seen.T_camera_template.translation_m - pose.translation_m)
     assert (error < 5 * sigma[:3] + [2e-6, 2e-6, 3e-5]).all()
-    assert angle_deg(seen.pose_camera_template, pose) < 0.1
+    assert angle_deg(seen.T_camera_template, pose) < 0.1
 
 
 def test_nearly_flat_far_view_is_called_ambiguous_and_covers_the_truth() -> None:
@@ -169,9 +167,9 @@ def test_nearly_flat_far_view_is_called_ambiguous_and_covers_the_truth() -> None
     corners = camera.project(pose.apply(points))
     poses = estimate_plane_poses(camera, points, corners, np.eye(8) * 0.05**2)
     assert len(poses) == 2
-    assert angle_deg(poses[0].pose_camera_template, pose) < 0.01
+    assert angle_deg(poses[0].T_camera_template, pose) < 0.01
     assert poses[1].chi2 < 10  # cannot be told apart by one frame
-    assert angle_deg(poses[1].pose_camera_template, tilted([-8, 0, 0], [0, 0, 1.5])) < 3
+    assert angle_deg(poses[1].T_camera_template, tilted([-8, 0, 0], [0, 0, 1.5])) < 3
 
 
 def test_flip_is_resolved_over_time(scene) -> None:
@@ -189,7 +187,7 @@ def test_flip_is_resolved_over_time(scene) -> None:
             if seen.valid:
                 last = seen
     assert last is not None
-    error = angle_deg(last.pose_camera_template, pose)
+    error = angle_deg(last.T_camera_template, pose)
     sigma = np.rad2deg(np.sqrt(np.trace(last.covariance[3:, 3:])))
     assert error < 3 * sigma + 0.5
     if not last.ambiguous:
@@ -206,7 +204,7 @@ def test_tilt_through_straight_on_keeps_its_direction(scene) -> None:
             (seen,) = tracker.update(Frame(render(view, template, CAMERA, pose, 3, rng), 0.03 * k, k))
             assert seen.valid
             sigma = np.rad2deg(np.sqrt(np.trace(seen.covariance[3:, 3:])))
-            assert angle_deg(seen.pose_camera_template, pose) < 5 * sigma + 0.02
+            assert angle_deg(seen.T_camera_template, pose) < 5 * sigma + 0.02
 
 
 def test_bad_use_is_refused(scene) -> None:

@@ -11,14 +11,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.deformation import load_map, load_object, save_map
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.deformation.maps import load_map, save_map
+from visuohaptic.deformation.shapes import load_object
 from visuohaptic.grasping import GraspTask
-from visuohaptic.navigation.plan import Plan, Task
-from visuohaptic.recording import OccupancyMap
-from visuohaptic.recording.ply import PlyMesh, write_ply
-from visuohaptic.viewer import BrowsePage, MapView, ObjectView, StepsView, SurfaceView, open_views
-from visuohaptic.viewer.stage import hit_face, scale_colours
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.meshes import PlyMesh, write_ply
+from visuohaptic.navigation.problem import Plan, Task
+from visuohaptic.viewer import (
+    BrowsePage,
+    MapView,
+    ObjectView,
+    StepsView,
+    SurfaceView,
+    hit_face,
+    open_views,
+    scale_colours,
+)
 
 pytest.importorskip("viser", reason="the browser page is an extra")
 pytest.importorskip("trimesh", reason="coloured meshes are an extra")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.viewer.meshes import columns, pressure_colours, prism
+from visuohaptic.core import InputError
+from visuohaptic.viewer import columns, pressure_colours, prism
 
 
 @pytest.mark.parametrize("direction", [1, -1])

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import InputError
-from visuohaptic.objects import ErrorBudget, Estimate, ForceProfile, HapticTag, Reason
+from visuohaptic.core import ErrorBudget, Estimate, ForceProfile, HapticTag, InputError, Reason
+from visuohaptic.core.camera import Pose
 from visuohaptic.viewer import LivePage
 
 pytest.importorskip("viser", reason="the browser page is an extra")
@@ -82,7 +81,7 @@ def test_updates_without_a_browser(page):
             frame_bgr=np.zeros((90, 160), np.uint8),
             profile=profile(step, valid=step != 2),
             truth_N=step if step > 2 else None,
-            pose_world_foam=pose,
+            T_world_foam=pose,
         )
     page.set_tags({"box": HapticTag(dynamic_friction_N=Estimate(3.2, 0.1)), "wall": "fixed"})
 

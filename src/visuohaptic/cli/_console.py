@@ -198,8 +198,8 @@ class Progress(Generic[Item]):
             self._bar.update(self._task, advance=steps, note=text)
             return
         waited_s = self._clock() - self._printed_s
-        share = (self.done - self._printed_done) / self.total if self.total else 0.0
-        if waited_s >= PLAIN_SECONDS or (waited_s >= 1.0 and share >= PLAIN_SHARE):
+        fraction = (self.done - self._printed_done) / self.total if self.total else 0.0
+        if waited_s >= PLAIN_SECONDS or (waited_s >= 1.0 and fraction >= PLAIN_SHARE):
             self._print_line()
 
     def _print_line(self) -> None:

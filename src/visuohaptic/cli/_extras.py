@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import ModuleType
 
-from ..errors import MissingExtraError, VisuohapticError
+from ..core.errors import MissingExtraError, VisuohapticError
 
 __all__ = ["CORE", "OPTIONAL", "Library", "check_needs", "library_of", "missing_library_error", "needs"]
 
@@ -38,6 +38,7 @@ CORE = (
     Library("pydantic", "pydantic", "", "configuration files"),
     Library("yaml", "PyYAML", "", "configuration files"),
     Library("jaxtyping", "jaxtyping", "", "array types"),
+    Library("lazy_loader", "lazy-loader", "", "names that load at first use"),
     Library("rich", "rich", "", "progress bars"),
     Library("shapely", "shapely", "", "footprints and regions", "shapely.box(0, 0, 1, 1).buffer(1.0)"),
     Library("threadpoolctl", "threadpoolctl", "", "one thread where threads only wait for each other"),

@@ -6,8 +6,8 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from ..camera import Camera
-    from ..robots import FrameSource
+    from ..core.camera.model import Camera
+    from ..core.robots import FrameSource
 
 __all__ = ["add_part", "opened_frames"]
 
@@ -21,7 +21,7 @@ def add_part(parser: argparse.ArgumentParser) -> None:
 
 def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> FrameSource:
     """The frames of ``--source``, to be used as a context."""
-    from ..recording import open_source
+    from ..io.frames.frames import open_source
 
     return open_source(
         args.source, camera=camera, start_s=args.start, stop_s=args.stop, rate_Hz=args.rate_Hz, grey=grey

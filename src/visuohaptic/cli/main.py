@@ -27,7 +27,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from .._version import __version__
-from ..errors import VisuohapticError
+from ..core.errors import VisuohapticError
 from ._console import Arguments, Console, OutputClosedError
 
 __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
@@ -35,79 +35,139 @@ __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 #: Verb -> module and one line of help. The help is repeated here so that the
 #: overview needs no import of the modules, which take half a second.
 VERBS: Mapping[str, tuple[str, str]] = {
-    "demo": ("visuohaptic.cli.demo", "tell the story of a simulated robot that looks, touches and remembers"),
-    "sense foam": ("visuohaptic.cli.sense_foam", "read force and shape of a foam strip from camera frames"),
+    "demo": (
+        "visuohaptic.cli.verbs.system.demo",
+        "tell the story of a simulated robot that looks, touches and remembers",
+    ),
+    "sense foam": (
+        "visuohaptic.cli.verbs.sensing.sense_foam",
+        "read force and shape of a foam strip from camera frames",
+    ),
     "sense scene": (
-        "visuohaptic.cli.sense_scene",
+        "visuohaptic.cli.verbs.sensing.sense_scene",
         "track obstacles ahead, the floor that passes and the object that is pushed",
     ),
-    "track": ("visuohaptic.cli.track", "find and track printed templates and tags, and read their 6D poses"),
+    "track": (
+        "visuohaptic.cli.verbs.sensing.track",
+        "find and track printed templates and tags, and read their 6D poses",
+    ),
     "template check": (
-        "visuohaptic.cli.template_check",
+        "visuohaptic.cli.verbs.sensing.template_check",
         "predict how well a picture can be found and tracked as a template",
     ),
-    "template sheet": ("visuohaptic.cli.template_sheet", "write a print-ready sheet of AprilTags 36h11"),
-    "sense beam": ("visuohaptic.cli.sense_beam", "read force and moment, six axes, from a bending rod"),
-    "calibrate foam": ("visuohaptic.cli.calibrate_foam", "fit a foam's strain-stress curve"),
-    "calibrate beam": ("visuohaptic.cli.calibrate_beam", "fit a beam sensor's compliance from known loads"),
-    "calibrate camera": ("visuohaptic.cli.calibrate_camera", "find a camera's matrix and distortion"),
-    "calibrate stripe": ("visuohaptic.cli.calibrate_stripe", "learn the colours of a stripe on the foam"),
-    "example foam": ("visuohaptic.cli.example_foam", "write a small recording to try the foam sensor on"),
-    "example beam": ("visuohaptic.cli.example_beam", "write a small recording to try the beam sensor on"),
-    "map inspect": ("visuohaptic.cli.map_inspect", "say what is on a map and where a robot can drive"),
-    "map build": ("visuohaptic.cli.map_build", "build a map from laser scans and odometry"),
-    "map graph": ("visuohaptic.cli.map_graph", "turn a map into distance, cost, graph and regions"),
-    "plan": ("visuohaptic.cli.plan", "plan where to drive and what to push aside"),
-    "stiffness": ("visuohaptic.cli.stiffness", "compute how stiff a container is at every surface point"),
-    "grasp": ("visuohaptic.cli.grasp", "say where to grasp a container that gives way, and how hard"),
+    "template sheet": (
+        "visuohaptic.cli.verbs.sensing.template_sheet",
+        "write a print-ready sheet of AprilTags 36h11",
+    ),
+    "sense beam": (
+        "visuohaptic.cli.verbs.sensing.sense_beam",
+        "read force and moment, six axes, from a bending rod",
+    ),
+    "calibrate foam": ("visuohaptic.cli.verbs.sensing.calibrate_foam", "fit a foam's strain-stress curve"),
+    "calibrate beam": (
+        "visuohaptic.cli.verbs.sensing.calibrate_beam",
+        "fit a beam sensor's compliance from known loads",
+    ),
+    "calibrate camera": (
+        "visuohaptic.cli.verbs.sensing.calibrate_camera",
+        "find a camera's matrix and distortion",
+    ),
+    "calibrate stripe": (
+        "visuohaptic.cli.verbs.sensing.calibrate_stripe",
+        "learn the colours of a stripe on the foam",
+    ),
+    "example foam": (
+        "visuohaptic.cli.verbs.sensing.example_foam",
+        "write a small recording to try the foam sensor on",
+    ),
+    "example beam": (
+        "visuohaptic.cli.verbs.sensing.example_beam",
+        "write a small recording to try the beam sensor on",
+    ),
+    "map inspect": (
+        "visuohaptic.cli.verbs.planning.map_inspect",
+        "say what is on a map and where a robot can drive",
+    ),
+    "map build": ("visuohaptic.cli.verbs.planning.map_build", "build a map from laser scans and odometry"),
+    "map graph": (
+        "visuohaptic.cli.verbs.planning.map_graph",
+        "turn a map into distance, cost, graph and regions",
+    ),
+    "plan": ("visuohaptic.cli.verbs.planning.plan", "plan where to drive and what to push aside"),
+    "stiffness": (
+        "visuohaptic.cli.verbs.planning.stiffness",
+        "compute how stiff a container is at every surface point",
+    ),
+    "grasp": (
+        "visuohaptic.cli.verbs.planning.grasp",
+        "say where to grasp a container that gives way, and how hard",
+    ),
     "reconstruct": (
-        "visuohaptic.cli.reconstruct",
+        "visuohaptic.cli.verbs.geometry.reconstruct",
         "fuse a depth sequence into a surface and find what is transparent",
     ),
     "complete": (
-        "visuohaptic.cli.complete",
+        "visuohaptic.cli.verbs.geometry.complete",
         "complete a surface where it could not be seen, and say where to touch",
     ),
-    "objects list": ("visuohaptic.cli.objects_list", "list the objects of a database"),
-    "objects show": ("visuohaptic.cli.objects_show", "say all that is known of one object"),
-    "objects add": ("visuohaptic.cli.objects_add", "add an object, or new evidence of one that is known"),
-    "objects import": ("visuohaptic.cli.objects_import", "import objects from folders with cards"),
-    "objects export": ("visuohaptic.cli.objects_export", "export objects as folders with cards"),
-    "objects sync": ("visuohaptic.cli.objects_sync", "exchange what is new with a shared database"),
-    "objects search": ("visuohaptic.cli.objects_search", "find the objects with the most similar features"),
+    "objects list": ("visuohaptic.cli.verbs.knowledge.objects_list", "list the objects of a database"),
+    "objects show": ("visuohaptic.cli.verbs.knowledge.objects_show", "say all that is known of one object"),
+    "objects add": (
+        "visuohaptic.cli.verbs.knowledge.objects_add",
+        "add an object, or new evidence of one that is known",
+    ),
+    "objects import": (
+        "visuohaptic.cli.verbs.knowledge.objects_import",
+        "import objects from folders with cards",
+    ),
+    "objects export": (
+        "visuohaptic.cli.verbs.knowledge.objects_export",
+        "export objects as folders with cards",
+    ),
+    "objects sync": (
+        "visuohaptic.cli.verbs.knowledge.objects_sync",
+        "exchange what is new with a shared database",
+    ),
+    "objects search": (
+        "visuohaptic.cli.verbs.knowledge.objects_search",
+        "find the objects with the most similar features",
+    ),
     "objects recognise": (
-        "visuohaptic.cli.objects_recognise",
+        "visuohaptic.cli.verbs.knowledge.objects_recognise",
         "say what a seen object may be, with probabilities",
     ),
     "objects build": (
-        "visuohaptic.cli.objects_build",
+        "visuohaptic.cli.verbs.knowledge.objects_build",
         "compute stiffness maps and features of whole classes",
     ),
     "reproduce": (
-        "visuohaptic.cli.reproduce",
+        "visuohaptic.cli.verbs.system.reproduce",
         "make figures and tables of the dissertation again, its numbers beside ours",
     ),
-    "classify train": ("visuohaptic.cli.classify_train", "train a tree that plans touches"),
-    "classify plan": ("visuohaptic.cli.classify_plan", "show what to touch, in what order"),
+    "classify train": ("visuohaptic.cli.verbs.knowledge.classify_train", "train a tree that plans touches"),
+    "classify plan": ("visuohaptic.cli.verbs.knowledge.classify_plan", "show what to touch, in what order"),
     "classify run": (
-        "visuohaptic.cli.classify_run",
+        "visuohaptic.cli.verbs.knowledge.classify_run",
         "say what an object is from touches, and where to touch",
     ),
-    "recording info": ("visuohaptic.cli.recording_info", "say what is in a recording"),
+    "recording info": ("visuohaptic.cli.verbs.geometry.recording_info", "say what is in a recording"),
     "recording import": (
-        "visuohaptic.cli.recording_import",
+        "visuohaptic.cli.verbs.geometry.recording_import",
         "make a depth sequence from depth pictures and poses of another layout",
     ),
     "ros bridge": (
-        "visuohaptic.cli.ros_bridge",
+        "visuohaptic.cli.verbs.system.ros_bridge",
         "run the sensors as a ROS 2 node, image topics in, forces out",
     ),
     "view": (
-        "visuohaptic.cli.view",
+        "visuohaptic.cli.verbs.system.view",
         "show objects, maps with plans, surfaces and classifications in the browser",
     ),
-    "warmup": ("visuohaptic.cli.warmup", "compile the kernels once, so that later starts are fast"),
-    "doctor": ("visuohaptic.cli.doctor", "try every library and say what to install"),
+    "warmup": (
+        "visuohaptic.cli.verbs.system.warmup",
+        "compile the kernels once, so that later starts are fast",
+    ),
+    "doctor": ("visuohaptic.cli.verbs.system.doctor", "try every library and say what to install"),
 }
 
 _GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}

@@ -11,17 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..deformation import (
-    Contents,
-    DualTips,
-    ShellModel,
-    ShellObject,
-    contained_curve,
-    dual_tip_compliance,
-    enclosed_volume,
-    opposing_points,
-)
-from ..errors import InputError
+from ..core.errors import InputError
+from ..deformation.nonlinear.contents import Contents, contained_curve
+from ..deformation.shapes.mesher import ShellObject
+from ..deformation.shells.shell import ShellModel, enclosed_volume
+from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
 from .score import vertex_normals
 
 __all__ = ["Confirmation", "confirm_grasp", "pinch_at"]
@@ -64,7 +58,7 @@ def confirm_grasp(
     *,
     contents: Contents | None = None,
     headspace_m3: float | None = None,
-    most_deformation_m: float = 0.005,
+    max_deformation_m: float = 0.005,
     friction: float | None = None,
     model: ShellModel | None = None,
 ) -> Confirmation:
@@ -80,7 +74,7 @@ def confirm_grasp(
         Enclosed gas and liquid; open by default.
     headspace_m3
         Of an open container with liquid: what may be pressed out before it runs over.
-    most_deformation_m
+    max_deformation_m
         Bound of the deformation of one side.
     friction
         mu of the fingers: the wall must not turn away further than ``atan(mu)``.
@@ -91,11 +85,11 @@ def confirm_grasp(
     tips = pinch_at(thing, vertex)
     stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
     # A stiff place reaches the force long before the bound; a soft one may soften further.
-    for far in (2.0 * force_N / stiffness, REACH * most_deformation_m):
-        far = min(far, REACH * most_deformation_m)
+    for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):
+        far = min(far, REACH * max_deformation_m)
         steps = far * np.arange(1, STEPS + 1) / STEPS
         path = contained_curve(thing, model, tips, 0, list(steps), contents)
-        if far == REACH * most_deformation_m or (len(path.points) and path.load.max() >= force_N):
+        if far == REACH * max_deformation_m or (len(path.points) and path.load.max() >= force_N):
             break
     at = np.concatenate([[0.0], path.control_m])
     load = np.concatenate([[0.0], path.load])
@@ -104,20 +98,20 @@ def confirm_grasp(
     if len(reached):
         # Up to the first time: behind it may be a snap.
         k = int(reached[0])
-        share = (force_N - load[k - 1]) / (load[k] - load[k - 1])
-        deformation = float(at[k - 1] + share * (at[k] - at[k - 1]))
-        shape = shapes[k - 1] + share * (shapes[k] - shapes[k - 1])
+        fraction = (force_N - load[k - 1]) / (load[k] - load[k - 1])
+        deformation = float(at[k - 1] + fraction * (at[k] - at[k - 1]))
+        shape = shapes[k - 1] + fraction * (shapes[k] - shapes[k - 1])
     else:
         deformation, shape = float("inf"), shapes[-1]
     slant = _slant_rad(thing, tips, shape)
     pressed_out = _volume_m3(thing, thing.mesh.vertices_m) - _volume_m3(thing, shape)
     reason = ""
-    if deformation > most_deformation_m:
+    if deformation > max_deformation_m:
         reached_text = (
             f"{1e3 * deformation:.1f} mm" if np.isfinite(deformation) else f"over {1e3 * at[-1]:.1f} mm"
         )
         reason = (
-            f"deforms by {reached_text} under {force_N:.3g} N, allowed are {1e3 * most_deformation_m:.3g} mm"
+            f"deforms by {reached_text} under {force_N:.3g} N, allowed are {1e3 * max_deformation_m:.3g} mm"
         )
         if not path.complete:
             reason += f" ({path.reason})"
@@ -130,7 +124,7 @@ def confirm_grasp(
 
 def _volume_m3(thing: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
     """Enclosed volume with the mouth closed by a fan: a bent mouth has no plane, and no favoured chord."""
-    wall = enclosed_volume(points, thing.mesh.faces, thing.mesh.share)
+    wall = enclosed_volume(points, thing.mesh.faces, thing.mesh.fraction)
     if not len(thing.lid):
         return wall
     edges = np.concatenate([thing.lid[:, [0, 1]], thing.lid[:, [1, 2]], thing.lid[:, [2, 0]]])

@@ -8,17 +8,18 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..deformation import ShellModel, ShellObject
-from ..deformation.contents import enclosed_gradient, tip_approach
-from ..errors import InputError
-from ..objects import StiffnessMap
+from ..core.errors import InputError
+from ..core.objects import StiffnessMap
+from ..deformation.nonlinear.contents import enclosed_gradient, tip_approach
+from ..deformation.shapes.mesher import ShellObject
+from ..deformation.shells.shell import ShellModel
 from .force import GripperModel, Handling, Load, required_force_N
 from .score import GraspScores, ScoreParameters
 
 __all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
 
 #: Share of the finger that must have wall in front of it.
-LEAST_OVERLAP = 0.5
+MIN_OVERLAP = 0.5
 #: The volume that a pinch presses out grows faster than the force: in nonlinear simulations of flat
 #: sides twice as fast within the allowed deformation.
 SPILL_MARGIN = 2.0
@@ -118,7 +119,7 @@ def feasibility_map(
     k = surface.stiffness_N_per_m
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=0.0, posinf=0.0)
-        limit = k * np.exp(-float(ndtri(confidence)) * relative) * p.most_deformation_m
+        limit = k * np.exp(-float(ndtri(confidence)) * relative) * p.max_deformation_m
     slant = np.arccos(np.clip(np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular)), -1, 1))
     needed = np.zeros(len(points))
     if load is not None:
@@ -131,13 +132,13 @@ def feasibility_map(
         (Verdict.TOO_WIDE, width > gripper.opening_m),
         (
             Verdict.PARTIAL_OVERLAP,
-            np.minimum(scores.overlap, scores.opposite(scores.overlap)) < LEAST_OVERLAP,
+            np.minimum(scores.overlap, scores.opposite(scores.overlap)) < MIN_OVERLAP,
         ),
         (Verdict.NEAR_FLOOR, points[:, 2] - floor < gripper.finger_radius_m),
         (Verdict.SLANTED, np.tan(np.minimum(slant, 1.57)) >= gripper.friction),
         (Verdict.TOO_SOFT, ~(force <= np.nan_to_num(limit, nan=0.0, posinf=np.inf))),
         (Verdict.SPILLS, force > spill_limit),
-        (Verdict.TOO_WEAK, (needed > force) | (force > gripper.most_force_N)),
+        (Verdict.TOO_WEAK, (needed > force) | (force > gripper.max_force_N)),
     )
     verdict = np.zeros(len(points), dtype=np.int64)
     for why, bad in reversed(checks):

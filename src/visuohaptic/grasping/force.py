@@ -14,8 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ..deformation import MATERIALS, ShellObject, enclosed_volume, liquid_level_m
-from ..errors import InputError
+from ..core.errors import InputError
+from ..deformation.nonlinear.contents import liquid_level_m
+from ..deformation.shapes.mesher import ShellObject
+from ..deformation.shells.shell import enclosed_volume
+from ..deformation.shells.shell_material import MATERIALS
 
 __all__ = ["GripperModel", "Handling", "Load", "object_load", "required_force_N", "wall_density_kg_per_m3"]
 
@@ -30,11 +33,11 @@ class GripperModel:
 
     opening_m: float = 0.11  #: widest
     finger_radius_m: float = 0.01  #: of the patch that touches; 0 is a point
-    most_force_N: float = 60.0  #: of one finger
+    max_force_N: float = 60.0  #: of one finger
     friction: float = 0.6  #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
 
     def __post_init__(self) -> None:
-        for name in ("opening_m", "most_force_N", "friction"):
+        for name in ("opening_m", "max_force_N", "friction"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise InputError("GripperModel", f"found {getattr(self, name)}, expected > 0", field=name)
         if not 0 <= self.finger_radius_m < float("inf"):
@@ -108,20 +111,23 @@ def object_load(
             )
     corners = mesh.vertices_m[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    wall = wall_kg_per_m3 * area * np.asarray(mesh.share) * np.asarray(mesh.thickness_m)
+    wall = wall_kg_per_m3 * area * np.asarray(mesh.fraction) * np.asarray(mesh.thickness_m)
     mass, moment = float(wall.sum()), wall @ corners.mean(axis=1)
     if fill > 0:
         level = mesh.vertices_m[:, 2].min() + liquid_level_m(thing, fill)
         cut = mesh.vertices_m.copy()
         cut[:, 2] = np.minimum(cut[:, 2], level)
         volume, first = 0.0, np.zeros(3)
-        for faces, share in ((mesh.faces, np.asarray(mesh.share)), (thing.lid, np.ones(len(thing.lid)))):
+        for faces, fraction in (
+            (mesh.faces, np.asarray(mesh.fraction)),
+            (thing.lid, np.ones(len(thing.lid))),
+        ):
             a, b, c = (cut[faces[:, k]] for k in range(3))
-            part = share * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
+            part = fraction * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
             volume += float(part.sum())
             # Tetrahedra from the origin: the foot is at z = 0, or has triangles of its own.
             first = first + part @ (a + b + c) / 4
-        if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.share) <= 0:
+        if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) <= 0:
             raise InputError(thing.name, "encloses no volume that could be filled")
         # In a mesh with inner walls the cut is not exactly the share that was asked for.
         liquid = liquid_kg_per_m3 * fill * thing.volume_m3

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..camera import Pose
-from ..deformation import Contents, ShellObject
-from ..deformation.contents import enclosed_gradient, pinch_load
-from ..errors import InputError
-from ..objects import Estimate
+from ..core.camera.pose import Pose
+from ..core.errors import InputError
+from ..core.objects import Estimate
+from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_load
+from ..deformation.shapes.mesher import ShellObject
 from .confirm import pinch_at
 from .score import vertex_normals
 
@@ -26,7 +26,7 @@ __all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
 
 #: Points that are needed for seven unknowns and a residual.
 FEWEST_POINTS = 30
-MOST_ITERATIONS = 40
+MAX_ITERATIONS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +50,7 @@ class ShapeMatch:
     """How an observation agrees with a prediction."""
 
     amplitude: Estimate  #: observed by predicted deformation
-    pose_observed_object: Pose  #: takes the object's frame to that of the cloud
+    T_observed_object: Pose  #: takes the object's frame to that of the cloud
     residual_m: float  #: root mean square distance along the normals, of the points that were used
     used: Bool[np.ndarray, "n"]  #: points that lie on the object
     deformation_m: float  #: observed deformation of one side at the fingers
@@ -81,8 +81,8 @@ def match_shape(
     observed_m: Float[np.ndarray, "n 3"],
     *,
     sigma_m: float = 0.001,
-    most_deformation_m: float = 0.005,
-    pose_observed_object: Pose | None = None,
+    max_deformation_m: float = 0.005,
+    T_observed_object: Pose | None = None,
     pose_sigma_m: float = 0.002,
     pose_sigma_rad: float = 0.05,
     gate_m: float = 0.015,
@@ -97,9 +97,9 @@ def match_shape(
         Points of the outer surface, any part of it; fingers and table may be among them.
     sigma_m
         Standard deviation of a point along the normal.
-    most_deformation_m
+    max_deformation_m
         Bound of the deformation of one side.
-    pose_observed_object
+    T_observed_object
         Where the gripper says that the object is; the cloud is in the object's frame by default.
     pose_sigma_m, pose_sigma_rad
         How well it knows.
@@ -125,20 +125,20 @@ def match_shape(
         )
     for name, value in (
         ("sigma_m", sigma_m),
-        ("most_deformation_m", most_deformation_m),
+        ("max_deformation_m", max_deformation_m),
         ("pose_sigma_m", pose_sigma_m),
         ("pose_sigma_rad", pose_sigma_rad),
         ("gate_m", gate_m),
     ):
         if not 0 < value < float("inf"):
             raise InputError(where, f"found {value}, expected > 0", field=name)
-    start = pose_observed_object or Pose(np.eye(3), np.zeros(3))
+    start = T_observed_object or Pose(np.eye(3), np.zeros(3))
     rotation, shift = np.array(start.rotation), np.array(start.translation_m)
     middle = shape.vertices_m[np.unique(shape.faces)].mean(axis=0)
     prior = np.array([pose_sigma_rad] * 3 + [pose_sigma_m] * 3)
     away = np.zeros(6)
     amplitude, before = 1.0, np.inf
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         local = (points - shift) @ rotation
         near = _on_surface(shape, amplitude, local, finite, gate_m)
         if np.count_nonzero(near.used) < FEWEST_POINTS:
@@ -175,10 +175,10 @@ def match_shape(
     residual = float(np.sqrt(np.mean(near.gap**2)))
     deformation = amplitude * shape.deformation_m
     reason = ""
-    if amplitude - 3 * sigma > 1 and deformation > most_deformation_m:
+    if amplitude - 3 * sigma > 1 and deformation > max_deformation_m:
         reason = (
             f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N, predicted were "
-            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * most_deformation_m:.3g} mm"
+            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * max_deformation_m:.3g} mm"
         )
     elif abs(amplitude - 1) > max(5 * sigma, 0.5):
         kind = "softer" if amplitude > 1 else "stiffer"
@@ -224,15 +224,15 @@ def _on_surface(
     # The plane of the nearest face; where on it says which displacement and which normal.
     gap = np.einsum("ni,ni->n", face_normal[face], local - a[face])
     foot = local - gap[:, None] * face_normal[face]
-    share = np.clip(_barycentric(a[face], b[face], c[face], foot), -0.5, 1.5)
-    share /= share.sum(axis=1, keepdims=True)
+    fraction = np.clip(_barycentric(a[face], b[face], c[face], foot), -0.5, 1.5)
+    fraction /= fraction.sum(axis=1, keepdims=True)
     corners = shape.faces[face]
-    normal = np.einsum("nk,nki->ni", share, normals[corners])
+    normal = np.einsum("nk,nki->ni", fraction, normals[corners])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    on = np.einsum("nk,nki->ni", share, vertices[corners])
+    on = np.einsum("nk,nki->ni", fraction, vertices[corners])
     with np.errstate(invalid="ignore"):
         used = finite & (np.linalg.norm(local - on, axis=1) < gate_m)
-    moved = np.einsum("nk,nki->ni", share, shape.displacement_m[corners])
+    moved = np.einsum("nk,nki->ni", fraction, shape.displacement_m[corners])
     gap = np.einsum("ni,ni->n", normal, local - on)
     return _Near(used, gap[used], normal[used], np.einsum("ni,ni->n", normal, moved)[used])
 

@@ -8,20 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..deformation import (
-    Contents,
-    DualTips,
-    GraspCoupling,
-    ShellModel,
-    ShellObject,
-    couple,
-    detect_symmetry,
-    object_map,
-    opposing_points,
-)
-from ..deformation.contents import enclosed_gradient, tip_approach
-from ..errors import InputError
-from ..objects import StiffnessMap
+from ..core.errors import InputError
+from ..core.objects import StiffnessMap
+from ..deformation.maps.banded_map import object_map
+from ..deformation.maps.grasp_patterns import GraspCoupling, couple
+from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
+from ..deformation.shapes.mesher import ShellObject
+from ..deformation.shapes.symmetry_reduction import detect_symmetry
+from ..deformation.shells.shell import ShellModel
+from ..deformation.shells.stiffness_map import DualTips, opposing_points
 from .confirm import Confirmation, confirm_grasp
 from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
 from .force import GripperModel, Handling, Load, object_load
@@ -34,7 +29,7 @@ ArmCost = Callable[["Grasp"], float]
 #: A grasp that is closer to a better one than so many neighbourhoods is the same grasp.
 APART = 2.0
 #: Grasps that the simulation refuses before the search is given up.
-MOST_REFUSED = 6
+MAX_REFUSED = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +43,7 @@ class GraspTask:
     gripper: GripperModel = field(default_factory=GripperModel)
     handling: Handling = field(default_factory=Handling)
     parameters: ScoreParameters = field(default_factory=ScoreParameters)
-    least_score: float = 0.5  #: S_G of a goal for the arm
+    min_score: float = 0.5  #: S_G of a goal for the arm
     confidence: float = 0.95  #: that the deformation stays below its bound
     load: Load | None = None  #: instead of the one from wall and fill
 
@@ -57,8 +52,8 @@ class GraspTask:
             raise InputError("GraspTask", f"found {self.force_N} N, expected > 0", field="force_N")
         if not 0 <= self.fill <= 1:
             raise InputError("GraspTask", f"found {self.fill}, expected 0 to 1", field="fill")
-        if not 0 <= self.least_score <= 1:
-            raise InputError("GraspTask", f"found {self.least_score}, expected 0 to 1", field="least_score")
+        if not 0 <= self.min_score <= 1:
+            raise InputError("GraspTask", f"found {self.min_score}, expected 0 to 1", field="min_score")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +102,7 @@ class GraspPlan:
         found = self.feasibility.verdict[used]
         if (found == Verdict.FEASIBLE).any():
             best = float(np.max(self.scores.pair[used]))
-            return f"the best score is {best:.2f}, expected at least {self.task.least_score:.2f}"
+            return f"the best score is {best:.2f}, expected at least {self.task.min_score:.2f}"
         # Of what is in front of the fingers at all.
         geometric = (Verdict.NOTHING_OPPOSITE, Verdict.PARTIAL_OVERLAP, Verdict.NEAR_FLOOR)
         rest = found[~np.isin(found, geometric)]
@@ -175,7 +170,7 @@ def plan_grasps(
             grasp.force_N,
             contents=contents,
             headspace_m3=headspace,
-            most_deformation_m=task.parameters.most_deformation_m,
+            max_deformation_m=task.parameters.max_deformation_m,
             friction=task.gripper.friction,
             model=model,
         )
@@ -243,7 +238,7 @@ def _plan(
     kept: list[Grasp] = []
     rejected: list[Grasp] = []
     for goal in goals:
-        if len(kept) == count or len(rejected) > MOST_REFUSED:
+        if len(kept) == count or len(rejected) > MAX_REFUSED:
             break
         if check is None:
             kept.append(goal)
@@ -262,7 +257,7 @@ def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, ta
     points, tips, score = surface.vertices_m, scores.tips, scores.pair
     used = np.zeros(len(points), dtype=bool)
     used[np.asarray(surface.faces)] = True
-    open_: Int[np.ndarray, "g"] = np.flatnonzero(used & found.feasible & (score >= task.least_score))
+    open_: Int[np.ndarray, "g"] = np.flatnonzero(used & found.feasible & (score >= task.min_score))
     tree = cKDTree(points)
     reach = task.parameters.neighbourhood_m
     order = open_[np.lexsort((open_, -np.round(score[open_], 9)))]

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from ..deformation.map_file import check_suffix
-from ..files import atomic_path
+from ..core.files import atomic_path
+from ..deformation.maps.map_file import check_suffix
 from .planner import GraspPlan
 
 __all__ = ["plot_plan", "score_colours"]
@@ -99,7 +99,7 @@ def _draw_profile(axes: Any, plan: GraspPlan) -> None:
     rows = np.flatnonzero(best >= 0)
     for name, values, colour, width in parts:
         axes.plot(values[used][best[rows]], z[best[rows]], color=colour, lw=width, label=name)
-    axes.axvline(plan.task.least_score, color="grey", ls=":", lw=1)
+    axes.axvline(plan.task.min_score, color="grey", ls=":", lw=1)
     for grasp in plan.grasps:
         axes.plot(grasp.score, 1e3 * grasp.first_m[2], "o", color="crimson", ms=5)
     axes.set_xlim(-0.02, 1.02)

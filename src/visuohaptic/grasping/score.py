@@ -23,9 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..deformation import DualTips, ShellMesh, opposing_points
-from ..errors import InputError
-from ..objects import StiffnessMap
+from ..core.errors import InputError
+from ..core.objects import StiffnessMap
+from ..deformation.shells.shell import ShellMesh
+from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
 __all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
 
@@ -41,12 +42,12 @@ class ScoreParameters:
     curvature_weight: float = 5.0  #: w_c
     height_weight: float = 0.5  #: w_h
     deformation_weight: float = 5.0  #: w_d
-    most_deformation_m: float = 0.005  #: delta_max
+    max_deformation_m: float = 0.005  #: delta_max
     neighbourhood_m: float = 0.01  #: d: radius of what a finger touches, by how well the arm aligns
     curvature_unit_m: float = 0.001  #: w_c multiplies 1 / this
 
     def __post_init__(self) -> None:
-        for name in ("most_deformation_m", "neighbourhood_m", "curvature_unit_m"):
+        for name in ("max_deformation_m", "neighbourhood_m", "curvature_unit_m"):
             if not 0 < getattr(self, name) < float("inf"):
                 raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected > 0", field=name)
         for name in ("contact_weight", "curvature_weight", "deformation_weight"):
@@ -137,7 +138,7 @@ def deformation_score(
     deformation_m: Float[np.ndarray, "v"], parameters: ScoreParameters
 ) -> Float[np.ndarray, "v"]:
     """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known."""
-    excess = deformation_m / parameters.most_deformation_m - 1
+    excess = deformation_m / parameters.max_deformation_m - 1
     score = 0.5 - 0.5 * np.tanh(parameters.deformation_weight * excess)
     return np.nan_to_num(_clamped(score), nan=0.0)
 
@@ -222,19 +223,19 @@ def _smallest_quadratic(
 
 
 def _samples(
-    mesh: ShellMesh, most_m2: float
+    mesh: ShellMesh, max_m2: float
 ) -> tuple[Float[np.ndarray, "s 3"], Float[np.ndarray, "s 3"], Float[np.ndarray, "s"]]:
-    """Points all over the surface, each for at most ``most_m2``, with normals and areas."""
+    """Points all over the surface, each for at most ``max_m2``, with normals and areas."""
     a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
     doubled = np.cross(b - a, c - a)
     area = 0.5 * np.linalg.norm(doubled, axis=1)
     unit = doubled / np.maximum(2 * area, 1e-300)[:, None]
-    pieces = np.clip(np.ceil(np.sqrt(area / most_m2)).astype(int), 1, 64)
+    pieces = np.clip(np.ceil(np.sqrt(area / max_m2)).astype(int), 1, 64)
     places, normals, areas = [], [], []
     for n in np.unique(pieces):
         some = pieces == n
-        for share in _centroids(int(n)):
-            places.append(share[0] * a[some] + share[1] * b[some] + share[2] * c[some])
+        for fraction in _centroids(int(n)):
+            places.append(fraction[0] * a[some] + fraction[1] * b[some] + fraction[2] * c[some])
             normals.append(unit[some])
             areas.append(area[some] / n**2)
     return np.concatenate(places), np.concatenate(normals), np.concatenate(areas)
@@ -282,8 +283,8 @@ def _tangents(normal: Float[np.ndarray, "v 3"]) -> tuple[Float[np.ndarray, "v 3"
     return first, np.cross(normal, first)
 
 
-def _factor(share: Float[np.ndarray, "p"]) -> Float[np.ndarray, "p"]:
-    return np.maximum(1 - np.sqrt(share), 0.0)
+def _factor(fraction: Float[np.ndarray, "p"]) -> Float[np.ndarray, "p"]:
+    return np.maximum(1 - np.sqrt(fraction), 0.0)
 
 
 def _clamped(score: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import InputError
-from ..files import write_text
-from .data_set import FeatureSet, load_feature_set, save_feature_set
-from .haptic_model import HapticModel, ModelSettings, calibrated, fit_model
-from .tree_file import load_tree, tree_mapping
-from .tree_nodes import ClassificationTree
+from ..core.errors import InputError
+from ..core.files import write_text
+from .data.data_set import FeatureSet, load_feature_set, save_feature_set
+from .touch.haptic_model import HapticModel, ModelSettings, calibrated, fit_model
+from .trees.tree_file import load_tree, tree_mapping
+from .trees.tree_nodes import ClassificationTree
 
 __all__ = ["Classifier", "load_classifier", "save_classifier"]
 

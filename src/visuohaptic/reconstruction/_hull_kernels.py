@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from ..kernels import kernel
+from ..core.kernels import kernel
 
-__all__ = ["hull_distance", "mask_through", "seen_share", "within_hull"]
+__all__ = ["hull_distance", "mask_through", "seen_fraction", "within_hull"]
 
 
 @kernel(fastmath=True)
@@ -37,8 +37,8 @@ def within_hull(points, planes, reach, out):
 
 
 @kernel
-def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):
-    """Drop readings whose ray was inside a hull for longer than ``least_m`` before it ended.
+def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
+    """Drop readings whose ray was inside a hull for longer than ``min_m`` before it ended.
 
     ``depth`` (h, w) float32 is changed, NaN where dropped; ``planes`` (p, 4) float64 in the frame of the
     camera, ``n . x + o <= 0`` inside; ``rows``, ``columns``: first and last pixel of the hull's picture.
@@ -62,12 +62,12 @@ def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, least_m):
                     leave = -1.0
                 if leave <= enter:
                     break
-            if (leave - enter) * math.sqrt(x * x + y * y + 1.0) > least_m:
+            if (leave - enter) * math.sqrt(x * x + y * y + 1.0) > min_m:
                 depth[i, j] = np.float32(np.nan)
 
 
 @kernel
-def seen_share(blocked, starts, normals, ways, share):
+def seen_fraction(blocked, starts, normals, ways, fraction):
     """Share of the ways, weighted by cosine, on which a point leaves the grid without meeting a blocked cell.
 
     ``starts`` (n, 3) in cells; ``ways`` (k, 3) unit vectors; ``share`` (n) is filled.
@@ -90,4 +90,4 @@ def seen_share(blocked, starts, normals, ways, share):
                 if blocked[i, j, m]:
                     break
                 x, y, z = x + dx, y + dy, z + dz
-        share[r] = open_ / total if total > 0.0 else 0.0
+        fraction[r] = open_ / total if total > 0.0 else 0.0

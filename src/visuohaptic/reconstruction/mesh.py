@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..errors import InputError
-from ..recording.ply import PlyMesh, read_ply, write_ply
+from ..core.errors import InputError
+from ..io.meshes.ply import PlyMesh, read_ply, write_ply
 
 __all__ = ["SurfaceMesh"]
 

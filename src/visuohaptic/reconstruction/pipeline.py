@@ -10,19 +10,19 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ..errors import InputError
-from ..recording.depth_sequence import DepthFrame
-from ..recording.ply import PlyMesh, write_ply
-from .consistency import ConsistencyDetector
-from .fusion import TsdfVolume
+from ..core.errors import InputError
+from ..io.depth.depth_sequence import DepthFrame
+from ..io.meshes.ply import PlyMesh, write_ply
+from .fusion.depth_fusion import TsdfVolume
+from .fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
-from .pose_refinement import refine_poses
-from .ray_statistics import SearchReport
-from .regions import TransparentRegion, outer_points, save_regions
-from .seen_through import without_seen_through
-from .sensor_noise import SENSOR_NOISE, SensorNoise
-from .transparency import TransparencyDetector
-from .volume import SpaceGrid, space_of_interest
+from .transparency.consistency import ConsistencyDetector
+from .transparency.detector import TransparencyDetector
+from .transparency.pose_refinement import refine_poses
+from .transparency.ray_statistics import SearchReport
+from .transparency.refracted_rays import without_seen_through
+from .transparency.regions import TransparentRegion, outer_points, save_regions
 
 __all__ = ["METHODS", "Reconstruction", "reconstruct"]
 

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
-from ..camera import Frame
-from ..closing import Closing
-from ..errors import DeviceError, InputError
-from ..robots import BaseState
+from ..core.camera.frame import Frame
+from ..core.errors import DeviceError, InputError
+from ..core.resources import Closing
+from ..core.robots import BaseState
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .frames import TopicFrames
 from .latest import LatestMessage
-from .mobile_base import base_state
 from .node import RosNode
 from .readers import Reader, load_reader
+from .robots.mobile_base import base_state
 from .sink import RosSink
 
 __all__ = ["Bridge", "SensorReport"]

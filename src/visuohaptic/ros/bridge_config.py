@@ -7,10 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from ..errors import InputError, brief
-from ..files import load_yaml, load_yaml_model
-from .graph import check_node, resolve_name
+from ..core.errors import InputError, brief
+from ..core.files import load_yaml, load_yaml_model
 from .node import ROUTER, RosOptions
+from .wire.graph import check_node, resolve_name
 
 __all__ = ["BridgeConfig", "NodeSection", "SensorSection"]
 

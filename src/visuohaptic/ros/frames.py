@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from ..camera import Camera, Frame
-from ..closing import Closing
-from ..errors import DeviceError, InputError, StaleFrameError
-from ..files import ImageMode, decode_image
-from ..recording.mcap_in import camera_from_message
-from ..recording.ros_image import decode_raw
-from .graph import Qos
+from ..core.camera.frame import Frame
+from ..core.camera.model import Camera
+from ..core.errors import DeviceError, InputError, StaleFrameError
+from ..core.files import ImageMode, decode_image
+from ..core.resources import Closing
+from ..io.frames.mcap_frames import camera_from_message
+from ..io.ros.ros_image import decode_raw
 from .node import Received, RosNode
+from .wire.graph import Qos
 
 __all__ = ["TopicFrames"]
 
@@ -30,7 +31,7 @@ _SENSOR = Qos(reliable=False, depth=5)
 
 
 class TopicFrames(Closing):
-    """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.robots.FrameSource`.
+    """Frames of a ``sensor_msgs/Image`` or ``CompressedImage``; implements :class:`visuohaptic.core.robots.FrameSource`.
 
     The time of a frame is the stamp in its header, or that of sending where the stamp is zero. Its index is the
     sender's number of the message, so that a gap tells that messages were lost or left out.

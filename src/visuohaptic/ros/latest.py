@@ -8,9 +8,9 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ..errors import DeviceError, InputError, StaleFrameError, VisuohapticError
-from .graph import Qos
+from ..core.errors import DeviceError, InputError, StaleFrameError, VisuohapticError
 from .node import Received, RosNode
+from .wire.graph import Qos
 
 __all__ = ["LatestMessage", "Repeater", "finite"]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..objects import ForceProfile
-from ..recording.ros_messages import header
+from ..core.measurement import ForceProfile
+from ..io.ros.ros_messages import header
 
 __all__ = ["arrow", "contact_markers"]
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..closing import Closing
-from ..errors import DeviceError, InputError, MissingExtraError, VisuohapticError
-from ._gid import publisher_gid
-from .attachment import Attachment
-from .cdr import decode, encode
-from .graph import Entity, EntityKind, Qos, all_tokens, check_node, resolve_name, topic_key
-from .message_type import NO_HASH, MessageType, message_type
+from ..core.errors import DeviceError, InputError, MissingExtraError, VisuohapticError
+from ..core.resources import Closing
+from .wire._gid import publisher_gid
+from .wire.attachment import Attachment
+from .wire.cdr import decode, encode
+from .wire.graph import Entity, EntityKind, Qos, all_tokens, check_node, resolve_name, topic_key
+from .wire.message_types import NO_HASH, MessageType, message_type
 
 if TYPE_CHECKING:
     import zenoh

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from ..camera import Camera, Frame
-from ..errors import StaleFrameError
-from ..objects import Reason
-from ..recording import MeasurementSink
-from ..recording import ros_messages as ros
+from ..core.camera.frame import Frame
+from ..core.camera.model import Camera
+from ..core.errors import StaleFrameError
+from ..core.measurement import Reason
+from ..io.ros import ros_messages as ros
+from ..io.sinks.measurement_sink import MeasurementSink
 from .markers import contact_markers
 
 if TYPE_CHECKING:
-    from ..robots import MobileBase
-    from ..sensing.beam import TrackedBeam
-    from ..sensing.foam import FoamSensor
-    from ..sensing.scene_file import SceneSetup
+    from ..core.robots import MobileBase
+    from ..sensing.beam.tracked import TrackedBeam
+    from ..sensing.foam.sensor import FoamSensor
+    from ..sensing.scene.scene_file import SceneSetup
 
 __all__ = ["BeamReader", "FoamReader", "Reader", "SceneReader", "load_reader"]
 
@@ -59,7 +60,7 @@ class FoamReader:
     """Force and shape of a foam strip, with contact events and arrows."""
 
     def __init__(self, sensor: FoamSensor, name: str) -> None:
-        from ..sensing.events import ContactEvents
+        from ..sensing.push.events import ContactEvents
 
         self.name, self._sensor, self._events = name, sensor, ContactEvents()
         self.base: MobileBase | None = None
@@ -81,7 +82,7 @@ class FoamReader:
 
     def read(self, frame: Frame, sink: MeasurementSink) -> Reason:
         """Wrench, diagnostics, profile, contact, arrows and events."""
-        from ..objects import EventKind
+        from ..core.measurement import EventKind
 
         profile = self._sensor.read(frame)
         speed = _speed(self.base)
@@ -132,7 +133,7 @@ class BeamReader:
 
     def blank(self, t_s: float, sink: MeasurementSink) -> None:
         """A stale wrench."""
-        from ..objects import Wrench
+        from ..core.measurement import Wrench
 
         nothing = np.full(3, np.nan)
         sink.write_wrench(
@@ -171,7 +172,7 @@ class SceneReader:
 
     def read(self, frame: Frame, sink: MeasurementSink) -> Reason:
         """Pose and diagnostics; with a foam sensor what that measures."""
-        from ..sensing.scene_record import write_scene
+        from ..sensing.scene.scene_record import write_scene
 
         profile = self._foam.read(frame) if self._foam is not None else None
         reading = self._tracker.update(frame, profile, _state(self.base))
@@ -194,7 +195,8 @@ class SceneReader:
 
 
 def _zeroed_foam(setup: Any) -> FoamSensor:
-    from ..sensing.foam import FoamSensor, ZeroReference
+    from ..sensing.foam.sensor import FoamSensor
+    from ..sensing.foam.strip.zero import ZeroReference
 
     zero = None
     if setup.zero_path.exists():
@@ -226,14 +228,14 @@ def load_reader(kind: str, path: Path, name: str) -> Reader:
         The file, or one that it names, cannot be used.
     """
     if kind == "foam":
-        from ..sensing.foam import load_sensor
+        from ..sensing.foam.finger import load_sensor
 
         return FoamReader(load_sensor(path), name)
     if kind == "beam":
-        from ..sensing.beam import TrackedBeam
+        from ..sensing.beam.tracked import TrackedBeam
 
         # A live camera must not wait for the detector.
         return BeamReader(TrackedBeam.load(path, threaded=True), name)
-    from ..sensing.scene_file import SceneConfig
+    from ..sensing.scene.scene_file import SceneConfig
 
     return SceneReader(SceneConfig.load(path), name, np.random.default_rng(0))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
-from ..recording import MeasurementSink
-from .graph import Qos
+from ..io.sinks.measurement_sink import MeasurementSink
 from .node import RosNode, RosPublisher
+from .wire.graph import Qos
 
 __all__ = ["RosSink"]
 
@@ -16,7 +16,7 @@ _LATCHED = {"nav_msgs/msg/OccupancyGrid", "visualization_msgs/msg/MarkerArray"}
 
 
 class RosSink(MeasurementSink):
-    """Publishes what :class:`visuohaptic.recording.MeasurementWriter` would write.
+    """Publishes what :class:`visuohaptic.io.sinks.MeasurementWriter` would write.
 
     Topics are in the node's namespace: ``/foam/wrench`` of a recording is ``/robot1/foam/wrench`` of a node in
     ``/robot1``.

@@ -2,7 +2,7 @@
 
 Whatever a task is told through these wrappers may be wrong; what the simulated
 world does stays true. Slip in the hand and falling objects are switches of
-the worlds themselves (:class:`~visuohaptic.simulation.kitchen.KitchenTable`).
+the worlds themselves (:class:`~visuohaptic.simulation.tabletop.kitchen.KitchenTable`).
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Int8
 
-from ..camera import Camera, Frame
-from ..closing import Closing
-from ..errors import InputError
-from ..robots import BaseState, FrameSource, MobileBase
+from ..core.camera.frame import Frame
+from ..core.camera.model import Camera
+from ..core.errors import InputError
+from ..core.resources import Closing
+from ..core.robots import BaseState, FrameSource, MobileBase
 
 __all__ = [
     "FaultKind",
@@ -45,10 +46,10 @@ class FaultKind(StrEnum):
     LOST_POSE = "lost_pose"
 
 
-def _check_shares(where: object, **shares: float) -> None:
-    for name, share in shares.items():
-        if not 0.0 <= share <= 1.0:
-            raise InputError(type(where).__name__, f"found {share}, expected 0 to 1", field=name)
+def _check_fractions(where: object, **fractions: float) -> None:
+    for name, fraction in fractions.items():
+        if not 0.0 <= fraction <= 1.0:
+            raise InputError(type(where).__name__, f"found {fraction}, expected 0 to 1", field=name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,7 @@ class FrameFaults:
     end_at_s: float = math.inf  #: the cable is pulled
 
     def __post_init__(self) -> None:
-        _check_shares(self, drop=self.drop, duplicate=self.duplicate, late=self.late)
+        _check_fractions(self, drop=self.drop, duplicate=self.duplicate, late=self.late)
         if self.late_frames < 1 or not self.light_s > 0:
             raise InputError(
                 "FrameFaults",
@@ -147,8 +148,8 @@ class FaultyFrames(Closing):
             matrix[:, 2] += f.bump_px
             image = cv2.warpAffine(image, matrix, (columns, rows), borderMode=cv2.BORDER_REPLICATE)
         if age >= f.light_at_s:
-            share = min(1.0, (age - f.light_at_s) / f.light_s)
-            gain, offset = 1.0 + share * (f.light_gain - 1.0), share * f.light_offset
+            fraction = min(1.0, (age - f.light_at_s) / f.light_s)
+            gain, offset = 1.0 + fraction * (f.light_gain - 1.0), fraction * f.light_offset
             image = np.clip(np.rint(gain * image.astype(np.float32) + offset), 0, 255).astype(image.dtype)
         return frame if image is frame.image else replace(frame, image=image)
 
@@ -163,14 +164,14 @@ class PoseFaults:
     freeze_s: float = math.inf
     slip_at_s: float = math.inf  #: the wheels slip then: odometry counts on, the platform stays behind
     slip_s: float = 1.0
-    slip_share: float = 0.5  #: of the told speed that is lost
+    slip_fraction: float = 0.5  #: of the told speed that is lost
 
 
 class FaultyBase:
     """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip."""
 
     def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
-        _check_shares(faults, slip_share=faults.slip_share)
+        _check_fractions(faults, slip_fraction=faults.slip_fraction)
         self._base, self.faults = base, faults
         self._start_s = base.state().t_s
         self._frozen: BaseState | None = None
@@ -217,7 +218,7 @@ class FaultyBase:
     def _slip(self) -> float:
         age = self._base.state().t_s - self._start_s
         f = self.faults
-        return f.slip_share if f.slip_at_s <= age < f.slip_at_s + f.slip_s else 0.0
+        return f.slip_fraction if f.slip_at_s <= age < f.slip_at_s + f.slip_s else 0.0
 
 
 def wrong_map(

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Sequence
 from typing import Any
 
-from ..errors import InputError, VisuohapticError
+from ..core.errors import InputError, VisuohapticError
 from .server import Page, markdown_text
 from .stage import Stage, View
 

@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..deformation import class_names, load_map, load_object
-from ..errors import InputError
-from ..files import read_text
-from ..grasping import GraspTask
+from ..core.errors import InputError
+from ..core.files import read_text
+from ..deformation.maps.map_file import load_map
+from ..deformation.shapes.container import class_names
+from ..deformation.shapes.load_shell import load_object
+from ..grasping.planner import GraspTask
 from .map_view import MapView
 from .object_view import ObjectView
 from .stage import View
@@ -21,7 +23,7 @@ __all__ = ["open_views"]
 
 _MAP_PICTURES = {".png", ".pgm", ".bmp"}
 _MESHES = {".stl", ".obj", ".glb", ".dae"}
-_MOST_BYTES = 64 << 20
+_MAX_BYTES = 64 << 20
 
 
 def open_views(sources: Sequence[Path | str], task: GraspTask | None = None) -> list[View]:
@@ -51,7 +53,7 @@ def _view(path: Path, task: GraspTask | None) -> View:
     if kind == ".npz":
         return ObjectView(path.stem, load_map(path), task=task)
     if kind == ".ply":
-        from ..recording.ply import read_ply
+        from ..io.meshes.ply import read_ply
 
         return SurfaceView(path.name, read_ply(path))
     if kind in _MESHES or (not kind and str(path) in class_names()):
@@ -72,25 +74,25 @@ def _view(path: Path, task: GraspTask | None) -> View:
 
 
 def _map_view(path: Path) -> MapView:
-    from ..recording import OccupancyMap
+    from ..io.maps.occupancy_map import OccupancyMap
 
     return MapView(path.name, OccupancyMap.load(path))
 
 
 def _is_map(path: Path) -> bool:
     """map_server's YAML names a picture; a container has sections."""
-    return any(line.startswith("image:") for line in read_text(path, _MOST_BYTES).splitlines())
+    return any(line.startswith("image:") for line in read_text(path, _MAX_BYTES).splitlines())
 
 
 def _json_view(path: Path) -> View:
     try:
-        data: Any = json.loads(read_text(path, _MOST_BYTES))
+        data: Any = json.loads(read_text(path, _MAX_BYTES))
     except (json.JSONDecodeError, RecursionError) as error:
         raise InputError(path, f"is not JSON ({error})") from error
     if isinstance(data, Mapping) and "steps" in data:
         return _steps(path, data)
     if isinstance(data, Mapping) and "tasks" in data:
-        from ..navigation.plan import plan_from_json
+        from ..navigation.problem.path_plan import plan_from_json
 
         return MapView(path.name, plan=plan_from_json(data, where=str(path)))
     raise InputError(path, "found neither tasks of a plan nor steps of a classification")

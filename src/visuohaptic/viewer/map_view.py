@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..navigation.plan import Plan
-from ..recording import OccupancyMap
+from ..io.maps.occupancy_map import OccupancyMap
+from ..navigation.problem.path_plan import Plan
 from .map_layer import draw_map
 from .server import markdown_text
 from .stage import Stage

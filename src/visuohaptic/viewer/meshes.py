@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..errors import InputError
+from ..core.errors import InputError
 
 __all__ = ["columns", "pressure_colours", "prism"]
 
@@ -80,7 +80,7 @@ def columns(
 
 def pressure_colours(pressure_Pa: Float[np.ndarray, "K"], full_Pa: float) -> UInt8[np.ndarray, "K 3"]:
     """Colour of each point: pale at rest, red at ``full_Pa`` and beyond; grey where it is not known."""
-    share = np.clip(np.nan_to_num(pressure_Pa) / full_Pa, 0.0, 1.0)[:, None]
-    colours = REST_RGB + share * (FULL_RGB - REST_RGB)
+    fraction = np.clip(np.nan_to_num(pressure_Pa) / full_Pa, 0.0, 1.0)[:, None]
+    colours = REST_RGB + fraction * (FULL_RGB - REST_RGB)
     colours[~np.isfinite(pressure_Pa)] = 150.0
     return np.round(colours).astype(np.uint8)

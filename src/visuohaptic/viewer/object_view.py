@@ -9,20 +9,17 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..deformation import Contents, ShellObject, object_map
-from ..deformation.map_file import colours
-from ..errors import VisuohapticError
-from ..grasping import (
-    GraspPlan,
-    GraspTask,
-    confirm_grasp,
-    grasp_scores,
-    plan_grasps,
-    plan_map,
-    predicted_shape,
-)
+from ..core.errors import VisuohapticError
+from ..core.objects import StiffnessMap
+from ..deformation.maps.banded_map import object_map
+from ..deformation.maps.map_file import colours
+from ..deformation.nonlinear.contents import Contents
+from ..deformation.shapes.mesher import ShellObject
+from ..grasping.confirm import confirm_grasp
+from ..grasping.match import predicted_shape
+from ..grasping.planner import GraspPlan, GraspTask, plan_grasps, plan_map
 from ..grasping.plots import score_colours
-from ..objects import StiffnessMap
+from ..grasping.score import grasp_scores
 from .server import markdown_text
 from .stage import Stage, hit_face
 
@@ -109,8 +106,8 @@ class ObjectView:
         if not nonlinear:
             shape = predicted_shape(self.thing, vertex, self.force_N, contents)
             return replace(picked, shape_m=shape.points_m)
-        limit = self.task.parameters.most_deformation_m
-        said = confirm_grasp(self.thing, vertex, self.force_N, contents=contents, most_deformation_m=limit)
+        limit = self.task.parameters.max_deformation_m
+        said = confirm_grasp(self.thing, vertex, self.force_N, contents=contents, max_deformation_m=limit)
         return replace(
             picked,
             curve_m=said.curve_m,

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int8, UInt8
 
-from ..camera import Pose
-from ..errors import InputError
-from ..objects import ForceProfile, HapticTag
+from ..core.camera.pose import Pose
+from ..core.errors import InputError
+from ..core.measurement import ForceProfile
+from ..core.objects import HapticTag
 from .map_layer import draw_map
 from .meshes import columns, pressure_colours, prism
 from .server import Page, markdown_text, quaternion
@@ -129,7 +130,7 @@ class LivePage(Page):
         self,
         name: str,
         outline_m: Float[np.ndarray, "n 2"],
-        pose_world_object: Pose,
+        T_world_object: Pose,
         *,
         height_m: float = 0.3,
         fixed: bool | None = None,
@@ -137,9 +138,9 @@ class LivePage(Page):
         """Show an obstacle, or move it when it is there already.
 
         ``outline_m`` is its outline on the floor in its own frame, of which
-        ``pose_world_object`` gives the place.
+        ``T_world_object`` gives the place.
         """
-        position, wxyz = tuple(pose_world_object.translation_m), quaternion(pose_world_object.rotation)
+        position, wxyz = tuple(T_world_object.translation_m), quaternion(T_world_object.rotation)
         if (handle := self._obstacles.get(name)) is not None:
             handle.position, handle.wxyz = position, wxyz
             return
@@ -174,7 +175,7 @@ class LivePage(Page):
         frame_bgr: UInt8[np.ndarray, "rows columns *colour"] | None = None,
         profile: ForceProfile | None = None,
         truth_N: float | None = None,
-        pose_world_foam: Pose | None = None,
+        T_world_foam: Pose | None = None,
         contours_foam_m: tuple[Float[np.ndarray, "K 2"], Float[np.ndarray, "K 2"]] | None = None,
         note: str = "",
     ) -> bool:
@@ -190,7 +191,7 @@ class LivePage(Page):
             What the sensor read.
         truth_N
             True force, where there is one.
-        pose_world_foam
+        T_world_foam
             Where the sensor's frame F is: moves the platform and the strip.
         contours_foam_m
             Back and front contour in F, one point per point of the profile;
@@ -216,9 +217,9 @@ class LivePage(Page):
         with self._server.atomic():
             if frame_bgr is not None:
                 self._picture.image = _small_rgb(frame_bgr)
-            if pose_world_foam is not None:
-                self._foam.position = tuple(pose_world_foam.translation_m)
-                self._foam.wxyz = quaternion(pose_world_foam.rotation)
+            if T_world_foam is not None:
+                self._foam.position = tuple(T_world_foam.translation_m)
+                self._foam.wxyz = quaternion(T_world_foam.rotation)
                 self._foam.visible = True
             if profile is not None:
                 self._status.content = _status_line(t_s, profile, truth_N, note)

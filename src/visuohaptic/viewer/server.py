@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from ..closing import Closing
-from ..errors import DeviceError, MissingExtraError
+from ..core.errors import DeviceError, MissingExtraError
+from ..core.resources import Closing
 
 if TYPE_CHECKING:
     import viser

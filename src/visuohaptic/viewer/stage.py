@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from ..errors import MissingExtraError
+from ..core.errors import MissingExtraError
 
 __all__ = ["Stage", "View", "hit_face", "scale_colours"]
 
@@ -129,8 +129,8 @@ def hit_face(
 
 def scale_colours(values: Float[np.ndarray, "v"], low: float, high: float) -> UInt8[np.ndarray, "v 3"]:
     """Pale at ``low``, dark red at ``high``; grey where it is not known."""
-    share = np.clip((values - low) / max(high - low, 1e-300), 0, 1)
-    place = np.nan_to_num(share) * (len(_SCALE) - 1)
+    fraction = np.clip((values - low) / max(high - low, 1e-300), 0, 1)
+    place = np.nan_to_num(fraction) * (len(_SCALE) - 1)
     out = np.stack([np.interp(place, np.arange(len(_SCALE)), _SCALE[:, k]) for k in range(3)], axis=1)
     out[~np.isfinite(values)] = 150.0
     return out.round().astype(np.uint8)

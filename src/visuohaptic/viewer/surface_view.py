@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
-from ..recording.ply import PlyMesh
+from ..core.errors import InputError
+from ..io.meshes.ply import PlyMesh
 from .server import markdown_text
 from .stage import Stage, scale_colours
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, TemplatePose
-from visuohaptic.simulation.rod_rig import POSE_NOISE, RodRig, noisy_pose
+from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
 
 
 class Bench:
@@ -18,7 +18,7 @@ class Bench:
         self.covariance = (noise or POSE_NOISE[0.3]).covariance
         self.setup = BeamSetup(
             {name: xi for name, (xi, _) in self.rig.mounts.items()},
-            self.rig.pose_sensor_reference.inverse(),
+            self.rig.T_sensor_reference.inverse(),
             self.beam,
             **setup,
         )
@@ -48,7 +48,7 @@ class Bench:
                 rest
                 if rng is None
                 else [
-                    TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+                    TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
                     for t in rest
                 ],
             )

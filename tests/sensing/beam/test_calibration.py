@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError
+from visuohaptic.core import CalibrationError
 from visuohaptic.sensing.beam import (
     Beam,
     Correction,
@@ -17,8 +17,7 @@ from visuohaptic.sensing.beam import (
     prior_correction,
     read_loads,
 )
-from visuohaptic.simulation.rod import ElasticRod
-from visuohaptic.simulation.rod_rig import RodRig
+from visuohaptic.simulation.beam import ElasticRod, RodRig
 
 BEAM = Beam()
 #: Half a millimetre longer, 0.7 % thinner, softer: compliant by 1.3 % + 2.7 % + 1.5 % more.
@@ -32,9 +31,9 @@ def session(axes=range(6), steps=(-1, -0.5, 0, 0.5, 1)):
     """Loads of each axis, both ways."""
     loads = []
     for axis in axes:
-        for share in steps:
+        for fraction in steps:
             load = np.zeros(6)
-            load[axis] = share * REACH[axis]
+            load[axis] = fraction * REACH[axis]
             loads.append(load)
     return np.array(loads)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Pose
 from visuohaptic.sensing.beam import Beam, SectionMotion, estimate_wrench, relative_poses, section_motion
-from visuohaptic.simulation.rod_rig import RodRig
+from visuohaptic.simulation.beam import RodRig
 
 BEAM = Beam()
 #: Largest load of each axis that this file puts on: below 0.9 of the yield stress.
@@ -19,22 +19,22 @@ def observe(bench, wrench, rng=None, names=None):
     def relative(templates):
         reference, *others = templates
         chosen = [t for t in others if names is None or t.name in names]
-        return relative_poses(reference.pose_camera_template, reference.covariance, chosen)
+        return relative_poses(reference.T_camera_template, reference.covariance, chosen)
 
     rest = relative(bench.templates(np.zeros(6)))
     # A zero that is far better than a frame.
     rest = type(rest)(rest.names, rest.poses, 1e-4 * rest.covariance, rest.shared)
     setup = bench.setup
     return section_motion(
-        relative(bench.templates(wrench, rng)), rest, setup.xi, setup.pose_reference_sensor, BEAM.length_m
+        relative(bench.templates(wrench, rng)), rest, setup.xi, setup.T_reference_sensor, BEAM.length_m
     )
 
 
 @pytest.mark.parametrize("axis", range(6))
-@pytest.mark.parametrize("share", [-1.0, 0.3, 1.0])
-def test_each_axis_alone_reads_itself_and_nothing_else(bench, axis, share):
+@pytest.mark.parametrize("fraction", [-1.0, 0.3, 1.0])
+def test_each_axis_alone_reads_itself_and_nothing_else(bench, axis, fraction):
     wrench = np.zeros(6)
-    wrench[axis] = share * LOADS[axis]
+    wrench[axis] = fraction * LOADS[axis]
     found = estimate_wrench(BEAM, observe(bench, wrench))
     # The simulated rod shears, this one does not: 8e-5 of the bending.
     assert (np.abs(found.wrench - wrench) < 5e-4 * LOADS).all()
@@ -123,23 +123,23 @@ _BENT = {}
 def observe_fast(bench, wrench, rng):
     """As observe with noise, bending the rod only once."""
     from visuohaptic.sensing.beam import TemplatePose
-    from visuohaptic.simulation.rod_rig import noisy_pose
+    from visuohaptic.simulation.beam import noisy_pose
 
     key = tuple(wrench)
     if key not in _BENT:
         _BENT[key] = bench.templates(wrench), bench.templates(np.zeros(6))
     now, rest = _BENT[key]
     reference, *others = [
-        TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance) for t in now
+        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance) for t in now
     ]
-    still = relative_poses(rest[0].pose_camera_template, rest[0].covariance, rest[1:])
+    still = relative_poses(rest[0].T_camera_template, rest[0].covariance, rest[1:])
     still = type(still)(still.names, still.poses, 1e-6 * still.covariance, still.shared)
     setup = bench.setup
     return section_motion(
-        relative_poses(reference.pose_camera_template, reference.covariance, others),
+        relative_poses(reference.T_camera_template, reference.covariance, others),
         still,
         setup.xi,
-        setup.pose_reference_sensor,
+        setup.T_reference_sensor,
         BEAM.length_m,
     )
 

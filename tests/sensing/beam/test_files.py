@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from visuohaptic.cli.main import main
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.files import save_yaml
-from visuohaptic.objects import Reason
-from visuohaptic.recording import read_wrench_table
+from visuohaptic.core import CalibrationError, InputError, Reason
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.sinks import read_wrench_table
 from visuohaptic.sensing.beam import (
     Beam,
     BeamSensorConfig,
@@ -23,7 +22,7 @@ from visuohaptic.sensing.beam import (
     save_beam,
     write_template_poses,
 )
-from visuohaptic.simulation.rod_rig import noisy_pose
+from visuohaptic.simulation.beam import noisy_pose
 
 AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
@@ -32,13 +31,13 @@ AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 def folder(bench, tmp_path):
     """A sensor on the disk: beam, configuration, poses at rest and of a push."""
     save_beam(tmp_path / "beam.yaml", Beam())
-    pose = bench.setup.pose_reference_sensor
+    pose = bench.setup.T_reference_sensor
     save_yaml(
         tmp_path / "sensor.yaml",
         {
             "kind": "beam",
             "templates": [{"name": "middle", "xi": 0.5}, {"name": "tip", "xi": 1.0}],
-            "pose_reference_sensor": {
+            "T_reference_sensor": {
                 "translation_m": [float(v) for v in pose.translation_m],
                 "quaternion_xyzw": [float(v) for v in pose.quaternion_xyzw],
             },
@@ -52,7 +51,7 @@ def folder(bench, tmp_path):
             yield (
                 start + k / 30,
                 [
-                    TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+                    TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
                     for t in templates
                 ],
             )
@@ -88,7 +87,7 @@ def test_from_poses_to_a_table_and_a_recording(folder, capsys):
 
 
 def test_loads_become_a_calibration(folder, capsys):
-    loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * share for share in (-1, -0.5, 0, 0.5, 1)])
+    loads = np.vstack([np.diag([2, 1, 1, 0.05, 0.1, 0.1]) * fraction for fraction in (-1, -0.5, 0, 0.5, 1)])
     read = loads * 1.03 + np.random.default_rng(2).normal(0, 1e-4, loads.shape)
     names = [*AXES, *(f"read_{name}" for name in AXES)]
     rows = [",".join(names)] + [",".join(f"{v:.9g}" for v in row) for row in np.hstack([loads, read])]
@@ -113,8 +112,8 @@ def test_poses_survive_the_file(folder):
     lost = TemplatePose.missing("tip", Reason.OCCLUDED)
     write_template_poses(folder / "again.csv", [(0.0, [*frames[0][1][:2], lost])])
     ((_, templates),) = read_template_poses(folder / "again.csv")
-    assert templates[0].pose_camera_template.matrix == pytest.approx(
-        frames[0][1][0].pose_camera_template.matrix, abs=1e-14
+    assert templates[0].T_camera_template.matrix == pytest.approx(
+        frames[0][1][0].T_camera_template.matrix, abs=1e-14
     )
     assert templates[0].covariance == pytest.approx(frames[0][1][0].covariance)
     assert templates[2].reason is Reason.OCCLUDED

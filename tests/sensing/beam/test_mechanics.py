@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
 from visuohaptic.sensing.beam import Beam, compliance, plane_inverse, shortening, stress_ratio
-from visuohaptic.simulation.rod import ElasticRod
+from visuohaptic.simulation.beam import ElasticRod
 
 BEAM = Beam()
 

@@ -5,31 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Reason
+from visuohaptic.core import InputError, Reason
+from visuohaptic.core.camera import Pose
 from visuohaptic.sensing.beam import TemplatePose, relative_poses, section_motion
-from visuohaptic.simulation.rod_rig import noisy_pose
+from visuohaptic.simulation.beam import noisy_pose
 
 WRENCH = np.array([1.0, 1.5, -0.7, 0.03, 0.02, 0.05])
 
 
 def relative(templates):
     reference, *others = templates
-    return relative_poses(reference.pose_camera_template, reference.covariance, others)
+    return relative_poses(reference.T_camera_template, reference.covariance, others)
 
 
 def motion(bench, templates, rest):
     setup = bench.setup
-    return section_motion(
-        relative(templates), rest, setup.xi, setup.pose_reference_sensor, setup.beam.length_m
-    )
+    return section_motion(relative(templates), rest, setup.xi, setup.T_reference_sensor, setup.beam.length_m)
 
 
 def test_sections_move_as_the_rod_does_whatever_the_mount_and_the_view(bench):
     rest = relative(bench.templates(np.zeros(6)))
     state = bench.bend(WRENCH)
-    view = Pose.from_rotation_vector([0.4, -0.2, 1.0], [0.05, -0.02, 0.4]) @ bench.rig.pose_camera_sensor
+    view = Pose.from_rotation_vector([0.4, -0.2, 1.0], [0.05, -0.02, 0.4]) @ bench.rig.T_camera_sensor
     for seen_from in (None, view):
         found = motion(bench, bench.templates(WRENCH, view=seen_from), rest)
         for k, xi in enumerate(found.xi):
@@ -49,7 +46,7 @@ def test_the_declared_covariance_is_that_of_many_frames(bench):
 
     def shaken(templates):
         return [
-            TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+            TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
             for t in templates
         ]
 
@@ -78,8 +75,8 @@ def test_templates_can_be_taken_out(bench):
 def test_a_pose_without_covariance_is_refused(bench):
     reference, tip, _ = bench.templates(np.zeros(6))
     with pytest.raises(InputError, match="no pose; leave it out"):
-        relative_poses(reference.pose_camera_template, reference.covariance, [TemplatePose.missing("tip")])
-    bad = TemplatePose("tip", tip.pose_camera_template, np.full((6, 6), np.nan))
+        relative_poses(reference.T_camera_template, reference.covariance, [TemplatePose.missing("tip")])
+    bad = TemplatePose("tip", tip.T_camera_template, np.full((6, 6), np.nan))
     with pytest.raises(InputError, match="not 6 x 6 numbers"):
-        relative_poses(reference.pose_camera_template, reference.covariance, [bad])
+        relative_poses(reference.T_camera_template, reference.covariance, [bad])
     assert TemplatePose.missing("tip").reason is Reason.LOST

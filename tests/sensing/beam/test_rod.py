@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from visuohaptic.errors import InputError
+from visuohaptic.core import InputError
 from visuohaptic.sensing.beam import Beam, bend_rod, compliance, rod_from_base
-from visuohaptic.simulation.rod import ElasticRod
+from visuohaptic.simulation.beam import ElasticRod
 
 BEAM = Beam()
 XI = np.array([0.3, 0.5, 1.0])
 
 
-def random_wrench(rng, share=0.5):
-    return rng.uniform(-share, share, 6) * BEAM.full_scale * [0.5, 0.5, 0.5, 1, 0.3, 0.3]
+def random_wrench(rng, fraction=0.5):
+    return rng.uniform(-fraction, fraction, 6) * BEAM.full_scale * [0.5, 0.5, 0.5, 1, 0.3, 0.3]
 
 
 def twin(base, xi):

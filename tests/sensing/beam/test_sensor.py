@@ -5,16 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Pose
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.objects import Reason
+from visuohaptic.core import CalibrationError, InputError, Reason
+from visuohaptic.core.camera import Pose
 from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, SteadyReference, TemplatePose
-from visuohaptic.simulation.rod_rig import POSE_NOISE, RodRig, noisy_pose
+from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
 
 
 def shaken(templates, rng):
     return [
-        TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
         for t in templates
     ]
 
@@ -98,7 +97,7 @@ def test_camera_and_sensor_may_move(bench, vector):
     for k in range(5):
         view = (
             Pose.from_rotation_vector(rng.normal(0, 0.2, 3), rng.normal(0, 0.03, 3))
-            @ bench.rig.pose_camera_sensor
+            @ bench.rig.T_camera_sensor
         )
         found = vector(sensor.read(k / 30, bench.templates(wrench, view=view)).wrench)
         assert (np.abs(found - wrench) < 1e-3 * bench.beam.full_scale).all()
@@ -154,7 +153,7 @@ class TestFaults:
     def test_a_template_that_came_loose(self, bench, load):
         sensor = bench.sensor()
         reference, middle, tip = bench.templates([0, load, 0, 0, 0, 0])
-        pose = tip.pose_camera_template
+        pose = tip.T_camera_template
         place = pose.translation_m + np.array([0, 0, 2e-3])
         slipped = TemplatePose("tip", Pose(pose.rotation, place), tip.covariance)
         reading = sensor.read(1.0, [reference, middle, slipped])
@@ -172,7 +171,7 @@ class TestFaults:
         sensor = bench.sensor(np.random.default_rng(1))
         still = bench.templates(np.zeros(6))
         assert sensor.read(1.0, still).wrench.valid
-        bumped = Pose.from_rotation_vector([0, 0, 0.002], [3e-4, 0, 0]) @ bench.rig.pose_camera_sensor
+        bumped = Pose.from_rotation_vector([0, 0, 0.002], [3e-4, 0, 0]) @ bench.rig.T_camera_sensor
         moved = bench.templates(np.zeros(6), view=bumped)
         reasons = [sensor.read(2 + k / 30, moved).wrench.reason for k in range(8)]
         assert reasons[:5] == [Reason.MOVED] * 5
@@ -192,7 +191,7 @@ class TestFaults:
                 templates[victim] = TemplatePose.missing(hurt.name)
             elif kind == 2:
                 off = Pose.from_rotation_vector(rng.normal(0, 0.05, 3), rng.normal(0, 5e-3, 3))
-                templates[victim] = TemplatePose(hurt.name, hurt.pose_camera_template @ off, hurt.covariance)
+                templates[victim] = TemplatePose(hurt.name, hurt.T_camera_template @ off, hurt.covariance)
             elif kind == 3:
                 templates = templates[1:]
             reading = sensor.read(100 + k, templates)
@@ -207,7 +206,7 @@ class TestFaults:
 def test_zeroing_a_shaken_steady_view_is_refused(make_bench):
     bench = make_bench(view="steady")
     still = bench.templates(np.zeros(6))
-    bumped = Pose.from_rotation_vector([0, 0, 0], [1e-3, 0, 0]) @ bench.rig.pose_camera_sensor
+    bumped = Pose.from_rotation_vector([0, 0, 0], [1e-3, 0, 0]) @ bench.rig.T_camera_sensor
     frames = [(0.0, still), (0.1, still), (0.2, bench.templates(np.zeros(6), view=bumped))]
     with pytest.raises(CalibrationError, match="the reference moved in the view"):
         BeamSensor(bench.setup).zero(frames)
@@ -216,7 +215,7 @@ def test_zeroing_a_shaken_steady_view_is_refused(make_bench):
 def test_a_steady_reference_gets_better():
     rng = np.random.default_rng(2)
     covariance = POSE_NOISE[0.3].covariance
-    pose = RodRig().pose_camera_sensor
+    pose = RodRig().T_camera_sensor
     reference = SteadyReference(50)
     for _ in range(50):
         assert reference.update(noisy_pose(pose, covariance, rng), covariance) is Reason.OK
@@ -255,7 +254,7 @@ def test_a_template_that_comes_loose_by_any_amount_is_never_silently_wrong(make_
         victim, size = int(rng.integers(1, 3)), rng.choice([0.02, 0.1, 0.3, 1.0])
         off = Pose.from_rotation_vector(rng.normal(0, 0.05 * size, 3), rng.normal(0, 5e-3 * size, 3))
         hurt = templates[victim]
-        templates[victim] = TemplatePose(hurt.name, hurt.pose_camera_template @ off, hurt.covariance)
+        templates[victim] = TemplatePose(hurt.name, hurt.T_camera_template @ off, hurt.covariance)
         found = BeamSensor(bench.setup, zero).read(1.0, templates).wrench
         if found.valid:
             accepted += 1

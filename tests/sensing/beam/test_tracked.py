@@ -10,14 +10,14 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Frame
 from visuohaptic.cli.main import main
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.experiments.virtual_beam import VirtualBeam, push_and_twist
-from visuohaptic.objects import Reason
+from visuohaptic.core import CalibrationError, InputError, Reason
+from visuohaptic.core.camera import Camera, Frame
+from visuohaptic.rigs import VirtualBeam
+from visuohaptic.rigs.virtual_beam import push_and_twist
 from visuohaptic.sensing.beam import TrackedBeam
-from visuohaptic.simulation.effects import CameraEffects
-from visuohaptic.simulation.rod_rig import RodRig
+from visuohaptic.simulation.beam import RodRig
+from visuohaptic.simulation.rendering import CameraEffects
 
 #: Half of the usual camera: a quarter of the work.
 CAMERA = Camera.simple(800, 448, 900.0, distortion=np.array([-0.08, 0.03, 5e-4, -5e-4, 0.0]))

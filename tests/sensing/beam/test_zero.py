@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError, InputError
+from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.sensing.beam import BeamDriftSettings, BeamZero, BeamZeroWatch, TemplatePose
-from visuohaptic.simulation.rod_rig import noisy_pose
+from visuohaptic.simulation.beam import noisy_pose
 
 
 def shaken(templates, rng):
     return [
-        TemplatePose(t.name, noisy_pose(t.pose_camera_template, t.covariance, rng), t.covariance)
+        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
         for t in templates
     ]
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.foam.calibration import FoamCalibration, calibrate_foam
-from visuohaptic.sensing.foam.records import StrainStress
+from visuohaptic.sensing.foam.material import FoamCalibration, StrainStress, calibrate_foam
 
 
 @pytest.fixture(scope="session")

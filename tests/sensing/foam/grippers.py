@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.experiments.virtual_gripper import GripperSensor
-from visuohaptic.simulation.gripper import GRIPPER_RIG, GraspObject
-from visuohaptic.simulation.rig import SensorRig
-from visuohaptic.simulation.strip import Outline
+from visuohaptic.rigs import GripperSensor
+from visuohaptic.simulation.foam import Outline, SensorRig
+from visuohaptic.simulation.tabletop import GRIPPER_RIG, GraspObject
 
 #: A usual rolling shutter: 30 ms for 896 rows.
 ROLLING = SensorRig(look_ahead_m=GRIPPER_RIG.look_ahead_m, row_delay_s=33e-6)

@@ -34,7 +34,7 @@ kind: foam
 camera: camera.yaml
 foam: foam.yaml
 strip: {{length_m: {LENGTH_M}}}
-pose_camera_foam:
+T_camera_foam:
   translation_m: [0.0, {AHEAD_M}, {DISTANCE_M}]
   quaternion_xyzw: [{0.5**0.5!r}, {-(0.5**0.5)!r}, 0.0, 0.0]
 tracking: {{foam_is: brighter, base_is: darker}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.foam._appearance import covered_points, front_grey, other_surface
+from visuohaptic.sensing.foam.strip import covered_points, front_grey, other_surface
 
 K = 60
 SEEN = np.ones(K, dtype=bool)

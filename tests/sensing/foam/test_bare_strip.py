@@ -9,13 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame
-from visuohaptic.errors import CalibrationError
-from visuohaptic.objects import Reason
-from visuohaptic.sensing.foam import FoamSensor, calibrate_foam
-from visuohaptic.sensing.foam._flank import stepped_points
-from visuohaptic.sensing.foam._plausibility import thicker_than_at_rest
-from visuohaptic.sensing.foam.records import StrainStress, read_plate
+from visuohaptic.core import CalibrationError, Reason
+from visuohaptic.core.camera import Frame
+from visuohaptic.sensing.foam import FoamSensor
+from visuohaptic.sensing.foam.material import StrainStress, calibrate_foam, read_plate
+from visuohaptic.sensing.foam.validity import stepped_points, thicker_than_at_rest
 
 FRAME_S = 1.0 / 30
 ZERO_FRAMES = 5

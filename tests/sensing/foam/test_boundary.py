@@ -7,17 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError
-from visuohaptic.sensing.foam.boundary import (
+from visuohaptic.core import CalibrationError
+from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam.material import (
+    PlateRecord,
     Tension,
+    calibrate_foam,
     calibrate_tension,
     contour_force,
+    read_plate,
+    read_strain_stress,
     shear_modulus,
     softening,
 )
-from visuohaptic.sensing.foam.calibration import calibrate_foam
-from visuohaptic.sensing.foam.profile import read_profile
-from visuohaptic.sensing.foam.records import PlateRecord, read_plate, read_strain_stress
 
 SPACING, NOISE = 0.003, 1e-5  #: as the camera sees it
 

@@ -5,10 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError
-from visuohaptic.sensing.foam.calibration import calibrate_foam, fit_curve, plateau
-from visuohaptic.sensing.foam.curve import StressCurve
-from visuohaptic.sensing.foam.records import StrainStress, read_strain_stress
+from visuohaptic.core import CalibrationError
+from visuohaptic.sensing.foam.material import (
+    StrainStress,
+    StressCurve,
+    calibrate_foam,
+    fit_curve,
+    plateau,
+    read_strain_stress,
+)
 
 SIZE = {"width_m": 0.02, "height_m": 0.01}
 
@@ -83,7 +88,7 @@ def test_unloading_is_split_and_fitted(reference_law):
     law = reference_law.stress
     back = law(down) * (0.5 + 0.5 * (down / 0.6) ** 3)
     # Without directions: the order of the strains tells them.
-    from visuohaptic.sensing.foam.records import direction_from_order
+    from visuohaptic.sensing.foam.material.records import direction_from_order
 
     strain = np.concatenate([up, down, up, down])
     stress = np.concatenate([law(up), back, law(up), back])

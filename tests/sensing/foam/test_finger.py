@@ -6,12 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Camera, Frame, Pose
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.objects import Reason
-from visuohaptic.sensing.foam import FingerSensor, FoamSensorConfig, load_sensor
-from visuohaptic.sensing.foam.finger_tag import TagView
-from visuohaptic.simulation.look import Occluder
+from visuohaptic.core import CalibrationError, InputError, Reason
+from visuohaptic.core.camera import Camera, Frame, Pose
+from visuohaptic.sensing.foam import FingerSensor, load_sensor
+from visuohaptic.sensing.foam.strip import FoamSensorConfig, TagView
+from visuohaptic.simulation.rendering import Occluder
 
 
 def fresh(sensor: FingerSensor) -> FingerSensor:
@@ -207,7 +206,7 @@ def test_the_zero_can_be_taken_anywhere(plain) -> None:
 def test_without_a_tag_it_starts_at_rest(plain) -> None:
     maker, sensor = plain
     setup = FoamSensorConfig.load(sensor.setup.folder / "sensor.yaml")
-    setup.config.finger.pose_foam_tag = None
+    setup.config.finger.T_foam_tag = None
     reader = FingerSensor(setup, sensor.zero_reference)
     readings, truths = closing(maker, reader, [], frames=5, tag=None)
     for reading, truth in zip(readings, truths, strict=True):

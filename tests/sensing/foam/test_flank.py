@@ -7,11 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from visuohaptic.sensing.foam._flank import DECAY_PER_WIDTH, stepped_points
-from visuohaptic.sensing.foam._flank_kernels import REACH, SPAN, below_chord
-from visuohaptic.sensing.foam._plausibility import OnsetWatch
-from visuohaptic.sensing.foam.records import read_plate
-from visuohaptic.simulation.strip import FoamStrip, Outline, StripGeometry
+from visuohaptic.sensing.foam.material import read_plate
+from visuohaptic.sensing.foam.validity import DECAY_PER_WIDTH, OnsetWatch, stepped_points
+from visuohaptic.sensing.foam.validity._flank_kernels import REACH, SPAN, below_chord
+from visuohaptic.simulation.foam import FoamStrip, Outline, StripGeometry
 
 WIDTH, SPACING = 0.02, 0.003
 S = SPACING * (np.arange(80) + 0.5)
@@ -42,9 +41,11 @@ def plain_excess(s, delta, sigma, decay, tolerance, bulge, bulge_reach, sigmas):
                 basis = np.exp(
                     np.array([[x[a], -x[a]], [x[c], -x[c]]] - x[m] * np.array([[1, -1]] * 2)) / decay
                 )
-                share = np.ones(2) @ np.linalg.inv(basis)  # value at b per unit at a and at c
-                value = share @ [y[a], y[c]] - y[m] - tolerance * max(y[a], y[c]) * share.sum()
-                value -= bulge * deepest + sigmas * np.sqrt((share * [e[a], e[c]]) ** 2 @ [1, 1] + e[m] ** 2)
+                fraction = np.ones(2) @ np.linalg.inv(basis)  # value at b per unit at a and at c
+                value = fraction @ [y[a], y[c]] - y[m] - tolerance * max(y[a], y[c]) * fraction.sum()
+                value -= bulge * deepest + sigmas * np.sqrt(
+                    (fraction * [e[a], e[c]]) ** 2 @ [1, 1] + e[m] ** 2
+                )
                 result[b] = max(result[b], value)
     return result
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.foam._gaps import bridged, plausible
+from visuohaptic.sensing.foam.validity import bridged, plausible
 
 K = 60
 S = 0.003 * np.arange(K)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.sensing.foam.geometry import StripGeometry
+from visuohaptic.core import InputError
+from visuohaptic.sensing.foam.strip import StripGeometry
 
 
 def test_straight_strip_runs_along_y() -> None:

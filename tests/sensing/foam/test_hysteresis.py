@@ -5,30 +5,29 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects.measurement import Reason
-from visuohaptic.sensing.foam.calibration import calibrate_foam
-from visuohaptic.sensing.foam.hysteresis import (
+from visuohaptic.core import InputError, Reason
+from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam.material import (
     HysteresisLaw,
     HysteresisState,
+    StrainStress,
+    calibrate_foam,
     identify_hysteresis,
     stop_path,
 )
-from visuohaptic.sensing.foam.profile import read_profile
-from visuohaptic.sensing.foam.records import StrainStress
 
 
 def maxwell(strain, time, law):
     """Nonlinear spring with three relaxing branches (generalised Maxwell), exact for ramps."""
     elastic = law(strain)
     total = 0.6 * elastic
-    for share, tau in ((0.2, 0.5), (0.2, 4.0), (0.15, 20.0)):
+    for fraction, tau in ((0.2, 0.5), (0.2, 4.0), (0.15, 20.0)):
         q = np.zeros(len(strain))
         for i in range(1, len(strain)):
             dt = time[i] - time[i - 1]
             decay = np.exp(-dt / tau)
             q[i] = decay * q[i - 1] + tau / dt * (1 - decay) * (elastic[i] - elastic[i - 1])
-        total = total + share * q
+        total = total + fraction * q
     return np.maximum(total, 0.0)
 
 

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from visuohaptic.errors import InputError
-from visuohaptic.sensing.foam.boundary import Tension
-from visuohaptic.sensing.foam.curve import StressCurve
-from visuohaptic.sensing.foam.hysteresis import HysteresisLaw
-from visuohaptic.sensing.foam.material import FoamMaterial
+from visuohaptic.core import InputError
+from visuohaptic.sensing.foam.material import FoamMaterial, HysteresisLaw, StressCurve, Tension
 
 STRAIN = np.linspace(-0.1, 0.7, 50)
 
@@ -42,7 +39,7 @@ def test_round_trip(tmp_path, material):
         assert getattr(back, name) == getattr(full, name)
     np.testing.assert_array_equal(back.unloading.stress(STRAIN), full.unloading.stress(STRAIN))
     assert back.hysteresis.relative_sigma == pytest.approx(0.3)
-    for name in ("yield_strain", "share", "stress_Pa"):
+    for name in ("yield_strain", "fraction", "stress_Pa"):
         np.testing.assert_array_equal(getattr(back.hysteresis, name), getattr(full.hysteresis, name))
     np.testing.assert_array_equal(back.covariance, full.covariance)
 
@@ -61,9 +58,16 @@ def test_stress_stays_physical(material):
         ({"format": "other"}, "format"),
         ({"working_strain": [0.5, 0.1]}, "expected 0 <= low < high"),
         ({"residual_Pa": float("nan")}, "residual_Pa"),
-        ({"hysteresis": {"yield_strain": [0.1], "share": [0.1]}}, "hysteresis"),
+        ({"hysteresis": {"yield_strain": [0.1], "fraction": [0.1]}}, "hysteresis"),
         (
-            {"hysteresis": {"yield_strain": [0.1], "share": [-1], "stress_Pa": [0], "relative_sigma": 0.1}},
+            {
+                "hysteresis": {
+                    "yield_strain": [0.1],
+                    "fraction": [-1],
+                    "stress_Pa": [0],
+                    "relative_sigma": 0.1,
+                }
+            },
             "share and stress_Pa must be >= 0",
         ),
         ({"tension": {"ratio": 9, "sigma": 0}}, "tension.ratio"),

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.sensing.foam._onset_doubt import NewContact, unproved_force, without_dents
+from visuohaptic.sensing.foam.validity import NewContact, unverified_force, without_dents
 
 K = 60
 S_M = 0.003 * np.arange(K)
@@ -78,10 +78,10 @@ def test_a_dent_is_filled_and_a_gap_is_not() -> None:
 def test_force_in_doubt_is_a_quarter_of_what_is_not_proved(material) -> None:
     pressure = float(material.stress(np.array(0.005 / material.width_m)))
     new = material.height_m * pressure * 0.003 * (PLATE_M > 0).sum()
-    doubt = unproved_force(material, S_M, np.zeros(K), PLATE_M, SIGMA_M)
+    doubt = unverified_force(material, S_M, np.zeros(K), PLATE_M, SIGMA_M)
     assert np.isclose(doubt, 0.25 * new, rtol=1e-9)
-    assert unproved_force(material, S_M, PLATE_M, PLATE_M, SIGMA_M) == 0.0
+    assert unverified_force(material, S_M, PLATE_M, PLATE_M, SIGMA_M) == 0.0
     holes = PLATE_M.copy()
     holes[PLATE_M == 0] = np.nan
-    assert np.isfinite(unproved_force(material, S_M, np.zeros(K), holes, SIGMA_M))
-    assert unproved_force(material, S_M[:1], np.zeros(1), np.full(1, np.nan), SIGMA_M[:1]) == 0.0
+    assert np.isfinite(unverified_force(material, S_M, np.zeros(K), holes, SIGMA_M))
+    assert unverified_force(material, S_M[:1], np.zeros(1), np.full(1, np.nan), SIGMA_M[:1]) == 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.foam._plausibility import (
+from visuohaptic.sensing.foam.validity import (
     FocusWatch,
     OnsetWatch,
     rest_offset,

@@ -8,10 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from visuohaptic.cli import calibrate_foam as command
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.sensing.foam.boundary import contour_force
-from visuohaptic.sensing.foam.material import FoamMaterial
+from visuohaptic.cli.verbs.sensing import calibrate_foam as command
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.sensing.foam.material import FoamMaterial, contour_force
 
 #: Of the strip that the calibrations are for.
 SIZE = ("--width", "0.02", "--height", "0.01")
@@ -97,5 +96,5 @@ def test_the_size_of_the_strip_has_no_default(press, missing, capsys):
 
 def test_the_size_of_the_strip_is_printed_and_returned(tmp_path, press):
     result, lines = run(press, "--out", tmp_path / "foam.yaml", "--width", 0.04, "--height", 0.05)
-    assert (result["width_m"], result["height_m"]) == (0.04, 0.05)
+    assert (result["width_m"], result["height_m"]) == pytest.approx((0.04, 0.05))
     assert any("width 40 mm" in line and "height 50 mm" in line for line in lines)

@@ -7,12 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.objects.measurement import Reason
-from visuohaptic.sensing.foam.boundary import Tension, contour_force
-from visuohaptic.sensing.foam.calibration import fit_curve
-from visuohaptic.sensing.foam.geometry import StripGeometry
-from visuohaptic.sensing.foam.profile import read_profile
+from visuohaptic.core import InputError, Reason
+from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam.material import Tension, contour_force, fit_curve
+from visuohaptic.sensing.foam.strip import StripGeometry
 
 K = 85
 S = np.arange(K) * 0.003
@@ -69,7 +67,7 @@ def test_doubt_is_a_model_error(material):
     """Systematic errors of points are told apart from noise, and do not make a contact."""
     delta, doubt = bump(), np.where(np.abs(S - 0.12) < 0.004, 5e-5, 0.0)
     plain = read_profile(S, delta, SIGMA, SEEN, material)
-    found = read_profile(S, delta, SIGMA, SEEN, material, doubt_m=doubt)
+    found = read_profile(S, delta, SIGMA, SEEN, material, uncertainty_m=doubt)
     assert found.force_N == plain.force_N
     assert found.budget.image_N == plain.budget.image_N
     shifted = [read_profile(S, delta + doubt * (np.arange(K) == k), SIGMA, SEEN, material) for k in range(K)]
@@ -78,7 +76,7 @@ def test_doubt_is_a_model_error(material):
     assert added == pytest.approx(np.sqrt(np.sum(errors**2)), rel=0.02)
     kink = np.where(doubt > 0, 1e-4, 0.0)
     assert read_profile(S, kink, SIGMA, SEEN, material).contacts
-    assert not read_profile(S, kink, SIGMA, SEEN, material, doubt_m=doubt).contacts
+    assert not read_profile(S, kink, SIGMA, SEEN, material, uncertainty_m=doubt).contacts
 
 
 @pytest.mark.parametrize("boundary", ["tension", "enlarged", "local"])
@@ -292,7 +290,7 @@ def test_points_that_come_and_go_are_declared(material):
     doubt = np.full(K, 1.2e-5)
     readings = [
         read_profile(
-            S, truth + noise * rng.standard_normal(K), np.full(K, noise), SEEN, material, doubt_m=doubt
+            S, truth + noise * rng.standard_normal(K), np.full(K, noise), SEEN, material, uncertainty_m=doubt
         )
         for _ in range(400)
     ]

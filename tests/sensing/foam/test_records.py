@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError
-from visuohaptic.sensing.foam.records import direction_from_order, read_plate, read_strain_stress
+from visuohaptic.core import CalibrationError
+from visuohaptic.sensing.foam.material import read_plate, read_strain_stress
+from visuohaptic.sensing.foam.material.records import direction_from_order
 
 
 def write(tmp_path, text):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from visuohaptic.sensing.foam._reference import fit_motion, motion_basis
+from visuohaptic.sensing.foam.strip._reference import fit_motion, motion_basis
 
 
 def _contour(bent: bool) -> tuple[np.ndarray, np.ndarray]:

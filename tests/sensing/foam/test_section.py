@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import InputError
-from visuohaptic.sensing.foam.curve import StressCurve
-from visuohaptic.sensing.foam.section import (
+from visuohaptic.core import InputError
+from visuohaptic.sensing.foam.material import (
+    StressCurve,
     force_sigma,
     section_height,
     section_material,
@@ -82,7 +82,7 @@ def test_force_sigma_is_3_10_by_monte_carlo():
 
 def test_covariance_of_a_rod_follows_the_foam(reference_law, make_log):
     """Linearised covariance against refitting rods of noisy foams."""
-    from visuohaptic.sensing.foam.calibration import calibrate_foam
+    from visuohaptic.sensing.foam.material import calibrate_foam
 
     rng = np.random.default_rng(3)
     values, sigmas = [], []

@@ -9,9 +9,8 @@ import pytest
 from benchmarks._fault_world import KINDS, make_trial
 from benchmarks.foam_faults import calibrated_folder, run_trial, violations
 
-from visuohaptic.camera import Frame
-from visuohaptic.errors import InputError
-from visuohaptic.objects import Reason
+from visuohaptic.core import InputError, Reason
+from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.foam import FoamSensor
 
 #: One seed of each family of faults.
@@ -122,9 +121,9 @@ def test_point_sigma_is_true_at_rest(sensor) -> None:
 
 def _rest_frames(trial, seed: int) -> list[Frame]:
     """Rest frames of the same world with other noise."""
-    from visuohaptic.experiments.virtual_sensor import rest_scene
-    from visuohaptic.simulation.renderer import SceneRenderer
+    from visuohaptic.rigs import rest_scene
+    from visuohaptic.simulation.rendering import SceneRenderer
 
     rng = np.random.default_rng([77, seed])
-    renderer = SceneRenderer(trial.rig.camera, trial.rig.pose_camera_foam, trial.look, trial.effects)
+    renderer = SceneRenderer(trial.rig.camera, trial.rig.T_camera_foam, trial.look, trial.effects)
     return [Frame(renderer.render(rest_scene(trial.geometry), rng=rng), 0.0, 0) for _ in range(10)]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.camera import Frame, PlaneView
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.objects import Reason
-from visuohaptic.sensing.foam import FingerSensor, FoamSensorConfig, stripe_masks, train_stripe
-from visuohaptic.simulation.gripper import GraspObject
-from visuohaptic.simulation.look import Occluder, Surface
-from visuohaptic.tracking import PointReason
+from visuohaptic.core import CalibrationError, InputError, Reason
+from visuohaptic.core.camera import Frame, PlaneView
+from visuohaptic.sensing.foam import FingerSensor
+from visuohaptic.sensing.foam.strip import FoamSensorConfig, stripe_masks, train_stripe
+from visuohaptic.simulation.rendering import Occluder, Surface
+from visuohaptic.simulation.tabletop import GraspObject
+from visuohaptic.tracking.contours import PointReason
 
 
 def pressed(maker, sensor, item, *, at_s, seed=3, **more):
@@ -86,7 +86,7 @@ def test_grey_frames_are_refused(striped) -> None:
 def test_training_from_the_geometric_model(striped, tmp_path) -> None:
     maker, sensor = striped
     setup = FoamSensorConfig.load(sensor.setup.folder / "sensor.yaml")
-    plane = PlaneView(setup.camera, setup.pose_camera_foam)
+    plane = PlaneView(setup.camera, setup.T_camera_foam)
     frame = maker.gripper(rng=np.random.default_rng(6)).frame()
     stripe, rest = stripe_masks(setup, plane)
     assert not (stripe & rest).any()
@@ -105,7 +105,7 @@ def test_training_refuses_a_strip_that_is_elsewhere(striped) -> None:
     maker, sensor = striped
     setup = sensor.setup
     frame = maker.gripper(rng=np.random.default_rng(7)).frame()
-    plane = PlaneView(setup.camera, setup.pose_camera_foam)
+    plane = PlaneView(setup.camera, setup.T_camera_foam)
     with pytest.raises(CalibrationError, match="look like the stripe"):
         train_stripe(setup, np.roll(frame.image, -25, axis=0), plane, rng=np.random.default_rng(0))
     with pytest.raises(InputError, match="found 800 x 448 px, expected 1600 x 896"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.errors import CalibrationError, InputError
-from visuohaptic.sensing.foam.zero import DriftSettings, ZeroReference, ZeroWatch
+from visuohaptic.core import CalibrationError, InputError
+from visuohaptic.sensing.foam.strip import DriftSettings, ZeroReference, ZeroWatch
 
 K = 20
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...kernels import kernel
+from ...core.kernels import kernel
 
 __all__ = ["integrate_rod", "rod_jacobian"]
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import CalibrationError, InputError
+from ...core.errors import CalibrationError, InputError
 from .correction import Correction, prior_correction
 from .estimate import estimate_wrench
 from .mechanics import Beam, compliance
@@ -197,7 +197,7 @@ def _refuse_noise(
     """Refuse data that no linear sensor explains; returns the explained share of the variance."""
     total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
     explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
-    share = np.sqrt((rest**2).mean(axis=0)) / span
+    fraction = np.sqrt((rest**2).mean(axis=0)) / span
     worst = int(np.nanargmin(explained))
     if explained[worst] < MIN_EXPLAINED:
         raise CalibrationError(
@@ -216,11 +216,11 @@ def _refuse_noise(
             field=f"line {record.line[row]}",
             remedy="check the load of this row, or leave it out",
         )
-    loose = int(np.argmax(share))
-    if share[loose] > MAX_RESIDUAL:
+    loose = int(np.argmax(fraction))
+    if fraction[loose] > MAX_RESIDUAL:
         raise CalibrationError(
             record.where,
-            f"{AXES[loose]} scatters by {100 * share[loose]:.0f} % of the largest load, expected at most "
+            f"{AXES[loose]} scatters by {100 * fraction[loose]:.0f} % of the largest load, expected at most "
             f"{100 * MAX_RESIDUAL:.0f} %",
             remedy="repeat the session: settle, zero, heavier weights",
         )

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, FiniteFloat
 
-from ...errors import InputError
-from ...files import load_yaml_model, save_yaml
-from ..fields import PoseSection, Positive, Section
+from ...core.errors import InputError
+from ...core.files import load_yaml_model, save_yaml
+from ..config_fields import PoseSection, Positive, Section
 from .correction import Correction
 from .mechanics import Beam
 from .sensor import BeamSetup
@@ -57,7 +57,7 @@ class BeamSensorConfig(Section):
     templates_folder: str | None = None  #: images of the templates, for the same
     reference: str = "reference"  #: name of the template on the base
     templates: Annotated[list[_TemplateSection], Field(min_length=1, max_length=31)]
-    pose_reference_sensor: PoseSection  #: maps frame S (origin in the clamp, X along the rod) to it
+    T_reference_sensor: PoseSection  #: maps frame S (origin in the clamp, X along the rod) to it
     view: Literal["moving", "steady"] = "moving"
     model: Literal["auto", "linear", "exact"] = "auto"
     zero: str = "zero.yaml"
@@ -81,7 +81,7 @@ class BeamSensorConfig(Section):
         if len(set(names)) != len(names):
             raise InputError(path, f"found a name twice in {', '.join(names)}", field="templates")
         try:
-            pose = config.pose_reference_sensor.pose()
+            pose = config.T_reference_sensor.pose()
             return BeamSetup(
                 {template.name: template.xi for template in config.templates},
                 pose,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import InputError
+from ...core.errors import InputError
 from .mechanics import Beam, compliance, shortening, stress_ratio
 from .observation import SectionMotion, rotation_vectors
 from .rod import base_wrench, rod_from_base
@@ -144,15 +144,15 @@ def _exact(
         length = float(np.abs(step / scale).max()) / (beam.moment_limit_Nm / beam.length_m)
         if not np.isfinite(length):
             raise InputError("motion", "the observed poses are no shape of the rod")
-        share = 1.0
-        while share > 1e-3:
-            trial = look(base + share * step)
+        fraction = 1.0
+        while fraction > 1e-3:
+            trial = look(base + fraction * step)
             if trial[2] <= chi2 * (1 + 1e-9) + 1e-9:
                 break
-            share *= 0.5
+            fraction *= 0.5
         else:
             break
-        base = base + share * step
+        base = base + fraction * step
         residual, jacobian, chi2, wrench, to_tip = trial
         if length < 1e-8:
             break

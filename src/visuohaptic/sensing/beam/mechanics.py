@@ -20,7 +20,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import InputError
+from ...core.errors import InputError
 
 __all__ = ["Beam", "compliance", "plane_inverse", "shortening", "stress_ratio"]
 

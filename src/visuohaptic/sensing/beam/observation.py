@@ -15,9 +15,9 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Pose
-from ...errors import InputError
-from ...objects import Reason
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.measurement import Reason
 
 __all__ = [
     "RelativePoses",
@@ -39,7 +39,7 @@ class TemplateObservation(Protocol):
     @property
     def reason(self) -> Reason: ...
     @property
-    def pose_camera_template(self) -> Pose | None: ...
+    def T_camera_template(self) -> Pose | None: ...
     @property
     def covariance(self) -> Float[np.ndarray, "6 6"]: ...
 
@@ -49,7 +49,7 @@ class TemplatePose:
     """Pose of one named template in one frame."""
 
     name: str
-    pose_camera_template: Pose | None  #: None when not valid
+    T_camera_template: Pose | None  #: None when not valid
     covariance: Float[np.ndarray, "6 6"]  #: of the pose, in the axes of the camera; NaN when not valid
     valid: bool = True
     reason: Reason = Reason.OK
@@ -115,7 +115,7 @@ def relative_poses(
     turn = np.kron(np.eye(2), reference.rotation.T)
     poses, own, shared = [], [], []
     for template in templates:
-        pose = template.pose_camera_template
+        pose = template.T_camera_template
         if pose is None:
             raise InputError("templates", f"{template.name} has no pose", remedy="leave it out")
         if template.covariance.shape != (6, 6) or not np.isfinite(template.covariance).all():
@@ -138,7 +138,7 @@ def section_motion(
     now: RelativePoses,
     rest: RelativePoses,
     xi: Mapping[str, float],
-    pose_reference_sensor: Pose,
+    T_reference_sensor: Pose,
     length_m: float,
 ) -> SectionMotion:
     """Motion of the cross sections that carry the templates.
@@ -150,14 +150,14 @@ def section_motion(
     now at x = R o + t.
     """
     rest = rest.select(now.names)
-    turn = pose_reference_sensor.rotation.T
+    turn = T_reference_sensor.rotation.T
     turn6 = np.kron(np.eye(2), turn)
     count = len(now.names)
     places = np.array([xi[name] for name in now.names])
     translation, rotation = np.zeros((count, 3)), np.zeros((count, 3, 3))
     by_now, by_rest = np.zeros((6 * count, 6 * count)), np.zeros((6 * count, 6 * count))
     for k, (pose, pose_rest) in enumerate(zip(now.poses, rest.poses, strict=True)):
-        section = pose_reference_sensor.apply(np.array([places[k] * length_m, 0.0, 0.0]))
+        section = T_reference_sensor.apply(np.array([places[k] * length_m, 0.0, 0.0]))
         arm_rest = section - pose_rest.translation_m
         turned = pose.rotation @ pose_rest.rotation.T
         arm = turned @ arm_rest

@@ -11,10 +11,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from ...camera import Pose
-from ...errors import CalibrationError, InputError
-from ...files import read_text
-from ...objects import Reason
+from ...core.camera.pose import Pose
+from ...core.errors import CalibrationError, InputError
+from ...core.files import read_text
+from ...core.measurement import Reason
 from .observation import TemplatePose
 
 __all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses", "write_template_poses"]
@@ -122,14 +122,14 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
 
 def write_template_poses(path: Path | str, frames: Iterable[tuple[float, Iterable[TemplatePose]]]) -> None:
     """Write poses of templates, one row per frame and template."""
-    from ...files import atomic_path
+    from ...core.files import atomic_path
 
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(POSE_COLUMNS)
         for t_s, templates in frames:
             for template in templates:
-                pose = template.pose_camera_template
+                pose = template.T_camera_template
                 numbers = (
                     np.full(7, np.nan)
                     if pose is None

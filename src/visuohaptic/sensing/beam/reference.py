@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Pose
-from ...objects import Reason
+from ...core.camera.pose import Pose
+from ...core.measurement import Reason
 from .observation import rotation_vectors
 
 __all__ = ["SteadyReference"]

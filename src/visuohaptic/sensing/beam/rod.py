@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...errors import InputError
+from ...core.errors import InputError
 from . import _kernels
 from .mechanics import Beam
 from .observation import cross_matrix

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Pose
-from ...errors import CalibrationError, InputError
-from ...objects import Reason, Wrench
+from ...core.camera.pose import Pose
+from ...core.errors import CalibrationError, InputError
+from ...core.measurement import Reason, Wrench
 from .correction import Correction, prior_correction
 from .estimate import LINEAR_LIMIT, BeamEstimate, BeamModel, estimate_wrench
 from .mechanics import Beam
@@ -33,7 +33,7 @@ class BeamSetup:
     """Everything that is known of a sensor before the first frame."""
 
     xi: Mapping[str, float]  #: where each template is fixed to the rod, x / L
-    pose_reference_sensor: Pose  #: frame S in the reference template
+    T_reference_sensor: Pose  #: frame S in the reference template
     beam: Beam = field(default_factory=Beam)
     correction: Correction | None = None  #: by ``calibrate_beam``; None: the beam's tolerances
     reference: str = "reference"  #: name of the template on the base
@@ -177,18 +177,18 @@ class BeamSensor:
         if len(by_name) != len(templates):
             raise InputError("templates", "a name is there twice in one frame")
         reference = by_name.get(self.setup.reference)
-        seen = bool(reference and reference.valid and reference.pose_camera_template)
+        seen = bool(reference and reference.valid and reference.T_camera_template)
         reason = Reason.OK
         if steady is not None:
-            if seen and reference is not None and reference.pose_camera_template is not None:
-                reason = steady.update(reference.pose_camera_template, reference.covariance)
+            if seen and reference is not None and reference.T_camera_template is not None:
+                reason = steady.update(reference.T_camera_template, reference.covariance)
             if steady.pose is None:
                 return None, reference.reason if reference else Reason.LOST
             pose, covariance = steady.pose, steady.covariance
-        elif not seen or reference is None or reference.pose_camera_template is None:
+        elif not seen or reference is None or reference.T_camera_template is None:
             return None, reference.reason if reference and not reference.valid else Reason.LOST
         else:
-            pose, covariance = reference.pose_camera_template, reference.covariance
+            pose, covariance = reference.T_camera_template, reference.covariance
         names = [name for name in self.setup.xi if wanted is None or name in wanted]
         there = [by_name[name] for name in names if name in by_name and by_name[name].valid]
         if not there:
@@ -200,7 +200,7 @@ class BeamSensor:
         assert self._zero is not None
         setup = self.setup
         motion = section_motion(
-            relative, self._zero.rest, setup.xi, setup.pose_reference_sensor, setup.beam.length_m
+            relative, self._zero.rest, setup.xi, setup.T_reference_sensor, setup.beam.length_m
         )
         try:
             found = estimate_wrench(setup.beam, motion, model=setup.model, linear_limit=setup.linear_limit)

@@ -6,11 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...camera import Camera, Frame
-from ...closing import Closing
-from ...errors import CalibrationError, InputError
-from ...tracking.template import Template, load_templates
-from ...tracking.template_tracker import TemplatePose, TemplateTracker
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.errors import CalibrationError, InputError
+from ...core.resources import Closing
+from ...tracking.templates.template import Template, load_templates
+from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
 from .config import BeamSensorConfig
 from .sensor import BeamReading, BeamSensor, BeamSetup
 from .zero import BeamZero

@@ -11,10 +11,10 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import Field, FiniteFloat
 
-from ...camera import Pose
-from ...errors import CalibrationError, InputError
-from ...files import load_yaml_model, save_yaml
-from ..fields import PoseSection, Section
+from ...core.camera.pose import Pose
+from ...core.errors import CalibrationError, InputError
+from ...core.files import load_yaml_model, save_yaml
+from ..config_fields import PoseSection, Section
 from .observation import RelativePoses, rotation_vectors
 
 __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]

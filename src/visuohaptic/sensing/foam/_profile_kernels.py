@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from ...kernels import kernel
+from ...core.kernels import kernel
 
 #: Columns of the region table.
 FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (

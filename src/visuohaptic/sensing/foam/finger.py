@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Frame
-from ...errors import CalibrationError, InputError
-from ...objects import ForceProfile
-from .config import FoamSensorConfig, FoamSetup
-from .finger_optics import FingerOptics, FingerPosition
+from ...core.camera.frame import Frame
+from ...core.errors import CalibrationError, InputError
+from ...core.measurement import ForceProfile
 from .sensor import FoamSensor
-from .zero import ZeroReference
+from .strip.config import FoamSensorConfig, FoamSetup
+from .strip.finger_optics import FingerOptics, FingerPosition
+from .strip.zero import ZeroReference
 
 __all__ = ["FingerReading", "FingerSensor", "load_sensor"]
 
@@ -40,7 +40,7 @@ class FingerSensor(FoamSensor):
     """A foam sensor on a finger that moves along a line in front of a fixed camera.
 
     The initial position comes from an AprilTag on the finger (or is that of
-    ``pose_camera_foam`` without a tag); from then on the reference contour is followed
+    ``T_camera_foam`` without a tag); from then on the reference contour is followed
     from frame to frame. The tag is searched again when the contour is lost, and compared
     with it once in a while. A camera that turns or shifts across the axis makes frames invalid
     (``moved``); a shift along the axis cannot be told from a motion of the finger.

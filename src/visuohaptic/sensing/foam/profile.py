@@ -19,12 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...errors import InputError
-from ...objects.measurement import ErrorBudget, Reason
-from ...tracking import SHARED_POINTS
-from .boundary import BOUNDARIES, Boundary
-from .hysteresis import RELEASE_STRAIN, HysteresisState
-from .material import FoamMaterial
+from ...core.errors import InputError
+from ...core.measurement import ErrorBudget, Reason
+from ...tracking.contours.contour import SHARED_POINTS
+from .material.boundary import BOUNDARIES, Boundary
+from .material.foam_material import FoamMaterial
+from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 
 __all__ = ["ContactRegion", "FoamReading", "read_profile"]
 
@@ -82,7 +82,7 @@ def read_profile(
     boundary: Boundary = "tension",
     zero_sigma_m: float = 0.0,
     memory: HysteresisState | None = None,
-    doubt_m: Float[np.ndarray, "K"] | None = None,
+    uncertainty_m: Float[np.ndarray, "K"] | None = None,
     shared_noise: float = 0.0,
     own_noise_m: Float[np.ndarray, "K"] | None = None,
     end_cells_m: tuple[float, float] = (0.0, 0.0),
@@ -101,7 +101,7 @@ def read_profile(
     material
         Calibrated foam.
     boundary
-        Law at the ends of a contact, see :mod:`~visuohaptic.sensing.foam.boundary`.
+        Law at the ends of a contact, see :mod:`~visuohaptic.sensing.foam.material.boundary`.
     zero_sigma_m
         Standard deviation of the zero reference, common to all points [m].
     memory
@@ -111,13 +111,13 @@ def read_profile(
     own_noise_m
         Noise of each deflection beside ``delta_sigma_m`` that neighbours don't share, e.g. of a fit at a
         kink [m]; part of ``image_N``.
-    doubt_m
+    uncertainty_m
         Systematic error of each deflection, e.g. where the contour has a kink [m]; the same
         in every frame, so that it goes to ``model_N``. Independent between points.
     end_cells_m
         Length of foam before the first and after the last point [m]. The points of a
-        :class:`~visuohaptic.sensing.foam.geometry.StripGeometry` lie half a spacing inside the
-        ends, see :attr:`~visuohaptic.sensing.foam.geometry.StripGeometry.end_cells_m`.
+        :class:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry` lie half a spacing inside the
+        ends, see :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
 
     Raises
     ------
@@ -135,8 +135,8 @@ def read_profile(
         raise InputError("boundary", f"found {boundary!r}, expected one of {', '.join(BOUNDARIES)}")
     if not (np.isfinite(zero_sigma_m) and zero_sigma_m >= 0):
         raise InputError("zero_sigma_m", f"found {zero_sigma_m}, expected a number >= 0")
-    if doubt_m is not None and doubt_m.shape != s_m.shape:
-        raise InputError("doubt_m", f"found shape {doubt_m.shape}, expected {s_m.shape}")
+    if uncertainty_m is not None and uncertainty_m.shape != s_m.shape:
+        raise InputError("uncertainty_m", f"found shape {uncertainty_m.shape}, expected {s_m.shape}")
     if own_noise_m is not None and own_noise_m.shape != s_m.shape:
         raise InputError("own_noise_m", f"found shape {own_noise_m.shape}, expected {s_m.shape}")
     if not (np.all(np.isfinite(end_cells_m)) and min(end_cells_m) >= 0):
@@ -150,7 +150,11 @@ def read_profile(
         raise InputError("s_m", "positions must increase")
     delta, common = delta_m[index].astype(np.float64), delta_sigma_m[index].astype(np.float64)
     sigma = common if own_noise_m is None else np.hypot(common, np.nan_to_num(own_noise_m[index]))
-    doubt = np.zeros(len(index)) if doubt_m is None else np.nan_to_num(doubt_m[index].astype(np.float64))
+    doubt = (
+        np.zeros(len(index))
+        if uncertainty_m is None
+        else np.nan_to_num(uncertainty_m[index].astype(np.float64))
+    )
     strain = delta / material.width_m
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
     unloading = np.zeros(points, dtype=bool)
@@ -286,7 +290,7 @@ def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
 
 def _relief(s: Float[np.ndarray, "k"], delta: Float[np.ndarray, "k"], material: FoamMaterial) -> float:
     """What unit kappa would take away [N]; the enlarged law declares it as its model error."""
-    from .boundary import contour_force
+    from .material.boundary import contour_force
 
     return contour_force(s, delta, material)[1] if len(s) > 1 else 0.0
 

@@ -12,21 +12,22 @@ from typing import Self
 import numpy as np
 from jaxtyping import Float
 
-from ...camera import Frame, PlaneView
-from ...errors import CalibrationError, InputError
-from ...objects import Contact, ErrorBudget, ForceProfile, Reason
-from ...tracking import SHARED_NOISE, PointReason
-from ._flank import stepped_points
-from ._gaps import bridged, plausible
-from ._hidden import hidden_points
-from ._onset_doubt import NewContact, with_unproved
-from ._plausibility import FocusWatch, OnsetWatch, rest_offset, roughness
-from .config import FoamSensorConfig, FoamSetup
-from .hysteresis import HysteresisState
-from .optics import ObservedStrip, StripOptics
+from ...core.camera.frame import Frame
+from ...core.camera.plane import PlaneView
+from ...core.errors import CalibrationError, InputError
+from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
+from ...tracking.contours.contour import SHARED_NOISE, PointReason
+from .material.hysteresis import HysteresisState
 from .profile import ContactRegion, FoamReading, read_profile
-from .stripe_view import StripeView
-from .zero import ZeroReference, ZeroWatch, check_width
+from .strip.config import FoamSensorConfig, FoamSetup
+from .strip.optics import ObservedStrip, StripOptics
+from .strip.stripe_view import StripeView
+from .strip.zero import ZeroReference, ZeroWatch, check_width
+from .validity.flank import stepped_points
+from .validity.gaps import bridged, plausible
+from .validity.hidden import hidden_points
+from .validity.onset import NewContact, with_unverified
+from .validity.plausibility import FocusWatch, OnsetWatch, rest_offset, roughness
 
 __all__ = ["FoamSensor"]
 
@@ -76,7 +77,7 @@ class FoamSensor:
 
     def _make_optics(self) -> StripOptics:
         setup = self.setup
-        plane = PlaneView(setup.camera, setup.pose_camera_foam)
+        plane = PlaneView(setup.camera, setup.T_camera_foam)
         return StripOptics(setup.geometry, setup.config.tracking, plane, stripe=StripeView.of(setup))
 
     @classmethod
@@ -121,7 +122,7 @@ class FoamSensor:
             raise CalibrationError(
                 "zero",
                 f"the reference contour was found in {len(seen)} of {used} frames",
-                remedy="check pose_camera_foam in sensor.yaml, the light and the focus",
+                remedy="check T_camera_foam in sensor.yaml, the light and the focus",
             )
         wide = self.optics.visible_width_m(frame)
         if np.isfinite(wide):
@@ -131,7 +132,7 @@ class FoamSensor:
             np.array([strip.reference_px for strip in seen]),
             np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
             np.array([strip.foam_grey for strip in seen]),
-            doubt_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
+            uncertainty_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
             front_grey=np.array([strip.front_grey for strip in seen]),
             contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
         )
@@ -252,7 +253,7 @@ class FoamSensor:
             zero_sigma_m=float(common),
             memory=self._memory,
             own_noise_m=own,
-            doubt_m=np.sqrt(np.maximum(sigma**2 - noise**2 - own**2, 0.0)),
+            uncertainty_m=np.sqrt(np.maximum(sigma**2 - noise**2 - own**2, 0.0)),
             end_cells_m=geometry.end_cells_m,
             shared_noise=SHARED_NOISE,
         )
@@ -262,7 +263,7 @@ class FoamSensor:
             reading,
             budget=self._with_unexplained(reading, delta, sigma, rest_offset(delta, sigma, seen), limit),
         )
-        reading = self.reading = with_unproved(
+        reading = self.reading = with_unverified(
             reading, geometry.s_m, self._new.before(strip.t_s, delta), delta, sigma, material
         )
         reason = self._judge(reading, gap, covered, strip)

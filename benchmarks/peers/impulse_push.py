@@ -1,0 +1,66 @@
+"""Algorithm 2 of Alt 2016 as published: pseudo impulses at a frictionless contact. The baseline.
+
+For any polygon footprint. What the text leaves open is read so: the lever of
+the moment is the contact point from the centroid (ERRATA), the moment of
+inertia that of even mass on the footprint, and the impulse is scaled such
+that the contact point leaves the contact range along its normal. Prefer
+:func:`~visuohaptic.navigation.pushing.quasi_static.simulate_push`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from visuohaptic.core import InputError
+from visuohaptic.navigation.pushing import PushModel, PushTrace, area_and_centroid, check_path, polar_moment
+from visuohaptic.navigation.pushing.quasi_static import DROP_M, rest_m
+
+__all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
+
+#: d_c of Algorithm 2: the robot acts on what is nearer than this (m).
+CONTACT_RANGE_M = 0.005
+
+
+def simulate_impulses(
+    model: PushModel,
+    object_m: tuple[float, float, float] | Float[np.ndarray, "3"],
+    path_m: Float[np.ndarray, "k 3"],
+    radius_m: float,
+    *,
+    contact_range_m: float = CONTACT_RANGE_M,
+) -> PushTrace:
+    """Drive a disc along a path; contact friction and supports of the model are not used.
+
+    Parameters are those of :func:`~visuohaptic.navigation.pushing.quasi_static.simulate_push`.
+    """
+    from benchmarks.peers._impulse_kernels import impulse_push
+
+    start = np.asarray(object_m, dtype=np.float64)
+    path = check_path("simulate_impulses", path_m)
+    if start.shape != (3,) or not np.isfinite(start).all() or not min(radius_m, contact_range_m) > 0:
+        raise InputError("simulate_impulses", f"found object {start}, radius {radius_m} m; expected > 0")
+    trace, contact = np.zeros((len(path), 3)), np.full((len(path), 2), np.nan)
+    centroid, ratio = _even_mass(model)
+    last = impulse_push(
+        model.outline_m,
+        model.round_m,
+        centroid,
+        ratio,
+        radius_m,
+        contact_range_m,
+        path,
+        start,
+        trace,
+        contact,
+    )
+    dropped = last >= 0 and rest_m(path, last) > DROP_M
+    return PushTrace(path, trace, np.zeros((len(path), 2)), contact, last, dropped)
+
+
+def _even_mass(model: PushModel) -> tuple[Float[np.ndarray, "2"], float]:
+    """Centroid of even mass on the footprint, and its moment of inertia by mass [m^2]."""
+    p, r = model.outline_m, model.round_m
+    if len(p) < 3:
+        return p.mean(axis=0), 0.5 * max(r, 1e-3) ** 2
+    return area_and_centroid(p)[1], polar_moment(p)

@@ -1,0 +1,1 @@
+"""Verbs of depth sequences and surfaces."""

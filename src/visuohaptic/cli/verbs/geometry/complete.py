@@ -1,0 +1,129 @@
+"""``visuohaptic complete``: extends a visible surface into a transparent region, and says where to touch."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("robust_laplacian", "skimage")
+
+HELP = "Complete a surface where it could not be seen, by touches, and say where to touch next."
+EPILOG = """\
+reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
+        x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty)
+writes  the completed surface (PLY) with sigma_m of each vertex, how far it may be off [m]
+
+example: visuohaptic complete surface.ply --region regions.json --out completed.ply --next
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("model", type=Path, help="visible surface, PLY")
+    parser.add_argument("--region", type=Path, required=True, help="regions.json")
+    parser.add_argument(
+        "--cluster", type=int, help="number of the region; the nearest to the model by default"
+    )
+    parser.add_argument("--touches", type=Path, help="CSV table of touches so far")
+    parser.add_argument(
+        "--register",
+        type=Path,
+        help="CSV table of contacts on the visible part, to fit the frame of the touches",
+    )
+    parser.add_argument("--out", type=Path, required=True, help="completed surface, PLY")
+    parser.add_argument("--next", action="store_true", help="plan the next touch")
+    parser.add_argument("--bound-m", type=float, default=0.001, help="expected error to stop at, 1 mm")
+    parser.add_argument("--no-priors", action="store_true", help="do not use the shape of the visible bands")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Complete; the mapping is what ``--json`` prints."""
+    import numpy as np
+
+    from ....core.errors import InputError
+    from ....io.meshes.ply import PlyMesh, write_ply
+    from ....reconstruction.completion.hole_region import load_hole_regions
+    from ....reconstruction.completion.surface_completion import Completion, CompletionSettings
+    from ....reconstruction.completion.touch import read_touches
+    from ....reconstruction.completion.touch_registration import register_touches
+    from ....reconstruction.mesh import SurfaceMesh
+
+    if not (np.isfinite(args.bound_m) and args.bound_m > 0):
+        raise InputError("--bound-m", f"found {args.bound_m}, expected > 0")
+    model = SurfaceMesh.load(args.model)
+    regions = load_hole_regions(args.region)
+    number = args.cluster
+    if number is None:
+        number = int(np.argmin([abs(float(r.distance_m(model.vertices_m).min())) for r in regions]))
+    if not 0 <= number < len(regions):
+        raise InputError(args.region, f"has {len(regions)} clusters, no number {number}", field="clusters")
+    touches = read_touches(args.touches) if args.touches else []
+    pose, rms_m = None, 0.0
+    if args.register:
+        known = [touch.contact_m for touch in read_touches(args.register) if touch.contact_m is not None]
+        pose, rms_m = register_touches(np.array(known).reshape(-1, 3), model)
+    _check_reach(touches, args.touches, model.vertices_m, regions[number].hull_m, pose)
+    settings = CompletionSettings(use_priors=not args.no_priors)
+    completion = Completion(model, regions[number], settings, T_visual_haptic=pose)
+    for touch in touches:
+        completion.add(touch)
+    completed = completion.completed()
+    fields = {"sigma_m": completion.sigma_m(completed.vertices_m)}
+    write_ply(args.out, PlyMesh(completed.vertices_m, completed.faces, completed.colors, fields))
+    found: dict[str, Any] = {
+        "out": str(args.out),
+        "cluster": number,
+        "supports": len(completion.band.points_m),
+        "touches": len(touches),
+        "vertices": len(completed.vertices_m),
+        "triangles": len(completed.faces),
+        "gap_m": completion.band.gap_m,
+        "expected_error_m": completion.expected_error_m(),
+        "done": completion.done(args.bound_m),
+    }
+    if pose is not None:
+        found["registration"] = {"matrix_visual_haptic": pose.matrix.tolist(), "rms_m": rms_m}
+    if completion.prior is not None:
+        prior = completion.prior
+        found["symmetry"] = {
+            "rotation": prior.p_rotation,
+            "mirror": prior.p_mirror,
+            "sweep": prior.p_sweep,
+        }
+    if args.next:
+        plan = completion.next_touch()
+        found["next"] = {
+            "target_m": plan.target_m.tolist(),
+            "start_m": plan.start_m.tolist(),
+            "end_m": plan.end_m.tolist(),
+            "direction": plan.direction.tolist(),
+            "score": plan.score,
+            "sigma_m": plan.sigma_m,
+        }
+    return found
+
+
+def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any) -> None:
+    """Refuse contacts that cannot be of this object: another unit, or another frame."""
+    import numpy as np
+
+    from ....core.errors import InputError
+
+    centre = region_m.mean(axis=0)
+    reach_m = float(np.linalg.norm(np.ptp(model_m, axis=0)) + np.linalg.norm(np.ptp(region_m, axis=0)))
+    for index, touch in enumerate(touches):
+        if touch.contact_m is None:
+            continue
+        point = touch.contact_m if pose is None else pose.apply(touch.contact_m)
+        away_m = float(np.linalg.norm(point - centre))
+        if away_m > reach_m:
+            raise InputError(
+                path,
+                f"found a contact {away_m:.3g} m from the region, expected at most {reach_m:.3g} m",
+                field=f"touch {index + 1}",
+                remedy="give metres in the frame of the surface, or --register",
+            )

@@ -1,0 +1,148 @@
+"""``visuohaptic reconstruct``: surface and transparent regions from a depth sequence."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser
+from pathlib import Path
+from typing import Any
+
+from ..._console import Arguments
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("skimage",)
+
+HELP = "Fuse a depth sequence into a surface and find what is transparent."
+EPILOG = """\
+reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
+writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of
+        each transparent part, in metres in the frame of the poses) in the folder --out
+
+example: visuohaptic reconstruct scan --out model
+"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("sequence", type=Path, help="sequence folder")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write")
+    parser.add_argument(
+        "--method",
+        default="consistency",
+        choices=("consistency", "published"),
+        help="detector (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--sensor", help="whose noise: kinect, kinect_axial, realsense_d435 (default: sequence.yaml)"
+    )
+    parser.add_argument(
+        "--space",
+        type=float,
+        nargs=6,
+        metavar=("X0", "Y0", "Z0", "X1", "Y1", "Z1"),
+        help="corners of the space of interest [m] (default: 1 m around what the camera looks at)",
+    )
+    parser.add_argument(
+        "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--no-refine", action="store_true", help="take the poses as they are (published: as printed)"
+    )
+    parser.add_argument(
+        "--view", action="store_true", help="show the result in the browser until interrupted"
+    )
+
+
+def run(args: Arguments) -> dict[str, Any]:
+    """Read, detect, fuse, write; returns what is printed."""
+    from dataclasses import asdict
+
+    from ....core.errors import InputError
+    from ....io.depth.depth_sequence import DepthSequence
+    from ....reconstruction.fusion.depth_noise import SENSOR_NOISE, sensor_noise
+    from ....reconstruction.fusion.volume import SpaceGrid, space_of_interest
+    from ....reconstruction.pipeline import reconstruct
+
+    sequence = DepthSequence(args.sequence)
+    if args.sensor:
+        noise = sensor_noise(args.sensor)
+    else:
+        try:
+            noise = sensor_noise(sequence.sensor)
+        except InputError:
+            noise = SENSOR_NOISE["kinect"]
+            args.report(
+                f"of the sensor {sequence.sensor!r} no noise is known, that of a kinect is used (--sensor)"
+            )
+    frames = list(sequence)
+    if not 0 < args.voxel_m < 0.5:
+        raise InputError("--voxel-m", f"found {args.voxel_m}, expected a length between 0 and 0.5 m")
+    if args.space:
+        grid = SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
+    else:
+        grid = space_of_interest(frames, voxel_m=args.voxel_m)
+    found = reconstruct(frames, grid=grid, noise=noise, method=args.method, refine=not args.no_refine)
+    found.save(args.out)
+    for region in found.regions:
+        x, y, z = region.centroid_m
+        size = " x ".join(f"{edge:.3f}" for edge in region.size_m)
+        args.report(f"transparent part at ({x:.3f}, {y:.3f}, {z:.3f}) m, {size} m, score {region.score:.2f}")
+    args.report(f"{len(found.regions)} transparent parts, {len(found.surface.faces)} triangles in {args.out}")
+    args.report(f"{'searched' if found.search.found else 'nothing found'}: {found.search.text}")
+    if args.view:
+        _show(found, args)
+    return {
+        "out": str(args.out),
+        "method": args.method,
+        "regions": [
+            {"centroid_m": region.centroid_m, "size_m": region.size_m, "score": region.score}
+            for region in found.regions
+        ],
+        "triangles": len(found.surface.faces),
+        "views": found.search.compared,
+        "skipped": {**sequence.skipped, **found.search.skipped},
+        "search": asdict(found.search),
+        "reason": found.search.text,
+    }
+
+
+def _show(found: Any, args: Arguments) -> None:
+    """Serve the surface and the transparent points until interrupted."""
+    import time
+
+    import numpy as np
+
+    from ....core.errors import MissingExtraError
+
+    try:
+        import viser
+    except ImportError as error:
+        raise MissingExtraError("viser", "view", "--view") from error
+    server = viser.ViserServer(host="127.0.0.1", verbose=False)
+    surface = found.surface
+    middle, size_m = (
+        0.5 * (found.grid.low_m + found.grid.high_m),
+        float(np.ptp(surface.vertices_m, axis=0).max()),
+    )
+    server.scene.set_up_direction("+z")
+    server.initial_camera.look_at = middle
+    server.initial_camera.position = middle + size_m * np.array([0.7, -0.9, 0.6])
+    if surface.colors is None:
+        vertices = surface.vertices_m.astype(np.float32)
+        server.scene.add_mesh_simple("surface", vertices, surface.faces, color=(190, 190, 190), side="double")
+    else:
+        vertices = surface.vertices_m.astype(np.float32)
+        server.scene.add_point_cloud("surface", vertices, surface.colors, point_size=0.003)
+    yellow = np.tile(np.array([[255, 210, 0]], np.uint8), (len(found.points_m), 1))
+    server.scene.add_point_cloud("transparent", found.points_m.astype(np.float32), yellow, point_size=0.004)
+    for k, region in enumerate(found.regions):
+        server.scene.add_mesh_simple(
+            f"hulls/{k}", region.hull_m.astype(np.float32), region.faces, color=(255, 210, 0), opacity=0.3
+        )
+    args.report(f"shown at http://127.0.0.1:{server.get_port()}, end with Ctrl+C")
+    try:
+        while True:
+            time.sleep(1)
+    except KeyboardInterrupt:
+        server.stop()

@@ -1,0 +1,99 @@
+"""``visuohaptic recording info``: what is in a recording."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from typing import Any
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = """Show what is in a recording: topics, frames, duration, size, and what is damaged.
+
+Reads a video, a folder of images, an MCAP file (also a cut one), or a map_server YAML file; writes nothing.
+
+Example: visuohaptic recording info run.mcap
+"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("file", help="video, folder of images, MCAP or map YAML file")
+    parser.add_argument(
+        "--rate-Hz", type=float, dest="rate_Hz", help="frame rate of an image folder without times"
+    )
+
+
+def run(args: Namespace) -> dict[str, Any]:
+    """Look into the recording; returns what is printed."""
+    from pathlib import Path
+
+    path = Path(args.file)
+    if path.suffix in (".yaml", ".yml"):
+        return _map(path)
+    if path.is_file():
+        with path.open("rb") as stream:
+            if stream.read(8) == b"\x89MCAP0\r\n":
+                return _mcap(path)
+    return _frames(args)
+
+
+def _mcap(path: Any) -> dict[str, Any]:
+    from ....io.ros.mcap_records import McapFile
+
+    file = McapFile(path)
+    topics = file.topics()
+    start = min((topic.start_s for topic in topics), default=0.0)
+    stop = max((topic.stop_s for topic in topics), default=0.0)
+    return {
+        "file": str(path),
+        "kind": "MCAP",
+        "bytes": path.stat().st_size,
+        "start_s": start,
+        "duration_s": stop - start,
+        "messages": sum(topic.messages for topic in topics),
+        "damage": str(file.damage),
+        "topics": [
+            {"name": t.name, "type": t.datatype, "messages": t.messages, "bytes": t.bytes} for t in topics
+        ],
+    }
+
+
+def _map(path: Any) -> dict[str, Any]:
+    from ....io.maps.occupancy_map import OccupancyMap
+
+    grid = OccupancyMap.load(path)
+    return {
+        "file": str(path),
+        "kind": "map",
+        "rows": grid.shape[0],
+        "columns": grid.shape[1],
+        "resolution_m": grid.resolution_m,
+        "size_m": list(grid.size_m),
+        "origin": list(grid.origin),
+        "occupied": int(grid.occupied.sum()),
+        "free": int(grid.free.sum()),
+        "unknown": int(grid.unknown.sum()),
+    }
+
+
+def _frames(args: Namespace) -> dict[str, Any]:
+    from ....core.errors import InputError
+    from ....io.frames.frames import open_source
+    from ....io.source import RecordedSource
+
+    with open_source(args.file, rate_Hz=args.rate_Hz) as source:
+        if not isinstance(source, RecordedSource):
+            raise InputError(args.file, "is a live camera, expected a recording")
+        first = next(iter(source))
+        times = source.times_s
+        return {
+            "file": str(args.file),
+            "kind": "folder" if "Folder" in type(source).__name__ else "video",
+            "frames": source.frame_count,
+            "missing": source.missing,
+            "start_s": float(times[0]),
+            "duration_s": float(times[-1] - times[0]),
+            "width": first.image.shape[1],
+            "height": first.image.shape[0],
+            "colour": first.image.ndim == 3,
+        }

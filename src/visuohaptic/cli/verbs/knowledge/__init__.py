@@ -1,0 +1,1 @@
+"""Verbs of databases and classifiers."""

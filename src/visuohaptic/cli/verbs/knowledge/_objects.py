@@ -1,0 +1,41 @@
+"""What the ``objects`` verbs share: where the database is, and how an object is summed up."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from typing import Any
+
+from ....core.objects import VisuoHapticObject
+
+__all__ = ["add_database", "described", "opened"]
+
+#: Names the database where ``--db`` does not.
+VARIABLE = "VISUOHAPTIC_OBJECTS"
+
+
+def add_database(parser: argparse.ArgumentParser) -> None:
+    """The option that every one of these verbs has."""
+    parser.add_argument(
+        "--db",
+        default=os.environ.get(VARIABLE, "objects.db"),
+        metavar="FOLDER|URL",
+        help=f"database: a folder, or postgresql://...; by default ${VARIABLE}, else objects.db",
+    )
+
+
+def opened(args: Any, *, create: bool = False) -> Any:
+    """The database of ``--db``."""
+    from ....database.database import open_database
+
+    return open_database(args.db, create=create)
+
+
+def described(obj: VisuoHapticObject) -> dict[str, Any]:
+    """An object without its arrays: those are named with their shapes."""
+    from ....core.codec import encode
+
+    card, arrays = encode(obj)
+    card.pop("evidence", None)
+    shapes = {name: "x".join(map(str, array.shape)) for name, array in arrays.items()}
+    return {**card, "evidence": len(obj.evidence), "arrays": shapes}

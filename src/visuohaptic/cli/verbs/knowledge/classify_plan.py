@@ -1,0 +1,47 @@
+"""``visuohaptic classify plan``: what to touch, in what order."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Show the exploration plan of a trained tree."
+EPILOG = """\
+reads   a tree of classify train
+writes  the plan to stdout; with --plot a picture of the tree and the features, like figure 6.7
+
+x+12 is the side x+ at height 12 of 16 from below. Touching it measures x-12, too.
+
+example: visuohaptic classify plan tree.json --plot tree.png
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("tree", type=Path, help="tree.json of classify train")
+    parser.add_argument("--plot", type=Path, help="picture to write")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Show; the mapping is what ``--json`` prints."""
+    from ....recognition.classifier_file import load_classifier
+    from ....recognition.trees.tree_file import plan_rows, tree_text
+    from ....recognition.trees.tree_nodes import mean_touches, scaling_touches
+    from ....recognition.trees.tree_plots import plot_tree
+
+    found = load_classifier(args.tree)
+    tree = found.tree
+    if args.plot:
+        plot_tree(args.plot, tree, found.data.of_classes(tree.classes, found.groups))
+    args.report(tree_text(tree))
+    return {
+        "classes": list(tree.classes),
+        "scheme": tree.scheme,
+        "loss": tree.loss,
+        "scaling": [f"{axis}{height}" for height, axis in scaling_touches(tree.scheme)],
+        "mean_touches": mean_touches(tree),
+        "nodes": plan_rows(tree),
+    }

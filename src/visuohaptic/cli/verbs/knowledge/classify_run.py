@@ -1,0 +1,204 @@
+"""``visuohaptic classify run``: what an object is, from touches, and what to touch next."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Say what an object is from measured curves, and what to touch next."
+EPILOG = """\
+reads   a tree of classify train with its .npz, and a CSV file of curves with the columns
+          height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m]
+        or, with --ask, lines on stdin after each question: stiffness of both sides [N/m]
+        and perhaps the width [m], as: 5200 5150 0.071
+writes  the probabilities of the classes to stdout; with --view a page in the browser on which tree and
+        planner walk as touches arrive, until Ctrl-C; with --steps their steps for visuohaptic view
+
+example: visuohaptic classify run tree.json curves.csv --json
+         visuohaptic classify run tree.json --ask --view
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("tree", type=Path, help="tree.json of classify train")
+    parser.add_argument("curves", type=Path, nargs="?", help="CSV file of measured curves")
+    parser.add_argument("--ask", action="store_true", help="ask for one touch after the other")
+    parser.add_argument("--confidence", type=float, default=0.99, help="wanted probability (0.99)")
+    parser.add_argument("--most", type=int, default=10, help="touches with --ask")
+    parser.add_argument("--no-width", action="store_true", help="do not use widths as evidence")
+    parser.add_argument("--force-noise", type=float, default=0.1, help="of one sample [N]")
+    parser.add_argument("--deformation-noise", type=float, default=1e-4, help="of one sample [m]")
+    parser.add_argument(
+        "--prior", action="append", default=[], metavar="CLASS=SHARE", help="of vision; may be repeated"
+    )
+    parser.add_argument("--state", type=Path, help="state.json of this object: say its state, too")
+    parser.add_argument("--view", action="store_true", help="show the touches on a page in the browser")
+    parser.add_argument("--port", type=int, default=8080, help="of --view on 127.0.0.1")
+    parser.add_argument("--seconds", type=float, help="close the page after this time; without, at Ctrl-C")
+    parser.add_argument("--steps", type=Path, help="file for the steps of the tree, .json")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Classify; the mapping is what ``--json`` prints."""
+    from ....core.files import write_text
+    from ....recognition.classifier_file import load_classifier
+    from ....recognition.data.readings import SensorNoise, read_curves, stiffness_grid
+    from ....recognition.touch.steps import tree_steps
+
+    if bool(args.curves) == args.ask:
+        raise InputError("classify run", "expected either a file of curves or --ask")
+    if not 0 < args.confidence <= 1:
+        raise InputError("--confidence", f"found {args.confidence}, expected 0 to 1")
+    if not (0 < args.force_noise < 1e3 and 0 <= args.deformation_noise < 0.1):
+        raise InputError(
+            "--force-noise", "expected more than 0 N, and a deformation noise of less than 0.1 m"
+        )
+    found = load_classifier(args.tree)
+    prior = dict(_prior(text) for text in args.prior) or None
+    readings: Any = ()
+    if not args.ask:
+        readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
+    # Without a width in the file, what is certain enough is another matter, too.
+    wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
+    model = found.model(use_width=wide and not args.no_width, prior=prior)
+    if args.steps and args.steps.suffix != ".json":
+        raise InputError("--steps", f"found {args.steps.name!r}, expected a name with .json")
+    with _page(args, found.tree, model) as follow:
+        if args.ask:
+            readings = _asked(args, model, follow)
+        else:
+            for count in range(1, len(readings) + 1):
+                # As if the touches came one after the other.
+                follow(readings[:count], None if count == len(readings) else _place_of(readings[count]))
+        result = _result(args, found, model, readings)
+        if args.steps:
+            steps, answer = tree_steps(found.tree, stiffness_grid(readings))
+            walked = {"steps": [list(step) for step in steps], "result": answer}
+            write_text(args.steps, json.dumps(walked, indent=1) + "\n")
+        if args.view:
+            args.report(f"{result['answer']}: {result['confidence']:.3f}")
+    return result
+
+
+def _result(args: Any, found: Any, model: Any, readings: Any) -> dict[str, Any]:
+    from ....recognition.data.readings import stiffness_grid
+    from ....recognition.touch.bayes import touch_gains
+    from ....recognition.touch.belief import update_belief
+    from ....recognition.trees.tree_nodes import next_touch
+
+    belief = update_belief(model, readings)
+    wanted, node = next_touch(found.tree, stiffness_grid(readings))
+    gains = touch_gains(model, readings)
+    best = max(gains, key=lambda one: gains[one][0] / gains[one][1]) if gains else None
+    sure = belief.confidence >= args.confidence
+    result: dict[str, Any] = {
+        "answer": belief.answer,
+        "confidence": belief.confidence,
+        "sure": sure,
+        "probabilities": belief.as_mapping(),
+        "touches": [f"{reading.axis}{reading.height}" for reading in readings],
+        "next_touch": None
+        if best is None or sure
+        else {"touch": f"{best[1]}{best[0]}", "information_nat": gains[best][0], "seconds": gains[best][1]},
+        "tree": {
+            "answer": found.tree.classes[int(found.tree.answer[node])] if wanted is None else None,
+            "next_touch": None if wanted is None else f"{wanted[1]}{wanted[0]}",
+        },
+        "state": None,
+    }
+    if args.state:
+        from ....recognition.touch.state import load_state_model, state_probability
+
+        states = load_state_model(args.state)
+        result["state"] = state_probability(states, readings)
+    return result
+
+
+@contextmanager
+def _page(args: Any, tree: Any, model: Any) -> Iterator[Any]:
+    """What is told of each touch; with --view a page that shows it, and stays after the last."""
+    if not args.view:
+        yield lambda readings, wanted: None
+        return
+    from ....recognition.data.readings import stiffness_grid
+    from ....recognition.touch.steps import planner_follower, tree_follower
+    from ....viewer.browse import BrowsePage
+    from ....viewer.steps_view import StepsView
+    from ..system.view import wait
+
+    if not 0 <= args.port <= 65535:
+        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
+    if args.seconds is not None and not args.seconds >= 0:
+        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    by_tree, by_planner = StepsView("tree"), StepsView("planner")
+    tell_tree, tell_planner = tree_follower(tree, by_tree), planner_follower(model, by_planner)
+
+    def follow(readings: Any, wanted: Any) -> None:
+        tell_tree(stiffness_grid(readings))
+        tell_planner(readings, wanted)
+
+    with BrowsePage([by_tree, by_planner], args.port) as page:
+        args.report(f"{page.url} shows the touches; Ctrl-C ends it")
+        page.show()
+        yield follow
+        wait(args)
+
+
+def _place_of(reading: Any) -> tuple[int, str]:
+    return reading.height, reading.axis
+
+
+def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
+    from ....recognition.data.readings import CurveFit, TouchReading
+    from ....recognition.touch.bayes import explore
+
+    def touch(height: int, axis: str) -> TouchReading:
+        sys.stderr.write(f"touch {axis}{height}: stiffness of {axis}+ and {axis}- [N/m], width [m]? ")
+        sys.stderr.flush()
+        line = sys.stdin.readline()
+        words = line.split()
+        try:
+            numbers = [float(word) for word in words]
+        except ValueError as error:
+            raise InputError("stdin", f"found {line.strip()!r}, expected numbers") from error
+        if len(numbers) not in (2, 3) or not all(0 < value < 1e12 for value in numbers):
+            raise InputError(
+                "stdin", f"found {line.strip()!r}, expected two stiffnesses, and perhaps a width"
+            )
+        sides = [
+            CurveFit(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))
+            for value in numbers[:2]
+        ]
+        width = numbers[2] if len(numbers) > 2 else float("nan")
+        return TouchReading(height, axis, (sides[0], sides[1]), width)
+
+    return explore(
+        model,
+        touch,
+        confidence=args.confidence,
+        max_touches=args.most,
+        min_touches=min(2, args.most),
+        follow=follow,
+    ).readings
+
+
+def _prior(text: str) -> tuple[str, float]:
+    name, _, fraction = text.rpartition("=")
+    try:
+        value = float(fraction)
+    except ValueError as error:
+        raise InputError("--prior", f"found {text!r}, expected CLASS=SHARE") from error
+    if not 0 <= value <= 1:
+        raise InputError("--prior", f"found a share of {fraction}, expected 0 to 1", field=name)
+    return name, value

@@ -1,0 +1,163 @@
+"""``visuohaptic classify train``: a tree, and a planner, from features of known objects."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Train a classification tree, which is an exploration plan, and a planner of touches; or states."
+EPILOG = """\
+reads   a folder of objects build, or the .npz file of an earlier training
+        or, with --states, a container: a shipped class or a .yaml file
+writes  the tree as JSON, and beside it the training objects as NPZ; with --plot figure 6.7
+        or, with --states, what the container feels like open, closed and filled, for classify run --state;
+        large deformations are simulated, which takes about a second for each variant, state and place
+
+example: visuohaptic classify train --objects objects --classes bottle,cup,elliptic --out tree.json
+         visuohaptic classify train --objects objects --group elliptic=isana,cien,cleaner --out tree.json
+         visuohaptic classify train --states isana --fill 0.5 --out state.json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--objects", type=Path, help="folder of objects build, or .npz")
+    parser.add_argument("--states", metavar="CONTAINER", help="learn the states of this container instead")
+    parser.add_argument("--out", type=Path, required=True, help="tree or states to write, .json")
+    parser.add_argument("--classes", help="candidates, with commas; all by default")
+    parser.add_argument(
+        "--group",
+        action="append",
+        default=[],
+        metavar="NAME=CLASS,CLASS",
+        help="classes that are answered by one name; may be repeated",
+    )
+    parser.add_argument("--scheme", choices=("norm", "centre", "point"), default="centre", help="of scaling")
+    parser.add_argument(
+        "--reuse", type=float, default=0.1, help="how much to prefer what was touched already, 0..1"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of folds and calibration")
+    parser.add_argument("--plot", type=Path, help="picture of the tree and the features")
+    states = parser.add_argument_group("with --states")
+    states.add_argument(
+        "--fill", type=float, action="append", default=[], help="a state closed and so full, 0..1; repeatable"
+    )
+    states.add_argument(
+        "--places", default="y+4,y+6,y+8,y+10", help="candidates, side and height (y+4,y+6,y+8,y+10)"
+    )
+    states.add_argument("--variants", type=int, default=8, help="draws of wall and modulus, each 10 %% (8)")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Train and write; the mapping is what ``--json`` prints."""
+    if args.out.suffix != ".json":
+        raise InputError("--out", f"found {args.out.name!r}, expected a name with .json")
+    if (args.objects is None) == (args.states is None):
+        raise InputError("classify train", "expected either --objects or --states")
+    return _objects(args) if args.states is None else _states(args)
+
+
+def _states(args: Any) -> dict[str, Any]:
+    import numpy as np
+
+    from ....deformation.nonlinear.contents import Contents
+    from ....deformation.shapes.container import load_container
+    from ....recognition.touch.state import fit_state_model, save_state_model, simulate_state_curves
+
+    if bad := [fill for fill in args.fill if not 0 < fill <= 1]:
+        raise InputError("--fill", f"found {bad[0]:g}, expected more than 0 to 1")
+    if not 3 <= args.variants <= 1000:
+        raise InputError("--variants", f"found {args.variants}, expected 3 to 1000")
+    states: dict[str, Contents | None] = {"open": None, "closed": Contents()}
+    states |= {f"closed, {100 * fill:g} % full": Contents(fill=fill) for fill in args.fill}
+    places = [place.strip() for place in args.places.split(",")]
+    curves = simulate_state_curves(
+        load_container(args.states).middle(), states, places, variants=args.variants, seed=args.seed
+    )
+    model = fit_state_model(curves, np.random.default_rng(args.seed))
+    save_state_model(args.out, model)
+    ranked = dict(zip(model.places, model.accuracy.tolist(), strict=True))
+    args.report("\n".join(f"{place}: right {100 * fraction:.0f} %" for place, fraction in ranked.items()))
+    return {"out": str(args.out), "states": list(model.states), "places": ranked}
+
+
+def _objects(args: Any) -> dict[str, Any]:
+    import time
+
+    import numpy as np
+
+    from ....recognition.classifier_file import Classifier, save_classifier
+    from ....recognition.data.data_set import load_feature_set
+    from ....recognition.touch.calibration import calibrate
+    from ....recognition.touch.haptic_model import ModelSettings, fit_model
+    from ....recognition.trees.tree import train_tree
+    from ....recognition.trees.tree_file import tree_text
+    from ....recognition.trees.tree_nodes import feature_name, mean_touches
+    from ....recognition.trees.tree_plots import plot_tree
+
+    groups = dict(_group(text) for text in args.group)
+    data = load_feature_set(args.objects)
+    named = {member: name for name, members in groups.items() for member in members}
+    if unknown := sorted(set(named) - set(data.classes)):
+        raise InputError("--group", f"found {unknown[0]!r}, expected one of {', '.join(data.classes)}")
+    known = dict.fromkeys(named.get(name, name) for name in data.classes)
+    wanted = [text.strip() for text in args.classes.split(",")] if args.classes else list(known)
+    if bad := [name for name in wanted if name not in known]:
+        raise InputError("--classes", f"found {bad[0]!r}, expected one of {', '.join(known)}")
+    used = data.take(np.array([named.get(name, name) in wanted for name in data.label]))
+    groups = {name: members for name, members in groups.items() if name in wanted}
+    candidates = used.of_classes(wanted, groups)
+    begin = time.perf_counter()
+    fewest = int(np.bincount(candidates.number).min())
+    if fewest < 3:
+        raise InputError(args.objects, f"a class has {fewest} objects, expected at least 3")
+    tree = train_tree(
+        candidates,
+        scheme=args.scheme,
+        reuse=args.reuse,
+        folds=min(10, fewest),
+        rng=np.random.default_rng(args.seed),
+    )
+    model, plain = (
+        calibrate(
+            fit_model(used, groups, settings=ModelSettings(use_width=width)),
+            used,
+            np.random.default_rng(args.seed),
+            explorations=150,
+        )
+        for width in (True, False)
+    )
+    by_stiffness = plain.temperature, plain.unknown_from
+    save_classifier(
+        args.out, Classifier(tree, used, groups, model.temperature, model.unknown_from, by_stiffness)
+    )
+    if args.plot:
+        plot_tree(args.plot, tree, candidates)
+    args.report(tree_text(tree))
+    return {
+        "out": str(args.out),
+        "classes": list(tree.classes),
+        "objects": len(candidates),
+        "loss": tree.loss,
+        "loss_sigma": tree.loss_sigma,
+        "nested_loss": tree.nested_loss,
+        "nodes": int(np.count_nonzero(tree.feature >= 0)),
+        "features": [feature_name(k) for k in tree.features],
+        "mean_touches": mean_touches(tree),
+        "temperature": model.temperature,
+        "unknown_from": model.unknown_from,
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def _group(text: str) -> tuple[str, tuple[str, ...]]:
+    name, separator, members = text.partition("=")
+    found = tuple(member.strip() for member in members.split(",") if member.strip())
+    if not separator or not name.strip() or not found:
+        raise InputError("--group", f"found {text!r}, expected NAME=CLASS,CLASS")
+    return name.strip(), found

@@ -1,0 +1,139 @@
+"""``visuohaptic objects add``: one object, or new evidence of it."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ....core.errors import InputError
+from ._objects import add_database, described, opened
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
+
+HELP = "Add an object, or new evidence of one that is known."
+EPILOG = """\
+reads   the arguments, and what is known of the object
+writes  into the database; it is on the disk when the verb returns
+        --estimate PLACE=VALUE+-SIGMA adds evidence to what is known and refines it;
+        SIGMA is its standard deviation, more than 0
+
+example: visuohaptic objects add cup-1 --class cup --estimate material.wall_thickness_m=0.8e-3+-0.02e-3
+"""
+
+
+#: A wall is thinner than this, whatever the object [m].
+THICKEST_m = 0.05
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("id", help="of the object, new or known")
+    parser.add_argument("--name", default="", help="for people")
+    parser.add_argument("--class", dest="visual_class", default="", help="what vision calls it")
+    parser.add_argument("--licence", default="", help="SPDX identifier")
+    parser.add_argument(
+        "--state", action="append", default=[], metavar="NAME=VALUE", help="as lid=open, fill=0.5"
+    )
+    parser.add_argument(
+        "--estimate", action="append", default=[], metavar="PLACE=VALUE+-SIGMA", help="SI units"
+    )
+    parser.add_argument("--source", default="command line", help="where the evidence comes from")
+    parser.add_argument(
+        "--seen", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where it is now, in the map [m]"
+    )
+    parser.add_argument("--context", action="append", default=[], help="room, furniture, neighbours")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Add; the mapping is what ``--json`` prints."""
+    import time
+
+    from ....core.objects import Provenance, Sighting, VisuoHapticObject
+    from ....database.merge import add_evidence
+
+    origin = Provenance(args.source, time.time())
+    evidence = [_evidence(text, origin) for text in args.estimate]
+    state = dict(_state(text) for text in args.state)
+    seen = None
+    if args.seen is not None:
+        if not all(abs(value) < float("inf") for value in args.seen):
+            raise InputError("--seen", f"found {args.seen}, expected three finite numbers [m]")
+        seen = Sighting(tuple(args.seen), 0.05, origin.t_s, context=tuple(args.context))
+    given = {"name": args.name, "visual_class": args.visual_class, "licence": args.licence, "state": state}
+    obj = VisuoHapticObject(
+        args.id, seen=seen, provenance={place: origin for place, value in given.items() if value}, **given
+    )
+    for item in evidence:
+        _plausible(item, obj)
+    told = add_evidence(obj, *evidence)
+    with opened(args, create=True) as database:
+        if args.id in database:
+            for item in evidence:
+                _plausible(item, database.get(args.id))
+        return described(database.add(told))
+
+
+def _plausible(item: Any, known: Any) -> None:
+    """Refuse what no thing has: a material constant of zero, a wall thicker than the object's radius."""
+    name, value = item.property.rpartition(".")[2], item.estimate.value
+    if name not in {"wall_thickness_m", "youngs_modulus_Pa", "density_kg_per_m3"}:
+        return
+    if value <= 0:
+        raise InputError("--estimate", f"found {value:g}, expected more than 0", field=item.property)
+    if name != "wall_thickness_m":
+        return
+    import numpy as np
+
+    limit, of = THICKEST_m, "more than any thing has that a hand holds"
+    if known.geometry is not None and known.geometry.vertices_m is not None:
+        limit, of = (
+            float(np.ptp(known.geometry.vertices_m, axis=0).min()) / 2,
+            f"half of {known.id}'s smallest extent",
+        )
+    if value >= limit:
+        raise InputError(
+            "--estimate",
+            f"found a wall of {value:g} m, expected less than {limit:.3g} m, {of}",
+            field=item.property,
+            remedy="give it in metres",
+        )
+
+
+def _evidence(text: str, origin: Any) -> Any:
+    from ....core.objects import Estimate, Evidence
+
+    place, _, numbers = text.partition("=")
+    value, separator, sigma = numbers.partition("+-")
+    try:
+        if not separator:
+            raise ValueError
+        found = Estimate(float(value), float(sigma))
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError("--estimate", f"found {text!r}, expected PLACE=VALUE+-SIGMA") from error
+    if found.sigma == 0:
+        # Exact evidence leaves all other evidence without weight, for good.
+        raise InputError(
+            "--estimate",
+            f"found {text!r} with a SIGMA of 0, expected more than 0",
+            remedy="give its standard deviation",
+        )
+    return Evidence(place, found, origin)
+
+
+def _state(text: str) -> tuple[str, str | float]:
+    name, separator, value = text.partition("=")
+    if not separator or not name:
+        raise InputError("--state", f"found {text!r}, expected NAME=VALUE")
+    try:
+        number = float(value)
+    except ValueError:
+        return name, value
+    if name == "fill" and not 0.0 <= number <= 1.0:
+        raise InputError("--state", f"found {text!r}, expected a share of 0..1", field="fill")
+    return name, number

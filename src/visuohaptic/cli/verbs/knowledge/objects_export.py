@@ -1,0 +1,39 @@
+"""``visuohaptic objects export``: a database as plain files."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ._objects import add_database, opened
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
+
+HELP = "Export objects as folders with cards."
+EPILOG = """\
+reads   a database of objects
+writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb
+
+example: visuohaptic objects export cup-1 --licence CC-BY-4.0 --out kitchen_export
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("id", nargs="*", help="of the objects; by default all")
+    parser.add_argument("--out", required=True, help="folder, made if it is not there")
+    parser.add_argument("--licence", default="", help="for objects that name none, an SPDX identifier")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Export; the mapping is what ``--json`` prints."""
+    from ....database.exchange import export_objects
+
+    with opened(args) as database:
+        ids = args.id or [one.id for one in database.summaries()]
+        count = export_objects((database.get(one) for one in ids), args.out, licence=args.licence)
+    return {"folder": args.out, "exported": count}

@@ -1,0 +1,90 @@
+"""``visuohaptic objects recognise``: what a seen object may be."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ....core.errors import InputError
+from ._objects import add_database, opened
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "needs", "run"]
+
+HELP = "Say what a seen object may be, with probabilities, before it is touched."
+EPILOG = """\
+reads   a database of objects (their meshes, pictures of faces and last places), or a prior that was saved
+        from one; a picture, or the points of one object from one side (.npy, or .ply in metres)
+writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
+
+example: visuohaptic objects recognise --cloud seen.ply --context kitchen
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--image", metavar="FILE", help="picture of the object and what is around it")
+    parser.add_argument(
+        "--cloud", metavar="FILE", help="points of the object alone: .npy (n, 3) or .ply, in m"
+    )
+    parser.add_argument("--context", default="", metavar="WORDS", help="of the place, as kitchen,sink")
+    parser.add_argument("--prior", metavar="FILE", help=".npz of --save; the database is not read")
+    parser.add_argument("--save", metavar="FILE", help="write the prior of the database (.npz)")
+    parser.add_argument("--least", type=float, default=0.01, help="probability of what is still listed")
+    add_database(parser)
+
+
+def needs(args: Any) -> set[str]:
+    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds."""
+    return ({"small_gicp"} if args.cloud else set()) | (set() if args.prior else {"pyarrow", "sqlalchemy"})
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Recognise; the mapping is what ``--json`` prints."""
+    from ....core.files import read_image
+    from ....recognition.visual.prior import VisualPrior, model_probabilities
+    from ....recognition.visual.prior_file import load_prior, save_prior
+
+    if not (args.image or args.cloud or args.save):
+        raise InputError("objects recognise", "found nothing to look at", remedy="give --image or --cloud")
+    if args.prior:
+        prior = load_prior(args.prior)
+    else:
+        with opened(args) as database:
+            prior = VisualPrior.of_objects(database.get(one.id) for one in database.summaries())
+    if args.save:
+        save_prior(args.save, prior)
+        args.report(f"wrote the prior of {len(prior)} objects to {args.save}")
+    if not (args.image or args.cloud):
+        return {"objects": len(prior), "candidates": []}
+    found = prior.candidates(
+        None if args.image is None else read_image(args.image, "grey", upright=True),
+        None if args.cloud is None else _cloud(args.cloud),
+        [word for word in args.context.split(",") if word],
+        least=args.least,
+    )
+    for one in found:
+        args.report(f"{one.probability:8.3f}  {one.object_id}")
+    return {
+        "objects": len(prior),
+        "candidates": [
+            {
+                "id": one.object_id,
+                "probability": one.probability,
+                "models": list(one.models),
+                "matches": one.matches,
+                "residual_m": one.residual_m if one.residual_m == one.residual_m else None,
+            }
+            for one in found
+        ],
+        "models": model_probabilities(found),
+    }
+
+
+def _cloud(path: str) -> Any:
+    from ....core.files import read_npy
+
+    if path.endswith(".ply"):
+        from ....io.meshes.ply import read_ply
+
+        return read_ply(path).vertices_m
+    return read_npy(path, "a .npy file of points")

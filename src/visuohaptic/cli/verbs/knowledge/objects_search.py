@@ -1,0 +1,51 @@
+"""``visuohaptic objects search``: objects with similar features."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from ....core.errors import InputError
+from ._objects import add_database, opened
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
+
+HELP = "Find the objects with the most similar features."
+EPILOG = """\
+reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
+writes  the answer, to stdout
+
+example: visuohaptic objects search --like cup-1 --count 5
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    query = parser.add_mutually_exclusive_group(required=True)
+    query.add_argument("--like", help="id of an object")
+    query.add_argument("--features", help=".npy file with one vector")
+    parser.add_argument("--kind", default="stiffness", help="of features")
+    parser.add_argument("--count", type=int, default=5, help="how many")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Search; the mapping is what ``--json`` prints."""
+    from ....core.files import read_npy
+    from ....database.search import index_of
+
+    with opened(args) as database:
+        if args.like:
+            features = database.get(args.like).features
+            if args.kind not in features:
+                raise InputError(args.like, f"has no features {args.kind!r}, only {sorted(features)}")
+            query = features[args.kind].values
+        else:
+            query = read_npy(args.features, "a .npy file of numbers")
+        found = index_of(database, args.kind).nearest(query, args.count)
+    for one in found:
+        args.report(f"{one.distance:10.4g}  {one.id}")
+    return {"found": [{"id": one.id, "distance": one.distance} for one in found]}

@@ -1,0 +1,54 @@
+"""``visuohaptic objects sync``: a robot's database and a shared one."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+from ._objects import add_database, opened
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("pyarrow", "sqlalchemy")
+
+HELP = "Exchange what is new with a shared database."
+EPILOG = """\
+reads   both databases; one of them may be new, and is made
+writes  both; where objects were seen last stays here
+
+example: visuohaptic objects sync postgresql://robots@server/objects
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("shared", help="postgresql://..., or a folder")
+    add_database(parser)
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Synchronise; the mapping is what ``--json`` prints."""
+    from ....database.connection import shown_url
+    from ....database.database import open_database
+    from ....database.sync import synchronise
+
+    if not _is_there(args.db) and not _is_there(args.shared):
+        # Else a mistyped name would make two empty databases and call it done.
+        raise InputError(
+            shown_url(args.shared),
+            f"is not a database of objects, and neither is {shown_url(args.db)}",
+            remedy="check both names, or add an object first",
+        )
+    if "://" not in args.db + args.shared and Path(args.db).resolve() == Path(args.shared).resolve():
+        raise InputError(args.shared, "is the database of --db itself, expected another one")
+    with opened(args, create=True) as local, open_database(args.shared) as shared:
+        done = synchronise(local, shared)
+        return {"shared": shared.where, "sent": done.sent, "received": done.received}
+
+
+def _is_there(location: str) -> bool:
+    """A server is taken to be there; if it is not, opening says so."""
+    return "://" in location or (Path(location) / "objects.sqlite").is_file()

@@ -1,0 +1,1 @@
+"""Verbs of maps, plans, stiffness and grasps."""

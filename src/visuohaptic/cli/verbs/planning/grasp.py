@@ -1,0 +1,235 @@
+"""``visuohaptic grasp``: where to grasp a container that gives way, and how hard."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ._container import add_container_arguments, read_container
+
+if TYPE_CHECKING:
+    from ....grasping.planner import Grasp, GraspPlan, GraspTask
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "grasp_json", "run"]
+
+HELP = "Rank the grasps of a container: stable, and without crushing it."
+EPILOG = """\
+reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
+        its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
+writes  a picture of the scores and the grasps: PNG, PDF or SVG
+
+Each grasp is two fingers that push towards each other. Without --force each place gets the force
+that its load needs. Lengths are metres, forces newtons of one finger.
+
+example: visuohaptic grasp cup-rim --force 20 --plot grasps.png
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    add_container_arguments(parser, also=", or map.npz")
+    parser.add_argument("--force", type=float, metavar="N", help="of each finger; what is needed by default")
+    parser.add_argument("--state", choices=("open", "closed"), default="open", help="open by default")
+    parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in it, 0..1")
+    parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
+    parser.add_argument("--count", type=int, default=5, help="of grasps, at most")
+    parser.add_argument(
+        "--confirm", action="store_true", help="check each by nonlinear simulation; seconds for each"
+    )
+    parser.add_argument(
+        "--several", type=int, metavar="M", help="also share the force among the M best, acting at once"
+    )
+    hand = parser.add_argument_group("hand")
+    hand.add_argument("--friction", type=float, default=0.6, help="coefficient of the fingers (0.6)")
+    hand.add_argument("--opening", type=float, default=0.11, help="widest [m] (0.11)")
+    hand.add_argument(
+        "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
+    )
+    hand.add_argument("--most-force", type=float, default=60.0, help="of one finger [N] (60)")
+    limits = parser.add_argument_group("limits")
+    limits.add_argument(
+        "--most-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
+    )
+    limits.add_argument("--least-score", type=float, default=0.5, help="of a grasp (0.5)")
+    limits.add_argument("--mass", type=float, metavar="KG", help="instead of that of wall and liquid")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Plan and report; the mapping is what ``--json`` prints."""
+    from ....core.errors import InputError
+    from ....deformation.maps.map_file import check_suffix, load_map
+    from ....grasping.planner import plan_grasps, plan_map
+
+    check_suffix(None, args.plot)
+    begin = time.perf_counter()
+    thing = None
+    if Path(args.object).suffix.lower() == ".npz":
+        for flag in ("confirm", "several"):
+            if getattr(args, flag):
+                raise InputError(args.object, f"is a map: --{flag} needs the object itself")
+        surface = load_map(args.object)
+        name = Path(args.object).stem
+        plan = plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
+    else:
+        thing = read_container(args)
+        name = thing.name
+        _check_mass_known(args, thing)
+        task = _task(args, None)
+        if args.mass is not None:
+            task = _with_mass(task, args.mass, thing)
+        plan = plan_grasps(thing, task, count=args.count, confirm=args.confirm)
+    if args.plot:
+        from ....grasping.plots import plot_plan
+
+        force = "the force needed" if args.force is None else f"{args.force:g} N"
+        plot_plan(args.plot, [(f"{name}, {force}", plan)])
+    result: dict[str, Any] = {
+        "object": str(args.object),
+        "name": name,
+        "state": args.state,
+        "fill": args.fill,
+        "force_N": args.force,
+        "mass_kg": None if plan.load is None else plan.load.mass_kg,
+        "centre_m": None if plan.load is None else list(plan.load.centre_m),
+        "feasible_share": float(plan.feasibility.feasible.mean()),
+        "grasps": [grasp_json(grasp) for grasp in plan.grasps],
+        "rejected": [grasp_json(grasp) for grasp in plan.rejected],
+        "reason": plan.reason,
+        "notes": list(thing.notes) if thing is not None else [],
+        "plot": str(args.plot) if args.plot else None,
+    }
+    if args.several:
+        result["several"] = _several(args, thing, plan)
+    result["seconds"] = time.perf_counter() - begin
+    _report(args, result)
+    return result
+
+
+def _task(args: Any, centre_m: Any) -> GraspTask:
+    from ....grasping.force import GripperModel, Load
+    from ....grasping.planner import GraspTask
+    from ....grasping.score import ScoreParameters
+
+    load = None
+    if args.mass is not None and centre_m is not None:
+        load = Load(args.mass, (float(centre_m[0]), float(centre_m[1]), float(centre_m[2])))
+    return GraspTask(
+        force_N=args.force,
+        closed=args.state == "closed",
+        fill=args.fill,
+        gripper=GripperModel(args.opening, args.finger_radius, args.max_force, args.friction),
+        parameters=ScoreParameters(max_deformation_m=args.max_deformation),
+        min_score=args.min_score,
+        load=load,
+    )
+
+
+def _check_mass_known(args: Any, thing: Any) -> None:
+    """Refuse, before computing, a wall whose weight nothing says: a modulus alone has no density."""
+    from ....core.errors import InputError
+    from ....grasping.force import wall_density_kg_per_m3
+
+    if args.mass is None and wall_density_kg_per_m3(thing) is None:
+        raise InputError(
+            args.object,
+            f"its wall is of material {thing.material.name!r}, of which the density is not known, and so its mass",
+            remedy="give --mass in kg, or name its --material",
+        )
+
+
+def _with_mass(task: GraspTask, mass_kg: float, thing: Any) -> GraspTask:
+    from dataclasses import replace
+
+    from ....grasping.force import Load, object_load
+
+    # Any density: only where the centre is matters.
+    centre = object_load(thing, task.fill, wall_kg_per_m3=1000.0).centre_m
+    return replace(task, load=Load(mass_kg, centre))
+
+
+def grasp_json(grasp: Grasp) -> dict[str, Any]:
+    """A grasp as plain numbers."""
+    said = grasp.confirmation
+    return {
+        "score": grasp.score,
+        "parts": grasp.parts,
+        "steadiness": grasp.steadiness,
+        "first_m": grasp.first_m.tolist(),
+        "second_m": grasp.second_m.tolist(),
+        "direction": grasp.direction.tolist(),
+        "width_m": grasp.width_m,
+        "force_N": grasp.force_N,
+        "needed_N": grasp.needed_N,
+        "deformation_limit_N": _finite(grasp.deformation_limit_N),
+        "spill_limit_N": _finite(grasp.spill_limit_N),
+        "deformation_m": grasp.deformation_m,
+        "deformation_sigma_m": grasp.deformation_sigma_m,
+        "confirmed": None
+        if said is None
+        else {
+            "holds": said.holds,
+            "reason": said.reason,
+            "deformation_m": _finite(said.deformation_m),
+            "slant_rad": said.slant_rad,
+            "pressed_out_m3": said.pressed_out_m3,
+        },
+    }
+
+
+def _several(args: Any, thing: Any, plan: GraspPlan) -> dict[str, Any]:
+    """The best grasps at once, each with its share of the force, superposed by the coupling matrix."""
+    import numpy as np
+
+    from ....core.errors import InputError
+    from ....grasping.planner import multi_contact
+
+    if not 2 <= args.several <= len(plan.grasps):
+        raise InputError(
+            "--several", f"found {args.several}, expected 2 to {len(plan.grasps)}, the number of grasps"
+        )
+    chosen = plan.grasps[: args.several]
+    coupling = multi_contact(
+        thing, [grasp.vertex for grasp in chosen], closed=args.state == "closed", fill=args.fill
+    )
+    force = np.array([grasp.force_N for grasp in chosen]) / len(chosen)
+    return {
+        "force_N": force.tolist(),
+        "deformation_m": coupling.deformation_m(force).tolist(),
+        "compliance_m_per_N": coupling.compliance.tolist(),
+    }
+
+
+def _report(args: Any, result: dict[str, Any]) -> None:
+    mass = "" if result["mass_kg"] is None else f", {1e3 * result['mass_kg']:.0f} g"
+    args.report(
+        f"{result['name']}, {result['state']}{mass}: {100 * result['feasible_share']:.0f} % of it is feasible"
+    )
+    for rank, grasp in enumerate(result["grasps"], 1):
+        x, y, z = (1e3 * value for value in grasp["first_m"])
+        line = (
+            f"{rank}. score {grasp['score']:.2f} at ({x:.0f}, {y:.0f}, {z:.0f}) mm, {1e3 * grasp['width_m']:.0f} mm wide: "
+            f"{grasp['force_N']:.1f} N, needs {grasp['needed_N']:.1f} N, deforms by {1e3 * grasp['deformation_m']:.1f} "
+            f"± {1e3 * grasp['deformation_sigma_m']:.1f} mm"
+        )
+        if grasp["confirmed"]:
+            line += f", {1e3 * grasp['confirmed']['deformation_m']:.1f} mm in the nonlinear simulation"
+        args.report(line)
+    for grasp in result["rejected"]:
+        z = 1e3 * grasp["first_m"][2]
+        args.report(f"not at {z:.0f} mm height (score {grasp['score']:.2f}): {grasp['confirmed']['reason']}")
+    if "several" in result:
+        most = 1e3 * max(result["several"]["deformation_m"])
+        args.report(f"{len(result['several']['force_N'])} at once, sharing the force: {most:.1f} mm at most")
+    if result["reason"]:
+        args.report(f"no grasp: {result['reason']}")
+    for note in result["notes"]:
+        args.report(f"note: {note}")
+    if result["plot"]:
+        args.report(f"written to {result['plot']}")
+
+
+def _finite(value: float) -> float | None:
+    return value if abs(value) < 1e300 else None

@@ -1,0 +1,90 @@
+"""``visuohaptic map graph``: layers, graph and regions of a map as files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Turn a map into distance, cost, skeleton, graph and regions."
+EPILOG = """\
+reads   a map_server YAML file with its picture
+writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
+        graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
+        edges are split until every straight line between nodes keeps the radius off the walls), and with --plot navigation.png
+
+example: visuohaptic map graph office.yaml --radius 0.17 --out office_graph --plot
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("map", type=Path, help="map_server YAML file")
+    parser.add_argument("--radius", type=float, required=True, dest="radius_m", help="of the robot [m]")
+    parser.add_argument(
+        "--out", type=Path, required=True, help="folder to write into, made if it is not there"
+    )
+    parser.add_argument(
+        "--v-max", type=float, default=0.3, dest="v_max_m_s", help="speed far from obstacles [m/s]"
+    )
+    parser.add_argument(
+        "--v-min", type=float, default=0.05, dest="v_min_m_s", help="speed at obstacles [m/s]"
+    )
+    parser.add_argument(
+        "--spacing", type=float, dest="spacing_m", help="keep connection nodes at this spacing [m]"
+    )
+    parser.add_argument(
+        "--stub", type=float, dest="stub_length_m", help="remove dead ends shorter than this [m]"
+    )
+    parser.add_argument("--frame", default="map", help="name of the map frame in the files")
+    parser.add_argument("--plot", action="store_true", help="draw it, as figure 4.1")
+    parser.add_argument(
+        "--unknown-is-free", action="store_true", help="the robot may enter what was never seen"
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Build and write; the mapping is what ``--json`` prints."""
+    from ....io.maps.occupancy_map import OccupancyMap
+    from ....navigation.files.geojson import save_graph, save_route_graph
+    from ....navigation.files.layers import save_layer
+    from ....navigation.graph.navigation_graph import build_graph
+    from ....navigation.graph.regions import assign_regions
+    from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
+    from .map_inspect import describe
+
+    grid = OccupancyMap.load(args.map)
+    limits = SpeedLimits(args.radius_m, args.v_max_m_s, args.v_min_m_s)
+    layers = grid_layers(grid, limits, unknown_is_free=args.unknown_is_free)
+    graph = build_graph(layers, stub_length_m=args.stub_length_m, spacing_m=args.spacing_m)
+    regions = assign_regions(layers, graph)
+    folder: Path = args.out
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be made ({error.strerror})") from error
+    written = []
+    for name, values, unit in (
+        ("distance_m", layers.distance_m, "m"),
+        ("cost_s_per_m", layers.cost_s_per_m, "s/m"),
+        ("reachable", layers.reachable, "1"),
+        ("regions", regions.node, "1"),
+        ("potential_s", regions.potential_s, "s"),
+    ):
+        save_layer(folder / f"{name}.yaml", values, grid, name=name, unit=unit)
+        written.append(f"{name}.yaml")
+    save_graph(folder / "graph.geojson", graph, grid, frame=args.frame)
+    save_route_graph(folder / "route_graph.geojson", graph, layers, frame=args.frame)
+    written += ["graph.geojson", "route_graph.geojson"]
+    if args.plot:
+        from ....core.files import atomic_path
+        from ....navigation.plots.map_plots import plot_navigation
+
+        with atomic_path(folder / "navigation.png") as temporary:
+            plot_navigation(regions).savefig(temporary)
+        written.append("navigation.png")
+    return {"map": str(args.map), **describe(layers, graph), "folder": str(folder), "written": written}

@@ -1,0 +1,88 @@
+"""``visuohaptic map inspect``: what a map holds, and where a robot of some radius gets on it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Say what is on a map, and where a robot can drive on it."
+EPILOG = """\
+reads   a map_server YAML file with its picture
+writes  nothing
+
+example: visuohaptic map inspect office.yaml --radius 0.25
+"""
+
+#: Narrow passages that are listed.
+_NARROWEST = 5
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("map", type=Path, help="map_server YAML file")
+    parser.add_argument(
+        "--radius", type=float, default=0.17, dest="radius_m", help="of the robot [m], 0.17 by default"
+    )
+    parser.add_argument(
+        "--unknown-is-free", action="store_true", help="the robot may enter what was never seen"
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Look at the map; the mapping is what ``--json`` prints."""
+    from ....io.maps.occupancy_map import OccupancyMap
+    from ....navigation.graph.navigation_graph import build_graph
+    from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
+
+    grid = OccupancyMap.load(args.map)
+    limits = SpeedLimits(args.radius_m, v_min_m_s=0.05, v_max_m_s=0.3)
+    layers = grid_layers(grid, limits, unknown_is_free=args.unknown_is_free)
+    graph = build_graph(layers)
+    return {"map": str(args.map), **describe(layers, graph)}
+
+
+def describe(layers: Any, graph: Any) -> dict[str, Any]:
+    """Figures of a map and its graph, as both verbs print them."""
+    import numpy as np
+
+    grid = layers.map
+    cells = grid.cells.size
+    area_m2 = grid.resolution_m**2
+    reachable = layers.reachable
+    # Each passage once: the narrowest cell of an edge.
+    passages = []
+    for edge in np.argsort(graph.edge_clearance_m)[:_NARROWEST]:
+        path = graph.edge_path(int(edge))
+        narrow = path[np.argmin(layers.distance_m[path[:, 0], path[:, 1]])]
+        x, y = grid.world_from_cell(narrow)
+        passages.append(
+            {
+                "width_m": 2 * float(graph.edge_clearance_m[edge]),
+                "at_m": [float(x), float(y)],
+                "edge": int(edge),
+            }
+        )
+    sizes = np.bincount(graph.component, minlength=graph.components)
+    return {
+        "rows": grid.shape[0],
+        "columns": grid.shape[1],
+        "resolution_m": grid.resolution_m,
+        "size_m": list(grid.size_m),
+        "origin": list(grid.origin),
+        "share_occupied": float((grid.cells >= 50).sum() / cells),
+        "share_free": float(((grid.cells >= 0) & (grid.cells < 50)).sum() / cells),
+        "share_unknown": float(grid.unknown.sum() / cells),
+        "radius_m": layers.radius_m,
+        "reachable_m2": float(reachable.sum() * area_m2),
+        "widest_m": 2 * float(layers.distance_m[reachable].max()) if reachable.any() else None,
+        "components": graph.components,
+        "loops": graph.loops,
+        "nodes": graph.nodes,
+        "edges": len(graph.edges),
+        "nodes_of_largest_component": int(sizes.max(initial=0)),
+        "length_m": float(graph.edge_length_m.sum()),
+        "narrowest_passages": passages,
+    }

@@ -1,0 +1,121 @@
+"""``visuohaptic plan``: from a map with tagged objects to driving and pushing."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ....navigation.problem.path_plan import Plan
+    from ....navigation.problem.planning_problem import PlanningProblem
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "plan where to drive and what to push aside"
+
+EPILOG = """\
+reads
+  MAP.yaml     a map_server map (YAML with PGM or PNG); the objects are occupied cells in it
+  --objects    objects: [{id, footprint_m: [[x, y], ...], haptic_tag: {static_friction_N: 8.1, ...}}];
+               a field that is missing or null was not observed, no haptic_tag at all is an unknown object
+  --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
+writes
+  --plot       the map with objects, way and pushes
+
+An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
+contact_m is where the robot touches the outline, goal_m where the object's centre goes.
+
+example: visuohaptic plan office.yaml --objects objects.yaml --robot robot.yaml --start 0.8 0.8 --goal 3 1 --json
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("map", type=Path, metavar="MAP.yaml", help="occupancy map")
+    parser.add_argument("--objects", type=Path, help="objects.yaml; without it nothing is pushed")
+    parser.add_argument("--robot", required=True, type=Path, help="robot.yaml")
+    for name in ("start", "goal"):
+        parser.add_argument(
+            f"--{name}",
+            required=True,
+            nargs=2,
+            type=float,
+            metavar=("X", "Y"),
+            help=f"{name} in the map frame [m]",
+        )
+    parser.add_argument("--plot", type=Path, help="picture to write (PNG)")
+    parser.add_argument("--compare", action="store_true", help="with plans under other side conditions")
+    parser.add_argument(
+        "--prove",
+        action="store_true",
+        help="ask the exact oracle: small maps with one or two movable objects",
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Plan; the mapping is what ``--json`` prints."""
+    import numpy as np
+
+    from ....io.maps.occupancy_map import OccupancyMap
+    from ....navigation.planning.policies import alternatives, make_plan
+    from ....navigation.problem.objects_file import load_objects, load_robot
+    from ....navigation.problem.planning_problem import PlanningProblem
+
+    robot = load_robot(args.robot)
+    objects = load_objects(args.objects) if args.objects else ()
+    problem = PlanningProblem(
+        OccupancyMap.load(args.map), robot, np.array(args.start), np.array(args.goal), objects
+    )
+    if args.compare:
+        plans = alternatives(problem)
+        found = plans["cheapest"]
+    else:
+        found = make_plan(problem)
+        plans = {found.name: found}
+    result = found.to_json()
+    _report(args, found)
+    if args.compare:
+        result["compare"] = {name: plan.to_json() for name, plan in plans.items() if name != "cheapest"}
+        args.report()
+        for name, plan in plans.items():
+            args.report(f"{name:<18}{_line(plan)}")
+    if args.prove:
+        result["proof"] = _prove(args, problem, found)
+    if args.plot:
+        from ....navigation.plots.plan_plots import plot_plan
+
+        plot_plan(problem, found, args.plot)
+        args.report(f"written to {args.plot}")
+    return result
+
+
+def _line(plan: Plan) -> str:
+    if not plan.reachable:
+        return f"no plan: {plan.reason}" + (" (proved)" if plan.proved else "")
+    return (
+        f"{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  {len(plan.pushes)} pushes, "
+        f"fails with {plan.failure_probability:.2f}"
+    )
+
+
+def _report(args: Any, plan: Plan) -> None:
+    args.report(_line(plan))
+    for task in plan.tasks:
+        what = f" {task.object}" if task.object else ""
+        risk = f", fails with {task.failure_probability:.2f}" if task.kind != "navigate" else ""
+        where = f" to ({task.goal_m[0]:.2f}, {task.goal_m[1]:.2f})" if task.goal_m else ""
+        args.report(f"  {task.kind}{what}{where}: {task.cost_s:.1f} s, {task.length_m:.2f} m{risk}")
+    for note in plan.notes:
+        args.report(f"  note: {note}")
+
+
+def _prove(args: Any, problem: PlanningProblem, found: Plan) -> dict[str, Any]:
+    from ....navigation.planning.oracle.exact_search import prove
+
+    proof = prove(problem)
+    text = proof.text
+    if found.reachable and not proof.reachable:
+        text += "; the plan has what it does not look at: slanting pushes, which friction holds"
+    args.report(f"oracle: {text}")
+    return {**proof.to_json(), "text": text}

@@ -1,0 +1,121 @@
+"""``visuohaptic stiffness``: how stiff a container is at every point of its surface."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from ._container import add_container_arguments, read_container
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "Compute the stiffness of every surface point of a container under a dual-tip pinch."
+EPILOG = """\
+reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
+        cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle
+        of the wall or its two sides, z is its height axis unless --up says otherwise. The base is clamped, or
+        stands on springs with --base-stiffness.
+writes  the map: NPZ (vertices_m, faces, stiffness_N_per_m, stiffness_sigma_N_per_m), VTU or GLB
+
+The stiffness is the force of one tip by the mean deformation of both [N/m]; it is infinite where
+the wall is held, NaN where nothing is opposite.
+
+example: visuohaptic stiffness bottle --material PET --thickness 0.0005 --out map.npz --plot map.png
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    add_container_arguments(parser)
+    parser.add_argument("--out", type=Path, help="map to write: .npz, .vtu or .glb")
+    parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
+    parser.add_argument(
+        "--at",
+        type=float,
+        nargs=3,
+        action="append",
+        metavar=("X", "Y", "Z"),
+        help="also say the stiffness at the surface point nearest to this one, between vertices by interpolation, and its distance from it [m]; z up from the foot and x, y from the axis (as the map is written); may be repeated",
+    )
+    state = parser.add_argument_group("state")
+    state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
+    state.add_argument(
+        "--fill", type=float, help="share of liquid in what is enclosed, 0..1; implies --closed"
+    )
+    parser.add_argument(
+        "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Compute and write; the mapping is what ``--json`` prints."""
+    import numpy as np
+
+    from ....core.errors import InputError
+    from ....deformation.maps.banded_map import nearest_value, object_map
+    from ....deformation.maps.map_file import check_suffix, plot_map, save_map
+    from ....deformation.nonlinear.contents import Contents
+
+    check_suffix(args.out, args.plot)
+    begin = time.perf_counter()
+    thing = read_container(args)
+    contents = None
+    if args.closed or args.fill is not None:
+        contents = Contents(fill=args.fill or 0.0)
+    found = object_map(thing, contents, band=not args.no_sigma)
+    stiffness, sigma = found.stiffness_N_per_m, found.stiffness_sigma_N_per_m
+    use = np.isfinite(stiffness)
+    if not use.any():
+        raise InputError(args.object, "no surface point has a finite stiffness")
+    if args.out:
+        save_map(args.out, found)
+    if args.plot:
+        plot_map(args.plot, found, f"{thing.name}, {thing.material.name}")
+    seconds = time.perf_counter() - begin
+    thickness = float(np.median(np.asarray(thing.mesh.thickness_m)))
+    result: dict[str, Any] = {
+        "object": str(args.object),
+        "name": thing.name,
+        "material": thing.material.name,
+        "youngs_modulus_Pa": thing.material.youngs_modulus_Pa,
+        "poisson_ratio": thing.material.poisson_ratio,
+        "thickness_m": thickness,
+        "thickness_sigma_m": thickness * thing.wall_spread,
+        "height_m": thing.height_m,
+        "volume_m3": thing.volume_m3,
+        "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
+        "vertices": len(found.vertices_m),
+        "faces": len(found.faces),
+        "stiffness_N_per_m": {
+            "min": float(stiffness[use].min()),
+            "median": float(np.median(stiffness[use])),
+            "max": float(stiffness[use].max()),
+        },
+        "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
+        "notes": list(thing.notes),
+        "seconds": seconds,
+    }
+    result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
+    if args.at:
+        result["at"] = []
+        for point in args.at:
+            if not np.isfinite(point).all():
+                raise InputError("--at", f"found {point}, expected finite numbers")
+            value, place = nearest_value(found.vertices_m, found.faces, stiffness, np.array(point))
+            spread, _ = nearest_value(found.vertices_m, found.faces, sigma, np.array(point))
+            result["at"].append(
+                {
+                    "asked_m": list(point),
+                    "point_m": place.tolist(),
+                    "distance_m": float(np.linalg.norm(place - np.array(point))),
+                    "stiffness_N_per_m": _number(value),
+                    "sigma_N_per_m": _number(spread),
+                }
+            )
+    return result
+
+
+def _number(value: float) -> float | None:
+    return value if -1e300 < value < 1e300 else None

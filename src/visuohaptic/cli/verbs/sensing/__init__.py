@@ -1,0 +1,1 @@
+"""Verbs of cameras and sensors."""

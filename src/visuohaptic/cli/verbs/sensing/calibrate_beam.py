@@ -1,0 +1,78 @@
+"""``visuohaptic calibrate beam``: from known loads to beam.yaml, or a refusal."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "fit the compliance of a beam sensor from known loads, or say why the data are unsuitable"
+
+EPILOG = """\
+reads
+  loads.csv  known loads on the tip: fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm, and what was observed:
+             read_fx_N ... read_mz_Nm (the uncalibrated sensor's reading), or the motion of the tip:
+             x_m, y_m, z_m with rx_rad, ry_rad, rz_rad (rotation vector) or roll_deg, pitch_deg, yaw_deg
+  --beam     beam.yaml with length_m, diameter_m, youngs_Pa, ... and their tolerances
+writes
+  --out      beam.yaml with the calibration
+
+example
+  visuohaptic calibrate beam loads.csv --beam beam.yaml --out beam.yaml
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("loads", type=Path, help="CSV of known loads and readings")
+    parser.add_argument("--beam", type=Path, help="beam.yaml (by default a 12 cm rod of 1.5 mm spring steel)")
+    parser.add_argument("--out", type=Path, default=Path("beam.yaml"), help="file to write (beam.yaml)")
+    parser.add_argument("--xi", type=float, default=1.0, help="x / L of the observed motion (1: the tip)")
+    parser.add_argument("--angles", choices=("deg", "rad"), help="unit of columns roll, pitch, yaw")
+    parser.add_argument(
+        "--load-tolerance", type=float, default=0.002, metavar="R", help="relative sigma of the loads (0.002)"
+    )
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Calibrate, write the file, and return what was found (SI units)."""
+    from ....core.errors import InputError
+    from ....sensing.beam.calibration import AXES, calibrate_beam
+    from ....sensing.beam.config import load_beam, save_beam
+    from ....sensing.beam.correction import prior_correction
+    from ....sensing.beam.mechanics import Beam
+    from ....sensing.beam.records import read_loads
+
+    if not 0 <= args.load_tolerance <= 0.1:
+        raise InputError("--load-tolerance", f"found {args.load_tolerance:g}, expected 0 to 0.1")
+    if not 0.05 <= args.xi <= 1:
+        raise InputError("--xi", f"found {args.xi:g}, expected 0.05 to 1")
+    beam = Beam() if args.beam is None else load_beam(args.beam)[0]
+    record = read_loads(args.loads, angles=args.angles)
+    found = calibrate_beam(record, beam, xi=args.xi, load_tolerance=args.load_tolerance)
+    save_beam(args.out, beam, found.correction)
+    before = [100 * prior_correction(beam).row_covariance[k, k, k] ** 0.5 for k in range(6)]
+    args.report(f"{len(record.load)} rows; residuals of the calibrated sensor and of the data sheet alone")
+    args.report("axis  residual rms   data sheet    explained   scale off   sigma   data sheet's")
+    for k, axis in enumerate(AXES):
+        unit = "mN " if k < 3 else "mNm"
+        args.report(
+            f"{axis:4} {1e3 * found.residual_rms[k]:9.3f} {unit} {1e3 * found.uncalibrated_rms[k]:9.3f} {unit} "
+            f"{100 * found.explained[k]:9.2f} % {100 * found.correction.matrix[k, k]:9.2f} % "
+            f"{found.sigma_percent[k]:6.2f} % {before[k]:8.2f} %"
+        )
+    for note in found.notes:
+        args.report(note)
+    args.report(f"wrote {args.out}")
+    return {
+        "out": str(args.out),
+        "rows": len(record.load),
+        "residual_rms": found.residual_rms.tolist(),
+        "uncalibrated_rms": found.uncalibrated_rms.tolist(),
+        "explained": [None if value != value else float(value) for value in found.explained],
+        "sigma_percent": found.sigma_percent.tolist(),
+        "compliance": found.compliance.tolist(),
+        "notes": list(found.notes),
+    }

@@ -1,0 +1,69 @@
+"""``visuohaptic calibrate camera``: intrinsics from images of a board."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from typing import Any
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = """Calibrate a camera from images of a ChArUco board or a chessboard.
+
+Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
+YAML file. Prints every parameter with its standard deviation, and refuses a
+session that would give a bad camera, with the reason.
+
+Example: visuohaptic calibrate camera photos/ --squares 9x6 --square-mm 25 --marker-mm 18 --out camera.yaml
+"""
+
+
+def add_arguments(parser: ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("source", help="folder of images, video, or file.mcap[:/topic]")
+    parser.add_argument(
+        "--squares", required=True, metavar="COLUMNSxROWS", help="squares of the board, as 9x6"
+    )
+    parser.add_argument("--square-mm", type=float, required=True, help="edge of a square on the print [mm]")
+    parser.add_argument(
+        "--marker-mm", type=float, help="edge of a ChArUco marker [mm]; without it the board is a chessboard"
+    )
+    parser.add_argument(
+        "--dictionary", default="DICT_4X4_250", help="ArUco dictionary (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--every", type=float, default=0.0, metavar="S", help="use one frame per S seconds of a video"
+    )
+    parser.add_argument(
+        "--max-rms-px", type=float, default=0.6, help="refuse above this (default: %(default)s)"
+    )
+    parser.add_argument("--name", default="camera", help="name of the camera (default: %(default)s)")
+    parser.add_argument("--out", required=True, help="ROS camera_info YAML file to write")
+
+
+def run(args: Namespace) -> dict[str, Any]:
+    """Detect, fit, write; returns what is printed."""
+    from ....core.camera.calibration import Board, CalibrationLimits, calibrate_camera, detect_board
+    from ....core.errors import InputError
+    from ....io.frames.frames import open_source
+
+    words = args.squares.lower().split("x")
+    if len(words) != 2 or not all(word.isdigit() for word in words):
+        raise InputError("--squares", f"found {args.squares!r}, expected COLUMNSxROWS as 9x6")
+    marker = None if args.marker_mm is None else args.marker_mm * 1e-3
+    board = Board(int(words[0]), int(words[1]), args.square_mm * 1e-3, marker, args.dictionary)
+    views = []
+    size = (0, 0)
+    next_s = -float("inf")
+    # The times of a folder of photos mean nothing here.
+    with open_source(args.source, rate_Hz=1.0, grey=True) as source:
+        for frame in source:
+            if frame.t_s < next_s:
+                continue
+            next_s = frame.t_s + args.every
+            size = (frame.image.shape[1], frame.image.shape[0])
+            views.append(detect_board(frame.image, board, f"image {frame.index}"))
+    result = calibrate_camera(
+        views, board, size, limits=CalibrationLimits(max_rms_px=args.max_rms_px), name=args.name
+    )
+    result.camera.save(args.out)
+    return {"out": str(args.out), **result.summary()}

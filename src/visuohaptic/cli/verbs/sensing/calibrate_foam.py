@@ -1,0 +1,123 @@
+"""``visuohaptic calibrate foam``: from a press log to foam.yaml, or a refusal."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "fit a foam material from a CSV of strain and stress, or say why it is unsuitable"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare what the command reads and writes."""
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = (
+        "reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);\n"
+        "        --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip\n"
+        "writes  foam.yaml (curve, covariance, working range, tension) and, on request, a picture\n\n"
+        "example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml"
+        " --plate plate.csv --plot foam.png"
+    )
+    parser.add_argument("data", type=Path, help="CSV of strain and stress")
+    parser.add_argument("--out", type=Path, default=Path("foam.yaml"), help="file to write (foam.yaml)")
+    parser.add_argument(
+        "--plate", type=Path, help="CSV of contours under a narrow plate: calibrates the tension"
+    )
+    parser.add_argument(
+        "--width",
+        type=float,
+        required=True,
+        metavar="M",
+        help="w, thickness of the strip along the compression [m]; zeroing checks it",
+    )
+    parser.add_argument(
+        "--height",
+        type=float,
+        required=True,
+        metavar="M",
+        help="h, height of the strip across the contour [m]; forces are proportional to it, no camera sees it",
+    )
+    parser.add_argument(
+        "--curve", choices=("spline", "cubic"), default="spline", help="model of the curve (spline)"
+    )
+    parser.add_argument(
+        "--section",
+        choices=("rectangle", "triangle", "trapezoid"),
+        default="rectangle",
+        help="cross section of the rod that the sensor will use; the data are of a rectangle (rectangle)",
+    )
+    parser.add_argument("--plot", type=Path, metavar="PNG", help="draw the curve and the sensitivity")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Calibrate, write the files, and return what was found (SI units)."""
+    from dataclasses import replace
+
+    from ....sensing.foam.material.boundary import calibrate_tension
+    from ....sensing.foam.material.calibration import calibrate_foam
+    from ....sensing.foam.material.records import read_plate, read_strain_stress
+    from ....sensing.foam.material.section import section_material
+
+    data = read_strain_stress(args.data)
+    found = calibrate_foam(data, width_m=args.width, height_m=args.height, curve=args.curve)
+    material = found.material
+    if args.plate is not None:
+        tension = calibrate_tension(read_plate(args.plate), material, where=str(args.plate))
+        material = replace(material, tension=tension)
+        found = replace(found, material=material)
+    if args.plot is not None:
+        from ....sensing.foam.material.material_plots import save_calibration_plot
+
+        save_calibration_plot(found, args.plot)
+    if args.section != "rectangle":
+        material = section_material(material, args.section)
+    material.save(args.out)
+    result = {
+        "out": str(args.out),
+        "plot": None if args.plot is None else str(args.plot),
+        "curve": args.curve,
+        "section": args.section,
+        "width_m": material.width_m,
+        "height_m": material.height_m,
+        "points_loading": len(data.loading[0]),
+        "points_unloading": len(data.unloading[0]),
+        "residual_Pa": material.residual_Pa,
+        "residual_spline_Pa": found.residual_spline_Pa,
+        "residual_cubic_Pa": None
+        if found.residual_cubic_Pa != found.residual_cubic_Pa
+        else found.residual_cubic_Pa,
+        "cubic_monotone": found.cubic_monotone,
+        "working_strain": list(material.working_strain),
+        "densification_strain": material.densification_strain,
+        "hysteresis_loss": found.hysteresis_loss,
+        "tension_ratio": material.tension.ratio,
+        "tension_sigma": material.tension.sigma,
+        "tension_calibrated": material.tension.calibrated,
+        "notes": list(found.notes),
+    }
+    for line in _lines(result):
+        args.report(line)
+    return result
+
+
+def _lines(result: dict[str, Any]) -> list[str]:
+    low, high = result["working_strain"]
+    cubic = result["residual_cubic_Pa"]
+    kind = "calibrated" if result["tension_calibrated"] else "default: calibrate it with --plate"
+    return [
+        f"strip: width {1e3 * result['width_m']:g} mm along the compression, "
+        f"height {1e3 * result['height_m']:g} mm",
+        f"{result['points_loading']} loading and {result['points_unloading']} unloading points",
+        f"residual: spline {result['residual_spline_Pa']:.1f} Pa, cubic "
+        + ("not fitted" if cubic is None else f"{cubic:.1f} Pa")
+        + ("" if result["cubic_monotone"] else " (not monotone)")
+        + f"; used: {result['curve']}",
+        f"working strain {low:.2f} to {high:.2f}, saturated beyond {result['densification_strain']:.2f}",
+        f"lost work in a loop: {100 * result['hysteresis_loss']:.0f} %",
+        f"tension ratio {result['tension_ratio']:.2f} +- {result['tension_sigma']:.2f} ({kind})",
+        *result["notes"],
+        f"wrote {result['out']}" + (f" and {result['plot']}" if result["plot"] else ""),
+    ]

@@ -1,0 +1,98 @@
+"""``visuohaptic calibrate stripe``: the colours of a stripe on the foam."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from ....core.camera.frame import Frame
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("sklearn",)
+
+HELP = "learn the colours of a stripe on the foam from one image of the untouched sensor"
+
+EPILOG = """\
+reads
+  IMAGE      a colour image of the sensor while nothing touches it (or the first frame of a video,
+             a folder or recording.mcap)
+  --config   sensor.yaml with a section stripe; a finger is located by its tag
+writes
+  --out      stripe.npz, to be named in sensor.yaml as stripe.model
+  --mask     the image with the stripe's pixels white and the others that were used darkened
+
+example
+  visuohaptic calibrate stripe rest.png --config sensor.yaml --out stripe.npz --mask mask.png
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("image", metavar="IMAGE", help="colour image of the untouched sensor")
+    parser.add_argument("--config", required=True, type=Path, help="sensor.yaml")
+    parser.add_argument("--out", required=True, type=Path, help="NPZ file to write")
+    parser.add_argument("--mask", type=Path, metavar="PNG", help="draw which pixels were used")
+    parser.add_argument("--seed", type=int, default=0, help="choice of pixels and start of the fit (0)")
+
+
+def run(args: argparse.Namespace) -> dict[str, Any]:
+    """Learn, write, and return what was found."""
+    import numpy as np
+
+    from ....core.camera.plane import PlaneView
+    from ....sensing.foam.strip.config import FoamSensorConfig
+    from ....sensing.foam.strip.finger_optics import finger_pose
+    from ....sensing.foam.strip.stripe_view import stripe_masks, train_stripe
+
+    setup = FoamSensorConfig.load(args.config)
+    frame = _read(args.image, setup.camera)
+    if frame.image.ndim != 3:
+        raise InputError(args.image, "is grey, expected a colour image")
+    plane = PlaneView(setup.camera, finger_pose(setup, frame))
+    model = train_stripe(setup, frame.image, plane, rng=np.random.default_rng(args.seed))
+    model.save(args.out)
+    stripe, rest = stripe_masks(setup, plane)
+    if args.mask is not None:
+        _draw(args.mask, frame, stripe, rest)
+    seen = float(model.likelihood(frame.image[stripe]).mean())
+    return {
+        "out": str(args.out),
+        "stripe_pixels": int(stripe.sum()),
+        "rest_pixels": int(rest.sum()),
+        "mean_probability_on_stripe": seen,
+        "mean_probability_elsewhere": float(model.likelihood(frame.image[rest]).mean()),
+    }
+
+
+def _draw(path: Path, frame: Frame, stripe: Any, rest: Any) -> None:
+    import cv2
+
+    from ....core.files import atomic_path
+
+    picture = frame.image.copy()
+    picture[rest] //= 2
+    picture[stripe] = 255
+    done, data = cv2.imencode(".png", picture)
+    if not done:
+        raise InputError(path, "cannot be written as PNG")
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(data.tobytes())
+
+
+def _read(source: str, camera: Any) -> Frame:
+    from ....core.camera.frame import Frame
+    from ....core.files import read_image
+    from ....io.frames.frames import open_source
+
+    if Path(source).suffix.lower() in {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff"}:
+        return Frame(read_image(source, "colour"), 0.0, 0)
+    with open_source(source, camera=camera) as frames:
+        for frame in frames:
+            return frame
+    raise InputError(source, "has no frames")

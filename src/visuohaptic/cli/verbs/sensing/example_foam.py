@@ -1,0 +1,47 @@
+"""``visuohaptic example foam``: a recording to try the sensor on."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("av",)
+
+HELP = "write a small simulated recording to try the foam sensor on"
+
+EPILOG = """\
+reads
+  nothing
+writes, into --out
+  strain_stress.csv          what a press recorded of the foam
+  camera.yaml, sensor.yaml   the camera, and the strip in front of it
+  rest.mp4, push.mp4         the untouched strip; a cylinder pressed into it and taken back
+  truth.csv                  t_s, force_N, depth_m of the physics, to compare with
+
+example
+  visuohaptic example foam --out try
+  visuohaptic calibrate foam try/strain_stress.csv --width 0.02 --height 0.01 --out try/foam.yaml --plot try/foam.png
+  visuohaptic sense foam --config try/sensor.yaml --source try/rest.mp4 --zero
+  visuohaptic sense foam --config try/sensor.yaml --source try/push.mp4 --csv try/run.csv --out try/run.mcap
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--out", type=Path, required=True, help="folder")
+    parser.add_argument("--seed", type=int, default=1, help="of the noise (1)")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....rigs.foam_example import write_example
+
+    folder = write_example(args.out, seed=args.seed, say=args.report)
+    files = sorted(path.name for path in folder.iterdir() if path.is_file())
+    args.report(f"written to {folder}: {', '.join(files)}")
+    args.report("next: visuohaptic example foam --help shows what to do with them")
+    return {"folder": str(folder), "files": files}

@@ -1,0 +1,69 @@
+"""``visuohaptic template check``: will this picture track well?"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "predict how well a picture can be found and tracked as a template"
+
+EPILOG = """\
+reads   an image file; its printed size from --width-m or its dpi value
+writes  nothing, or with --sheet a print-ready PDF or PNG of it at its exact size
+
+examples
+  visuohaptic template check cover.png
+  visuohaptic template check cover.png --width-m 0.08 --sheet sheet.pdf
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("image", type=Path, help="image file")
+    parser.add_argument(
+        "--width-m", type=float, dest="width_m", help="printed width, where the file has no dpi"
+    )
+    parser.add_argument("--sheet", type=Path, help="PDF or PNG to write")
+    parser.add_argument("--paper", default="A4", help="paper of the sheet: A4, A3 or letter")
+    parser.add_argument("--dpi", type=float, default=300.0, help="dots per inch of a PNG sheet")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Look at the picture; the mapping is what ``--json`` prints."""
+    from ....core.files import read_image
+    from ....tracking.templates.sheet import SheetItem, save_sheet
+    from ....tracking.templates.template import Template, template_quality
+
+    if args.width_m is not None and not args.width_m > 0:
+        raise InputError("--width-m", f"found {args.width_m}, expected > 0")
+    template = Template.from_file(args.image, width_m=args.width_m)
+    quality = template_quality(template)
+    width, height = template.size_m
+    args.report(f"{'printed size':<24}{1e3 * width:.1f} x {1e3 * height:.1f} mm")
+    args.report(f"{'score':<24}{quality.score:.2f} (0 useless, 1 best)")
+    args.report(f"{'corner noise':<24}{quality.corner_sigma_px:.4f} px at 200 px size and noise 5")
+    args.report(f"{'resembles itself':<24}{quality.ambiguity:.2f} when shifted")
+    args.report(f"{'features':<24}{quality.features}")
+    for problem in quality.problems:
+        args.report(f"{'problem':<24}{problem}")
+    sheet: dict[str, float] | None = None
+    if args.sheet:
+        item = SheetItem(template.name, read_image(args.image, "grey"), width)
+        sheet = save_sheet(args.sheet, [item], paper=args.paper, dpi=args.dpi)
+        args.report(f"{'sheet':<24}{args.sheet}")
+    return {
+        "image": str(args.image),
+        "width_m": width,
+        "height_m": height,
+        "score": quality.score,
+        "corner_sigma_px": quality.corner_sigma_px,
+        "ambiguity": quality.ambiguity,
+        "features": quality.features,
+        "problems": list(quality.problems),
+        "sheet_widths_m": sheet,
+    }

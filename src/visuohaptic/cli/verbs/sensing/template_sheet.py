@@ -1,0 +1,45 @@
+"""``visuohaptic template sheet``: tags to print, at their exact size."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "write a print-ready sheet of AprilTags 36h11"
+
+EPILOG = """\
+reads   nothing
+writes  --out, a PDF or PNG; beside it nothing: put the tags into tags.yaml yourself
+
+example: visuohaptic template sheet --ids 0 1 2 --size-m 0.04 --out tags.pdf
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--ids", type=int, nargs="+", required=True, help="numbers in the family, 0..586")
+    parser.add_argument("--size-m", type=float, dest="size_m", required=True, help="side of the black border")
+    parser.add_argument("--out", type=Path, required=True, help="PDF or PNG to write")
+    parser.add_argument("--paper", default="A4", help="A4, A3 or letter")
+    parser.add_argument("--dpi", type=float, default=300.0, help="dots per inch of a PNG")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Write the sheet; the mapping is what ``--json`` prints."""
+    from ....tracking.templates.sheet import save_sheet, tag_item
+    from ....tracking.templates.template import TAG_CELLS
+
+    if not args.size_m > 0:
+        raise InputError("--size-m", f"found {args.size_m}, expected > 0")
+    items = [tag_item(number, args.size_m) for number in args.ids]
+    widths = save_sheet(args.out, items, paper=args.paper, dpi=args.dpi)
+    sizes = [widths[item.label] * TAG_CELLS / (TAG_CELLS + 2) for item in items]
+    for number, size in zip(args.ids, sizes, strict=True):
+        args.report(f"{'tag ' + str(number):<24}size_m: {size:.6f}")
+    args.report(f"written to {args.out}")
+    return {"out": str(args.out), "size_m": dict(zip(map(str, args.ids), sizes, strict=True))}

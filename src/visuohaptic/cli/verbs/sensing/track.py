@@ -1,0 +1,164 @@
+"""``visuohaptic track``: from frames to the poses of templates."""
+
+from __future__ import annotations
+
+import argparse
+from collections import Counter
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..._frames import add_part, opened_frames
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import numpy as np
+
+    from ....core.camera.frame import Frame
+    from ....tracking.templates.template_tracker import TemplatePose
+
+__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+
+HELP = "find and track printed templates and tags, and read their 6D poses"
+
+EPILOG = """\
+reads
+  --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --camera     camera.yaml, a ROS camera_info file
+writes
+  --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
+  --csv        t_s, name, valid, reason, position [m], quaternion, standard deviations, correlation
+
+example: visuohaptic track --templates templates/ --source run.mp4 --camera camera.yaml --out poses.mcap
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("--templates", required=True, type=Path, help="folder of templates")
+    parser.add_argument("--source", required=True, help="where the frames come from")
+    parser.add_argument("--camera", required=True, type=Path, help="camera.yaml")
+    parser.add_argument("--out", type=Path, help="MCAP recording to write")
+    parser.add_argument("--csv", type=Path, help="table to write")
+    add_part(parser)
+    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Track through the source; the mapping is what ``--json`` prints."""
+    from ....core.camera.model import Camera
+    from ....io.sinks.mcap_out import MeasurementWriter
+    from ....tracking.templates.template import load_templates
+    from ....tracking.templates.template_tracker import TemplateTracker
+
+    camera = Camera.load(args.camera)
+    templates = load_templates(args.templates)
+    seen: Counter[str] = Counter()
+    frames = 0
+    with ExitStack() as stack:
+        source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
+        # A live camera must not wait for the detector; a recording must give the same result each time.
+        live = source.frame_count is None
+        tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=live))
+        writer = stack.enter_context(MeasurementWriter(args.out, frame=camera.name)) if args.out else None
+        table = stack.enter_context(_Table(args.csv)) if args.csv else None
+        page = None
+        if args.view:
+            from ....viewer.page import LivePage
+
+            page = stack.enter_context(LivePage(title="templates"))
+            args.report(f"live page: {page.url}")
+            page.show()
+        for frame in args.progress(source, "tracking"):
+            frames += 1
+            poses = tracker.update(frame)
+            if page is not None:
+                page.update(frame.t_s, frame_bgr=_drawn(frame, poses))
+            for pose in poses:
+                seen[pose.name] += pose.valid
+                if table is not None:
+                    table.write(pose)
+                if writer is not None and pose.T_camera_template is not None:
+                    writer.write_pose(
+                        pose.T_camera_template,
+                        pose.t_s,
+                        f"/template/{pose.name}",
+                        frame=camera.name,
+                        covariance=pose.covariance,
+                    )
+        if writer is not None:
+            writer.write_camera(camera, 0.0 if not frames else frame.t_s)
+    for template in templates:
+        args.report(f"{template.name:<24}seen in {seen[template.name]} of {frames} frames")
+    for path in (args.out, args.csv):
+        if path:
+            args.report(f"written to {path}")
+    return {
+        "frames": frames,
+        "seen": {template.name: seen[template.name] for template in templates},
+        "out": str(args.out) if args.out else None,
+        "csv": str(args.csv) if args.csv else None,
+    }
+
+
+def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
+    """The picture with the templates' outlines and where they are."""
+    from ....report.annotation import FrameNotes, annotated_frame
+    from ....tracking.templates.outline import template_outlines
+
+    lines = []
+    for pose in poses:
+        if pose.T_camera_template is None:
+            lines.append(f"{pose.name}: {pose.reason}")
+        else:
+            x, y, z = 1e3 * pose.T_camera_template.translation_m
+            depth_sigma = 1e3 * pose.covariance[2, 2] ** 0.5
+            lines.append(f"{pose.name}: {x:.2f} {y:.2f} {z:.2f} mm, depth +- {depth_sigma:.3f}")
+    return annotated_frame(
+        frame.image, FrameNotes(contacts_px=template_outlines(poses), lines=lines), split=False
+    )
+
+
+class _Table:
+    """A row per template and frame, written whole or not at all."""
+
+    COLUMNS = (
+        *("t_s", "name", "valid", "reason", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"),
+        *("x_sigma_m", "y_sigma_m", "z_sigma_m", "rx_sigma_rad", "ry_sigma_rad", "rz_sigma_rad"),
+        *("ambiguous", "ncc"),
+    )
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._stack = ExitStack()
+
+    def __enter__(self) -> _Table:
+        import csv
+
+        from ....core.files import atomic_path
+
+        temporary = self._stack.enter_context(atomic_path(self._path))
+        stream = self._stack.enter_context(temporary.open("w", newline="", encoding="utf-8"))
+        self._rows = csv.writer(stream, lineterminator="\n")
+        self._rows.writerow(self.COLUMNS)
+        return self
+
+    def __exit__(self, *error: Any) -> None:
+        self._stack.__exit__(*error)
+
+    def write(self, pose: TemplatePose) -> None:
+        """One row; empty where there is no number."""
+        numbers: list[Any] = [""] * 13
+        if pose.T_camera_template is not None:
+            sigma = pose.covariance.diagonal() ** 0.5
+            values = [
+                *pose.T_camera_template.translation_m,
+                *pose.T_camera_template.quaternion_xyzw,
+                *sigma,
+            ]
+            numbers = [f"{value:.9g}" for value in values]
+        ncc = f"{pose.alignment.ncc:.4f}" if pose.alignment is not None else ""
+        head = [f"{pose.t_s:.6f}", pose.name, int(pose.valid), str(pose.reason)]
+        self._rows.writerow([*head, *numbers, int(pose.ambiguous), ncc])

@@ -1,0 +1,1 @@
+"""Verbs of the demo, the page and the installation."""

@@ -1,0 +1,174 @@
+"""``visuohaptic demo``: the whole story in one command, or one part of it."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ....core.errors import InputError
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
+PARTS = ("foam", "beam", "navigate", "glass", "bottle")
+
+#: Modules beyond the core on its way.
+NEEDS = ("av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage")
+
+HELP = "tell the whole story of a simulated robot that looks, touches and remembers, or a part of it"
+
+EPILOG = """\
+parts
+  foam      touch one thing with the camera-read foam and tag it
+  beam      zero the beam sensor and read known loads
+  navigate  map the office, find the door blocked, push something aside, arrive
+  glass     find what is transparent, and complete it with the probe
+  bottle    squeeze: class and state; plan the grasp and lift
+  without one: all of it, from the first round with the laser to the lifted bottle
+reads
+  --map     any map_server YAML: touch three obstacles in it (the foam part only)
+writes, into --out
+  report.html   one page with every chapter, needs nothing else
+  touch/        sensor files, run.mcap (ROS 2 messages) and run.csv of the pushes
+  beam/         files of the beam sensor
+with --map, into --out: report.html, picture.jpg, run.mcap, run.csv, sensor.yaml, foam.yaml, zero.yaml
+
+examples
+  visuohaptic demo
+  visuohaptic demo bottle --seed 3
+  visuohaptic demo foam --map office.yaml --out results/office --view
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("part", nargs="?", choices=PARTS, help="tell this part alone")
+    parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
+    parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
+    parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")
+    parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from contextlib import ExitStack
+
+    if args.map is not None and args.part not in (None, "foam"):
+        raise InputError("--map", f"found with {args.part}", remedy="maps are for the foam part")
+    if args.seed < 0:
+        raise InputError("--seed", f"found {args.seed}, expected 0 or more")
+    with ExitStack() as stack:
+        page = None
+        if args.view:
+            from ....viewer.page import LivePage
+
+            page = stack.enter_context(LivePage())
+            args.report(f"live page: {page.url}")
+            page.show()
+        result = _touch_in_map(args, page) if args.map is not None else _tell(args, page)
+        if page is not None:
+            args.report(f"the page stays at {page.url}; end with Ctrl-C")
+            _wait()
+    return result
+
+
+def _tell(args: Any, page: Any) -> dict[str, Any]:
+    """The story on our own office and table."""
+    from ....demo.chapters import run_mission
+    from ....demo.report import write_story
+
+    if page is not None:
+        from ....demo.office_chapters import office_map
+
+        grid = office_map()
+        page.set_map(grid.cells, grid.resolution_m, grid.origin)
+    story = run_mission(args.out, part=args.part, seed=args.seed, say=args.report, page=page)
+    report = write_story(story, args.out / "report.html")
+    args.report("")
+    args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
+    args.report(f"report: {report}")
+    if not story.complete:
+        args.exit_code = 1
+    return {
+        "report": str(report),
+        "complete": story.complete,
+        "chapters": [
+            {
+                "name": one.name,
+                "outcome": one.outcome.value,
+                "reason": one.reason,
+                "claim_is_true": one.right,
+                "measures": [{"what": m.what, "ours": m.ours, "truth": m.truth} for m in one.measures],
+                "duration_s": one.duration_s,
+            }
+            for one in story.chapters
+        ],
+        "duration_s": story.duration_s,
+    }
+
+
+def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
+    """Three obstacles in a map of the user's."""
+    from ....demo.push_demo import run_demo
+    from ....demo.push_demo_report import error_figures, write_report
+    from ....report.run_tables import primitive_text, tag_text
+    from ....sensing.push.tag_file import tag_to_dict
+
+    result = run_demo(args.out, map_path=args.map, seed=args.seed, say=args.report, page=page)
+    args.report("")
+    args.report("haptic tags")
+    for one in result.objects:
+        shape = one.exploration.fit.best if one.exploration.fit is not None else None
+        args.report(f"  {one.name}: {tag_text(one.tag)}")
+        args.report(f"      shape: {primitive_text(shape) or 'none fits'}")
+        truth = one.path.obstacle
+        if truth.movable:
+            args.report(
+                f"      truth: static friction {truth.static_friction_N:.2f} N, "
+                f"dynamic friction {truth.dynamic_friction_N:.2f} N"
+            )
+        else:
+            args.report("      truth: fixed")
+    report = write_report(result, args.out / "report.html")
+    _save_picture(result, args.out / "picture.jpg")
+    args.report("")
+    args.report(f"report: {report}")
+    args.report(f"recording: {args.out / 'run.mcap'}, table: {args.out / 'run.csv'}")
+    return {
+        "report": str(report),
+        "objects": [
+            {
+                "name": one.name,
+                "outcome": one.exploration.outcome.value,
+                "haptic_tag": tag_to_dict(one.tag),
+                "errors": error_figures(one),
+            }
+            for one in result.objects
+        ],
+        "duration_s": result.duration_s,
+    }
+
+
+def _save_picture(result: Any, path: Path) -> None:
+    """The first push as one picture, without the split into image and gradient."""
+    import cv2
+
+    from ....core.files import atomic_path
+    from ....demo.push_demo_report import annotated_push
+
+    picture = annotated_push(result, result.objects[0], split=False)
+    if picture is None:
+        return
+    done, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 85])
+    if done:
+        with atomic_path(path) as temporary:
+            temporary.write_bytes(data.tobytes())
+
+
+def _wait() -> None:
+    import contextlib
+    import threading
+
+    with contextlib.suppress(KeyboardInterrupt):
+        threading.Event().wait()

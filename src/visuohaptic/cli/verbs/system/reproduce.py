@@ -1,0 +1,90 @@
+"""``visuohaptic reproduce``: the dissertation's figures and tables, made again."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "needs", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("matplotlib",)
+
+HELP = "Make figures and tables of the dissertation again, with its numbers beside ours."
+EPILOG = """\
+reads   nothing: every experiment draws its own world from a seed
+writes  a folder for each experiment with its data (CSV), pictures (PNG) and result.json (numbers of ours
+        and of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
+        with what each of them took
+
+What is there and was made by the same version with the same seed is left alone. An experiment
+that fails does not stop the others; its reason is said, and the exit code is 1.
+
+example: visuohaptic reproduce figure-3.4 --out results/dissertation
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("names", nargs="+", metavar="NAME", help="figure-3.2, 3.4, table-6.1 ..., or all")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to; made if it is not there")
+    parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
+    parser.add_argument("--quick", action="store_true", help="fewer samples, for a first look")
+    parser.add_argument(
+        "--jobs", type=int, default=0, metavar="N", help="run N at a time (0: one for each core)"
+    )
+    parser.add_argument("--gallery", type=Path, metavar="DOCS",
+                        help="then write gallery.md and images/gallery of the documentation to this folder")  # fmt: skip
+    parser.add_argument("--force", action="store_true", help="run again even if the same result is there")
+
+
+def needs(args: Any) -> set[str]:
+    """Modules beyond the core that the experiments import on their way."""
+    from ....reproduce.runner import NEEDS as BY_NAME
+
+    return {module for name in _wanted(args.names) for module in BY_NAME.get(name, ())}
+
+
+def _wanted(names: list[str]) -> list[str]:
+    from ....reproduce.runner import EXPERIMENTS, known_name
+
+    return list(EXPERIMENTS) if "all" in names else [known_name(name) for name in names]
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Run them, several at a time; the mapping is what ``--json`` prints."""
+    from ....reproduce.batch import cores, reproduce_all
+    from ....reproduce.pages import write_gallery, write_index
+    from ....reproduce.runner import Outcome
+
+    wanted = _wanted(args.names)
+    with args.progress(len(wanted), "experiments") as progress:
+
+        def tell(one: Outcome) -> None:
+            state = f"failed: {one.problem}" if one.problem else "kept" if one.kept else "done"
+            args.report(f"{one.name:<12} {one.seconds:6.1f} s  {state}")
+            progress.advance(1, one.name)
+
+        outcomes = reproduce_all(
+            wanted, args.out, seed=args.seed, quick=args.quick, force=args.force,
+            jobs=args.jobs if args.jobs != 0 else min(cores(), len(wanted)), on_done=tell,
+        )  # fmt: skip
+    index = write_index(args.out)
+    args.report(f"written to {index}")
+    if args.gallery is not None:
+        args.report(f"written to {write_gallery(args.out, args.gallery)}")
+    args.exit_code = 1 if any(one.problem for one in outcomes) else 0
+    return {
+        "index": str(index),
+        "experiments": [
+            {
+                "name": o.name,
+                "seconds": o.seconds,
+                "cpu_seconds": o.cpu_seconds,
+                "kept": o.kept,
+                "problem": o.problem,
+            }
+            for o in outcomes
+        ],
+    }

@@ -1,0 +1,96 @@
+"""``visuohaptic ros bridge``: the sensors as a ROS 2 node."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from ....ros.bridge import Bridge
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("zenoh",)
+
+HELP = "run the sensors as a ROS 2 node (rmw_zenoh): image topics in, forces with validity and reason out"
+
+EPILOG = """\
+reads
+  bridge.yaml  node: name, namespace, domain, type_hashes (no for Humble), connect, listen, zenoh_config
+               sensors: name, config (sensor.yaml or scene.yaml), image (topic), odometry, zero_frames
+writes, for each sensor NAME
+  /NAME/wrench        geometry_msgs/WrenchStamped, NaN when not valid
+  /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all numbers; stale without images
+  /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam; /NAME/pose of a scene
+
+It ends on Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
+unless connect is empty.
+
+example: visuohaptic ros bridge bridge.yaml
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("config", type=Path, help="bridge.yaml")
+    parser.add_argument("--duration", type=float, metavar="S", help="end by itself after S seconds")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Do it; the mapping is what ``--json`` prints."""
+    from ....ros.bridge import Bridge, summary
+
+    if args.duration is not None and not 0 < args.duration < float("inf"):
+        raise InputError("--duration", f"found {args.duration:g}, expected more than 0 s")
+    with Bridge.load(args.config) as bridge:
+        args.report(
+            f"{bridge.node.resolve(bridge.node.name)} runs: {', '.join(_topics(bridge))}; end with Ctrl-C"
+        )
+        with _signals(bridge):
+            _wait(args, bridge)
+    sensors = summary(bridge.reports)
+    for sensor in sensors:
+        reasons = ", ".join(f"{number} {reason}" for reason, number in sensor["reasons"].items())
+        args.report(
+            f"{sensor['name']}: {sensor['frames']} frames ({reasons or 'none'}), {sensor['stale']} times without "
+            f"images, {sensor['lost']} lost or left out, {sensor['damaged']} damaged"
+        )
+    return {"sensors": sensors}
+
+
+def _topics(bridge: Bridge) -> Iterator[str]:
+    for section in bridge.config.sensors:
+        yield f"{bridge.node.resolve(section.image)} to {bridge.node.resolve(section.name)}/..."
+
+
+def _wait(args: Any, bridge: Bridge) -> None:
+    left_s = float("inf") if args.duration is None else args.duration
+    with args.progress(0, "reading") as bar:
+        done = 0
+        while left_s > 0 and not bridge.wait(min(left_s, 1.0)):
+            left_s -= 1.0
+            bar.advance(bridge.frames - done)
+            done = bridge.frames
+
+
+@contextmanager
+def _signals(bridge: Bridge) -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the bridge instead of the process."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    wanted = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: bridge.stop()) for number in wanted]
+    try:
+        yield
+    finally:
+        for number, handler in zip(wanted, before, strict=True):
+            signal.signal(number, handler)

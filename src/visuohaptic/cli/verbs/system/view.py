@@ -1,0 +1,66 @@
+"""``visuohaptic view``: a page in the browser for objects, maps, plans, surfaces and classifications."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run", "wait"]
+
+#: Modules beyond the core on its way.
+NEEDS = ("trimesh", "viser")
+
+HELP = "Show objects, maps with plans, surfaces and classifications in the browser."
+EPILOG = """\
+reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
+        class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of
+        map_server (.yaml), plans (.json, drawn on the map before them), steps of a classification
+        (.json with "steps": [[question, answer], ...] and "result")
+writes  nothing; the page is served on 127.0.0.1 until Ctrl-C
+
+example: visuohaptic view cup-rim map.yaml plan.json completed.ply
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the verb."""
+    parser.add_argument("files", nargs="+", metavar="FILE", help="what to show")
+    parser.add_argument("--port", type=int, default=8080, help="on 127.0.0.1; the next free one if in use")
+    parser.add_argument(
+        "--force", type=float, default=10.0, metavar="N", help="of a finger, at the start (10)"
+    )
+    parser.add_argument("--state", choices=("open", "closed"), default="open", help="of containers")
+    parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in containers, 0..1")
+    parser.add_argument("--seconds", type=float, help="stop after this time")
+
+
+def run(args: Any) -> dict[str, Any]:
+    """Serve until interrupted; the mapping is what ``--json`` prints."""
+    from ....core.errors import InputError
+    from ....grasping.planner import GraspTask
+    from ....viewer.browse import BrowsePage
+    from ....viewer.files import open_views
+
+    if not 0 <= args.port <= 65535:
+        raise InputError("--port", f"found {args.port}, expected 0 to 65535")
+    if args.seconds is not None and not args.seconds >= 0:
+        raise InputError("--seconds", f"found {args.seconds}, expected >= 0")
+    task = GraspTask(force_N=args.force, closed=args.state == "closed", fill=args.fill)
+    views = open_views(args.files, task)
+    with BrowsePage(views, args.port) as page:
+        url, names = page.url, page.names
+        args.report(f"{url} shows {', '.join(names)}; Ctrl-C ends it")
+        page.show()
+        wait(args)
+    return {"url": url, "views": list(names)}
+
+
+def wait(args: Any) -> None:
+    """Until ``--seconds`` have passed, or Ctrl-C."""
+    try:
+        end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
+        while (left_s := end_s - time.monotonic()) > 0:
+            time.sleep(min(left_s, 0.5))
+    except KeyboardInterrupt:
+        args.report("stopped")

@@ -1,0 +1,10 @@
+from .calibration import Board as Board
+from .calibration import BoardView as BoardView
+from .calibration import CalibrationLimits as CalibrationLimits
+from .calibration import CameraCalibration as CameraCalibration
+from .calibration import calibrate_camera as calibrate_camera
+from .calibration import detect_board as detect_board
+from .frame import Frame as Frame
+from .model import Camera as Camera
+from .plane import PlaneView as PlaneView
+from .pose import Pose as Pose

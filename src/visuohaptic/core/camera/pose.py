@@ -1,0 +1,98 @@
+"""Rigid motions in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..errors import InputError
+
+__all__ = ["Pose"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """Rigid motion ``T_target_source``: ``x_target = R x_source + t``.
+
+    Names carry both frames, ``T_camera_foam`` maps foam coordinates to the
+    camera.
+    """
+
+    rotation: Float[np.ndarray, "3 3"]  #: R, orthonormal, det +1
+    translation_m: Float[np.ndarray, "3"]  #: t [m]
+
+    def __post_init__(self) -> None:
+        rotation = np.asarray(self.rotation, dtype=np.float64)
+        translation = np.asarray(self.translation_m, dtype=np.float64)
+        if rotation.shape != (3, 3) or translation.shape != (3,):
+            raise InputError(
+                "Pose",
+                f"found shapes {rotation.shape} and {translation.shape}, expected (3, 3) and (3,)",
+            )
+        if not np.isfinite(translation).all():
+            raise InputError("Pose", f"translation {translation} is not finite")
+        # ``not <`` also refuses NaN.
+        if not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6 or np.linalg.det(rotation) < 0:
+            raise InputError("Pose", "rotation is not orthonormal with determinant +1")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation_m", translation)
+
+    @classmethod
+    def identity(cls) -> Pose:
+        """No motion."""
+        return cls(np.eye(3), np.zeros(3))
+
+    @classmethod
+    def from_quaternion(cls, quaternion_xyzw: object, translation_m: object) -> Pose:
+        """Pose from a quaternion in ROS order (x, y, z, w); its length need not be 1."""
+        from scipy.spatial.transform import Rotation
+
+        quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
+        norm = np.linalg.norm(quaternion) if quaternion.shape == (4,) else 0.0
+        if not (np.isfinite(norm) and norm > 1e-9):
+            raise InputError(
+                "Pose.from_quaternion", f"found {quaternion.tolist()}, expected 4 numbers x y z w, not all 0"
+            )
+        return cls(Rotation.from_quat(quaternion).as_matrix(), np.asarray(translation_m, dtype=np.float64))
+
+    @classmethod
+    def from_rotation_vector(cls, rotation_vector_rad: object, translation_m: object) -> Pose:
+        """Pose from an axis-angle vector [rad]."""
+        from scipy.spatial.transform import Rotation
+
+        vector = np.asarray(rotation_vector_rad, dtype=np.float64)
+        return cls(Rotation.from_rotvec(vector).as_matrix(), np.asarray(translation_m, dtype=np.float64))
+
+    @classmethod
+    def from_matrix(cls, matrix: Float[np.ndarray, "4 4"]) -> Pose:
+        """Pose from a homogeneous matrix."""
+        return cls(np.asarray(matrix)[:3, :3], np.asarray(matrix)[:3, 3])
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "4 4"]:
+        """Homogeneous matrix."""
+        result = np.eye(4)
+        result[:3, :3] = self.rotation
+        result[:3, 3] = self.translation_m
+        return result
+
+    @property
+    def quaternion_xyzw(self) -> Float[np.ndarray, "4"]:
+        """Unit quaternion in ROS order (x, y, z, w), w >= 0."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_matrix(self.rotation).as_quat(canonical=True)
+
+    def inverse(self) -> Pose:
+        """``T_source_target``."""
+        return Pose(self.rotation.T, -self.rotation.T @ self.translation_m)
+
+    def __matmul__(self, other: Pose) -> Pose:
+        """Composition: ``T_a_b @ T_b_c`` is ``T_a_c``."""
+        return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
+
+    def apply(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+        """Map points of the source frame to the target frame."""
+        return np.asarray(points_m) @ self.rotation.T + self.translation_m

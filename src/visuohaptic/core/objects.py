@@ -1,0 +1,235 @@
+"""The shared language: what is known of an object by sight and by touch; every part is optional."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .errors import InputError
+
+__all__ = [
+    "Appearance",
+    "Estimate",
+    "Evidence",
+    "FeatureVector",
+    "Geometry",
+    "HapticTag",
+    "Material",
+    "ObjectPart",
+    "Primitive",
+    "PrimitiveKind",
+    "Provenance",
+    "Sighting",
+    "StateModel",
+    "StiffnessMap",
+    "VisuoHapticObject",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A measured property. "Not observed" is ``None`` in its place, never an estimate of zero."""
+
+    value: float  #: best estimate
+    sigma: float  #: standard deviation of ``value`` as measured at this contact
+    spread: float = 0.0  #: standard deviation of the property over contact points and repetitions
+    samples: int = 1  #: how many observations are in it
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.value) and self.sigma >= 0 and self.spread >= 0 and self.samples >= 1):
+            raise InputError(
+                "Estimate",
+                f"found value {self.value}, sigma {self.sigma}, spread {self.spread}, "
+                f"samples {self.samples}; "
+                "expected a finite value, sigma and spread >= 0, samples >= 1",
+            )
+
+    @property
+    def predictive_sigma(self) -> float:
+        """Standard deviation expected for the next push, at another contact point."""
+        return float(np.hypot(self.sigma, self.spread))
+
+
+class PrimitiveKind(StrEnum):
+    """Shapes that are fitted to a contact (Alt 2016, Sec. 3.3.3)."""
+
+    LINE = "line"
+    SEGMENT = "segment"
+    CORNER = "corner"
+    CIRCLE = "circle"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Primitive:
+    """A plane shape fitted to a contact, in the frame of the points it was fitted to.
+
+    ``parameters`` by kind [m, rad]:
+
+    - line: (x, y, angle), a point on it and its direction
+    - segment: (x1, y1, x2, y2), the end points
+    - corner: (x, y, angle_1, angle_2), the tip and the directions of both edges
+    - circle: (x, y, radius)
+    """
+
+    kind: PrimitiveKind
+    parameters: Float[np.ndarray, "p"]
+    covariance: Float[np.ndarray, "p p"]
+    score: float  #: S_p of Eq. (3.11), 0..1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HapticTag:
+    """How an object answers to a push (Alt 2016, Sec. 4.1); ``None`` means not observed."""
+
+    static_friction_N: Estimate | None = None  #: H_F
+    dynamic_friction_N: Estimate | None = None  #: H_F'
+    deceleration_s: Estimate | None = None  #: H_I, duration of motion after the platform stopped
+    drift: Estimate | None = None  #: H_S [m/m], sideways shift of the contact per pushed distance
+    deformability: Estimate | None = None  #: H_D [m/m], 0 = rigid, 1 = yields fully
+    stiffness_N_per_m: Estimate | None = None  #: pushing force by absolute deformation of the object
+    rotation_rad_per_m: Estimate | None = None  #: H_R on the floor plane
+    contact_offset_m: Estimate | None = None  #: lateral distance of the contact from the object's centre
+    primitive: Primitive | None = None  #: best fitting shape
+    deformation_shape_m: Float[np.ndarray, "k 2"] | None = None  #: contact contour at the largest force
+    fixed: bool | None = None  #: does not move within the platform's capability
+    falls: bool | None = None  #: has fallen over when pushed
+    explored: int = 0  #: counter of explorations
+    failed: int = 0  #: counter of failures
+    #: lower bound of the static friction [N]: a push with this force did not move it
+    min_static_friction_N: float | None = None
+
+    def needs_more_than(self, force_N: float) -> bool:
+        """Whether a push with this force [N] is known not to move it, or its friction is measured above."""
+        bound = self.min_static_friction_N
+        if bound is not None and bound >= force_N:
+            return True
+        measured = (self.static_friction_N, self.dynamic_friction_N)
+        return any(friction is not None and friction.value > force_N for friction in measured)
+
+    def updated(self, **changes: Any) -> HapticTag:
+        """A copy with some fields replaced."""
+        return replace(self, **changes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """Shape of an object in its own frame: z is up, the origin on the floor below the centroid."""
+
+    vertices_m: Float[np.ndarray, "v 3"] | None = None
+    faces: Int[np.ndarray, "f 3"] | None = None
+    footprint_m: Float[np.ndarray, "p 2"] | None = None  #: outline on the floor, counter-clockwise
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Appearance:
+    """What the object looks like."""
+
+    colour_rgb: tuple[float, float, float] | None = None  #: mean colour, 0..1
+    template_png: bytes | None = None  #: picture of a planar face
+    template_size_m: tuple[float, float] | None = None  #: its width and height
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """What it is made of."""
+
+    name: str = "unknown"
+    youngs_modulus_Pa: Estimate | None = None
+    poisson_ratio: Estimate | None = None
+    density_kg_per_m3: Estimate | None = None
+    wall_thickness_m: Estimate | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StiffnessMap:
+    """Local stiffness of a surface under a dual-tip pinch (Alt 2016, Sec. 6.1.6)."""
+
+    vertices_m: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    stiffness_N_per_m: Float[np.ndarray, "v"]
+    stiffness_sigma_N_per_m: Float[np.ndarray, "v"]
+
+
+@dataclass(frozen=True, slots=True)
+class Provenance:
+    """Where a piece of knowledge comes from."""
+
+    source: str = "unknown"  #: sensor, simulation or file
+    t_s: float = float("nan")  #: when it was obtained, seconds since the epoch
+    version: str = ""  #: version of the library that wrote it
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """One observation (or simulation) of one property; the property is what all of them say together."""
+
+    property: str  #: place in the object, with dots: "material.youngs_modulus_Pa", "parts.lid.tag.drift"
+    estimate: Estimate
+    provenance: Provenance = Provenance()
+    key: str = ""  #: names this observation where two could look alike, as "run 7, contact 2"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureVector:
+    """A description of fixed length, to find similar objects by."""
+
+    values: Float[np.ndarray, "n"]
+    sigma: Float[np.ndarray, "n"] | None = None  #: standard deviations; none when not known
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectPart:
+    """What is known of a part alone, as a lid or a handle."""
+
+    vertices: Int[np.ndarray, "k"] | None = None  #: its vertices in the object's geometry
+    material: Material | None = None
+    tag: HapticTag | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateModel:
+    """How the object feels in one state, as "open", "closed" or "full"."""
+
+    stiffness: StiffnessMap | None = None
+    features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
+    tag: HapticTag | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Where the object was last, and among what (Alt 2016, Sec. 6.3.3)."""
+
+    position_m: tuple[float, float, float]  #: of the object's origin, in ``frame``
+    sigma_m: float  #: standard deviation along each axis
+    t_s: float  #: seconds since the epoch
+    frame: str = "map"
+    context: tuple[str, ...] = ()  #: room, furniture and neighbours, as ("kitchen", "sink")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisuoHapticObject:
+    """All that a robot knows of one object."""
+
+    id: str
+    name: str = ""
+    geometry: Geometry | None = None
+    appearance: Appearance | None = None
+    material: Material | None = None
+    stiffness: StiffnessMap | None = None
+    tag: HapticTag | None = None
+    state: Mapping[str, str | float] = field(default_factory=dict)  #: e.g. closed, fill level
+    provenance: Mapping[str, Provenance] = field(default_factory=dict)  #: by field name
+    #: what vision calls it; several objects with different haptic models may share one
+    visual_class: str = ""
+    parts: Mapping[str, ObjectPart] = field(default_factory=dict)  #: by name
+    states: Mapping[str, StateModel] = field(default_factory=dict)  #: haptic models by state
+    features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
+    evidence: tuple[Evidence, ...] = ()  #: what the estimates above were combined from
+    seen: Sighting | None = None  #: last known position, knowledge of one robot alone
+    licence: str = ""  #: under which the data may be passed on, an SPDX identifier

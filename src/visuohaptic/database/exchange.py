@@ -1,0 +1,166 @@
+"""Objects as plain files: for each a folder with a YAML card, its arrays as Parquet, and its mesh as GLB.
+
+``card.yaml`` names the licence, and size and SHA-256 of the other files. The arrays are exact; the GLB is for
+eyes and other programs, and is read only where the card has no mesh among its arrays.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from ..core.codec import decode, encode
+from ..core.errors import InputError, MissingExtraError
+from ..core.files import atomic_path, load_yaml_model, save_yaml
+from ..core.objects import Geometry, VisuoHapticObject
+from .shards import file_sha256, pack, unpack
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+__all__ = ["export_object", "export_objects", "import_object", "import_objects"]
+
+_log = logging.getLogger(__name__)
+
+_FORMAT = "visuohaptic object"
+_ARRAYS, _MESH = "arrays.parquet", "mesh.glb"
+#: Larger files beside a card are refused [bytes].
+MAX_FILE_BYTES = 2 << 30
+
+
+def _card_model() -> type[BaseModel]:
+    from pydantic import BaseModel, ConfigDict, Field
+
+    class File(BaseModel):
+        model_config = ConfigDict(extra="forbid")
+        sha256: str = Field(pattern="^[0-9a-f]{64}$")
+        bytes: int = Field(ge=0, le=MAX_FILE_BYTES)
+
+    class Card(BaseModel):
+        model_config = ConfigDict(extra="forbid")
+        format: Literal["visuohaptic object"]
+        version: Literal[1]
+        licence: str = Field(min_length=1)
+        object: dict[str, Any]
+        files: dict[Literal["arrays.parquet", "mesh.glb"], File] = Field(default_factory=dict)
+
+    return Card
+
+
+def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = "") -> Path:
+    """Write an object into ``folder / id``; the card comes last, so that a folder with a card is whole.
+
+    Raises
+    ------
+    InputError
+        Neither the object nor the call names a licence, or the folder cannot be written.
+    """
+    if not (licence := obj.licence or licence):
+        raise InputError(obj.id, "has no licence", remedy="name the one under which it may be passed on")
+    target = Path(folder) / obj.id
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+        (target / "card.yaml").unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(target, f"cannot be written ({error.strerror})") from error
+    obj = replace(obj, licence=licence)
+    card, arrays = encode(obj)
+    written = []
+    if arrays:
+        with atomic_path(target / _ARRAYS) as temporary:
+            pack([arrays], temporary)
+        written.append(_ARRAYS)
+    shape = obj.geometry
+    if shape is not None and shape.vertices_m is not None and shape.faces is not None and len(shape.faces):
+        data = _glb(shape)
+        with atomic_path(target / _MESH) as temporary:
+            temporary.write_bytes(data)
+        written.append(_MESH)
+    files = {
+        name: {"sha256": file_sha256(target / name), "bytes": (target / name).stat().st_size}
+        for name in written
+    }
+    save_yaml(
+        target / "card.yaml",
+        {"format": _FORMAT, "version": 1, "licence": licence, "object": card, "files": files},
+    )
+    return target
+
+
+def export_objects(objects: Iterable[VisuoHapticObject], folder: Path | str, *, licence: str = "") -> int:
+    """Write objects into folders of their own; returns how many."""
+    return len([export_object(obj, folder, licence=licence) for obj in objects])
+
+
+def import_object(folder: Path | str) -> VisuoHapticObject:
+    """Read the object in a folder, or of a card; every file is compared with its hash.
+
+    Raises
+    ------
+    InputError
+        A file is missing, changed or of the wrong form.
+    """
+    path = Path(folder)
+    path = path if path.suffix == ".yaml" else path / "card.yaml"
+    card: Any = load_yaml_model(path, _card_model())
+    for name, said in card.files.items():
+        file = path.parent / name
+        if not file.is_file():
+            raise InputError(file, "is missing, but the card names it")
+        if file.stat().st_size != said.bytes or file_sha256(file) != said.sha256:
+            raise InputError(file, "is not the file that the card was written with", remedy="export it again")
+    arrays = {}
+    if _ARRAYS in card.files:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            with pq.ParquetFile(path.parent / _ARRAYS) as file:
+                arrays = unpack(file, 0, path.parent / _ARRAYS)
+        except (pa.ArrowException, OSError) as error:  # damaged headers are reported as either
+            raise InputError(path.parent / _ARRAYS, f"is not a Parquet file ({error})") from error
+    obj = replace(decode(card.object, arrays, path), licence=card.licence)
+    if obj.geometry is None and _MESH in card.files:
+        obj = replace(obj, geometry=_from_glb(path.parent / _MESH))
+    return obj
+
+
+def import_objects(folder: Path | str) -> Iterator[VisuoHapticObject]:
+    """Objects of a folder: its own card, or those of the folders in it, by name."""
+    path = Path(folder)
+    if path.suffix == ".yaml" or (path / "card.yaml").is_file():
+        yield import_object(path)
+        return
+    cards = sorted(path.glob("*/card.yaml"))
+    if not cards:
+        raise InputError(path, "found no card.yaml in it or in its folders")
+    for card in cards:
+        yield import_object(card)
+
+
+def _glb(shape: Geometry) -> bytes:
+    trimesh = _trimesh()
+    mesh = trimesh.Trimesh(shape.vertices_m, shape.faces, process=False)
+    return bytes(mesh.export(file_type="glb"))
+
+
+def _from_glb(path: Path) -> Geometry:
+    trimesh = _trimesh()
+    try:
+        mesh = trimesh.load(path, file_type="glb", force="mesh", process=False)
+        return Geometry(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, np.int64))
+    except Exception as error:
+        raise InputError(path, f"is not a readable mesh ({type(error).__name__}: {error})") from error
+
+
+def _trimesh() -> Any:
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtraError("trimesh", "geometry", "reading and writing of GLB") from error
+    return trimesh

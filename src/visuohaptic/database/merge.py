@@ -1,0 +1,293 @@
+"""New evidence joins old: what several observations say together, and two versions of one object made one.
+
+The merge of two versions is commutative, associative and idempotent, so that databases agree after any order and
+number of synchronisations:
+
+- estimates are combined from the union of their evidence, and the same evidence counts once;
+- everything else (geometry, stiffness map, name, state, ...) is taken from the version that is newer by its
+  provenance; without times, or at equal times, a fixed order of the contents decides.
+
+Pushes of one trip, whose tags are samples and not versions, are joined by :func:`.tags.merge_tags`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from ..core import codec
+from ..core.errors import InputError
+from ..core.objects import (
+    Estimate,
+    Evidence,
+    HapticTag,
+    Material,
+    ObjectPart,
+    Provenance,
+    Sighting,
+    StateModel,
+    StiffnessMap,
+    VisuoHapticObject,
+)
+
+__all__ = ["add_evidence", "combine", "estimates_of", "merge_objects", "merge_stiffness"]
+
+#: Fields that hold mappings whose entries are merged one by one.
+_MAPPINGS = ("state", "features", "parts", "states")
+
+
+def combine(estimates: Iterable[Estimate]) -> Estimate:
+    r"""What independent estimates of one property say together.
+
+    With weights :math:`w_i = 1/\sigma_i^2` the value is :math:`m = \sum w_i x_i / \sum w_i` and its variance
+    :math:`(\sum w_i)^{-1} \max(1, Q/(n-1))`, where :math:`Q = \sum w_i (x_i - m)^2`: estimates that contradict
+    each other make the result less certain, not more (Birge 1932). The spread over contacts holds their own
+    spreads and what the values differ by beyond their noise.
+
+    Exact estimates (sigma 0) leave all others without weight.
+    """
+    # In a fixed order: the sum must not depend on who was merged first.
+    some = sorted(estimates, key=lambda e: (e.value, e.sigma, e.spread, e.samples))
+    if not some:
+        raise InputError("combine", "found no estimate, expected at least one")
+    if len(some) == 1:
+        return some[0]
+    samples = sum(e.samples for e in some)
+    used = [e for e in some if e.sigma == 0] or some
+    x = np.array([e.value for e in used])
+    spread = np.array([e.spread for e in used])
+    sigma = np.array([e.sigma for e in used])
+    smallest = float(sigma.min())
+    w = (smallest / sigma) ** 2 if smallest > 0 else np.ones(len(used))
+    w /= w.sum()
+    mean = float(w @ x)
+    variance = 1.0 / float(np.sum(sigma**-2.0)) if smallest > 0 else 0.0
+    if len(used) > 1:
+        off2 = (x - mean) ** 2
+        q = float(np.sum(off2 / sigma**2)) / (len(used) - 1) if smallest > 0 else 1.0
+        variance = variance * max(1.0, q) if smallest > 0 else float(w @ off2) / (len(used) - 1)
+        # n/(n-1) with the number of estimates that carry weight; at most 2, as for two equal ones:
+        # a vague simulation beside one good measurement says nothing of the spread.
+        fraction = float(w @ w)
+        bessel = min(2.0, 1.0 / (1.0 - fraction)) if fraction < 1.0 else 2.0
+        between2 = bessel * float(w @ np.maximum(off2 - sigma**2, 0.0))
+    else:
+        between2 = 0.0
+    return Estimate(mean, math.sqrt(variance), math.sqrt(float(w @ spread**2) + between2), samples)
+
+
+def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
+    """All estimates inside an object, with their places ("material.wall_thickness_m")."""
+    if isinstance(item, Estimate):
+        yield prefix, item
+    elif isinstance(item, Mapping):
+        for name, inner in item.items():
+            yield from estimates_of(inner, f"{prefix}.{name}" if prefix else str(name))
+    elif is_dataclass(item) and not isinstance(item, type):
+        for name in _branches(item.__class__):
+            inner = getattr(item, name)
+            if inner is not None:
+                yield from estimates_of(inner, f"{prefix}.{name}" if prefix else name)
+
+
+@cache
+def _branches(kind: type) -> tuple[str, ...]:
+    """Fields below which estimates can be."""
+    if kind is VisuoHapticObject:
+        return "material", "tag", "parts", "states"
+    if kind is ObjectPart:
+        return "material", "tag"
+    if kind is StateModel:
+        return ("tag",)
+    return tuple(f.name for f in fields(kind)) if kind in (Material, HapticTag) else ()
+
+
+def add_evidence(known: VisuoHapticObject, *evidence: Evidence) -> VisuoHapticObject:
+    """The object after further observations; one that it knows already changes nothing.
+
+    Raises
+    ------
+    InputError
+        There is no such property.
+
+    Examples
+    --------
+    >>> simulated = Evidence("material.wall_thickness_m", Estimate(1e-3, 2e-4))
+    >>> measured = Evidence("material.wall_thickness_m", Estimate(8e-4, 2e-5))
+    >>> cup = add_evidence(VisuoHapticObject("cup"), simulated, measured)
+    >>> round(cup.material.wall_thickness_m.value * 1e3, 3)
+    0.802
+    """
+    everything = _all_evidence(known)
+    everything.update({_identity(one): one for one in evidence})
+    return _with(known, everything)
+
+
+def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapticObject:
+    """Two versions of one object made one; see the rules at the top of this module."""
+    if one.id != other.id:
+        raise InputError("merge_objects", f"found the objects {one.id!r} and {other.id!r}, expected one id")
+    everything = _all_evidence(one) | _all_evidence(other)
+    origins = {
+        place: max(
+            (obj.provenance[place] for obj in (one, other) if place in obj.provenance), key=_provenance_order
+        )
+        for place in sorted({*one.provenance, *other.provenance})
+    }
+    changes: dict[str, Any] = {"seen": _last(one.seen, other.seen)}
+    for f in fields(VisuoHapticObject):
+        mine, yours = getattr(one, f.name), getattr(other, f.name)
+        if f.name in ("id", "evidence", "provenance", "seen"):
+            continue
+        if f.name not in _MAPPINGS:
+            changes[f.name] = _newer(mine, yours, one, other, f.name, origins)
+            continue
+        changes[f.name] = {
+            entry: _newer(mine.get(entry), yours.get(entry), one, other, f"{f.name}.{entry}", origins)
+            for entry in sorted({*mine, *yours})
+        }
+    changes["provenance"] = origins
+    return _with(replace(one, **changes), everything)
+
+
+def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap:
+    """Two maps of one mesh by inverse variances, point by point; unknown (NaN) points give way.
+
+    Raises
+    ------
+    InputError
+        The maps are on different meshes.
+    """
+    if not (
+        np.array_equal(known.vertices_m, measured.vertices_m) and np.array_equal(known.faces, measured.faces)
+    ):
+        raise InputError(
+            "merge_stiffness",
+            f"found maps of {len(known.vertices_m)} and {len(measured.vertices_m)} vertices on different meshes",
+            remedy="interpolate one to the mesh of the other first",
+        )
+    k = np.stack([known.stiffness_N_per_m, measured.stiffness_N_per_m])
+    s = np.stack([known.stiffness_sigma_N_per_m, measured.stiffness_sigma_N_per_m])
+    if not (s[np.isfinite(s)] > 0).all():
+        raise InputError("merge_stiffness", "found standard deviations of 0, expected larger ones")
+    w = np.where(np.isfinite(k) & np.isfinite(s), s**-2.0, 0.0)
+    total = w.sum(axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = np.where(total > 0, (w * np.where(w > 0, k, 0.0)).sum(axis=0) / total, k[0])
+        chi2 = (w * np.where(w > 0, k - value, 0.0) ** 2).sum(axis=0)
+        sigma = np.where(total > 0, np.sqrt(np.maximum(1.0, chi2) / total), s[0])
+    return replace(known, stiffness_N_per_m=value, stiffness_sigma_N_per_m=sigma)
+
+
+def _all_evidence(obj: VisuoHapticObject) -> dict[tuple[str, ...], Evidence]:
+    """Evidence of an object; an estimate that has none is its own."""
+    found = {_identity(one): one for one in obj.evidence}
+    named = {one.property for one in obj.evidence}
+    for place, estimate in estimates_of(obj):
+        if place not in named:
+            origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0]) or Provenance()
+            one = Evidence(place, estimate, origin)
+            found[_identity(one)] = one
+    return found
+
+
+def _identity(one: Evidence) -> tuple[str, ...]:
+    """By what the same observation is known again: all of it, in words that NaN cannot disturb."""
+    e, origin = one.estimate, one.provenance
+    # float(): 1 and 1.0 are one observation.
+    numbers = f"{float(e.value)!r} {float(e.sigma)!r} {float(e.spread)!r} {e.samples} {float(origin.t_s)!r}"
+    return one.property, numbers, f"{origin.source}\0{origin.version}\0{origin.note}", one.key
+
+
+def _with(obj: VisuoHapticObject, everything: dict[tuple[str, ...], Evidence]) -> VisuoHapticObject:
+    ordered = [everything[identity] for identity in sorted(everything)]
+    by_place: dict[str, list[Estimate]] = {}
+    for one in ordered:
+        by_place.setdefault(one.property, []).append(one.estimate)
+    for place, estimates in by_place.items():
+        obj = _put(obj, place.split("."), combine(estimates), place)
+    return replace(obj, evidence=tuple(ordered))
+
+
+_EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": StateModel}
+
+
+def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
+    """A copy with the estimate at its place; what is missing on the way is made."""
+    name, rest = steps[0], steps[1:]
+    if name not in _branches(item.__class__):
+        raise InputError(
+            place,
+            f"there is no such property: {name!r}, expected one of {', '.join(_branches(item.__class__)) or 'none'}",
+        )
+    if name in ("parts", "states"):
+        entries = getattr(item, name)
+        if len(rest) < 2:
+            raise InputError(place, f"found no property of the entry of {name!r}")
+        inner = _put(entries.get(rest[0], _EMPTY[name]()), rest[1:], estimate, place)
+        return replace(item, **{name: {**entries, rest[0]: inner}})
+    if name in _EMPTY:
+        if not rest:
+            raise InputError(place, f"found the whole {name!r}, expected one of its properties")
+        return replace(item, **{name: _put(getattr(item, name) or _EMPTY[name](), rest, estimate, place)})
+    if rest or not _holds_estimate(item.__class__, name):
+        raise InputError(place, f"{name!r} is not a measured property")
+    return replace(item, **{name: estimate})
+
+
+@cache
+def _holds_estimate(kind: type, name: str) -> bool:
+    return any(f.name == name and "Estimate" in str(f.type) for f in fields(kind))
+
+
+def _newer(
+    mine: Any,
+    yours: Any,
+    one: VisuoHapticObject,
+    other: VisuoHapticObject,
+    place: str,
+    origins: dict[str, Provenance],
+) -> Any:
+    """What is there, what is newer, or what a fixed order of the contents picks; notes where it came from."""
+    if one is other:
+        if _absent(mine):
+            return mine
+        origin = one.provenance.get(place) or one.provenance.get(place.partition(".")[0])
+        if origin is not None:
+            origins[place] = origin
+        return mine
+    there = [(value, obj) for value, obj in ((mine, one), (yours, other)) if not _absent(value)]
+    if not there:
+        return mine
+    ranked = []
+    for value, obj in there:
+        origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])
+        # The contents are only compared where the times cannot tell: that takes their hash.
+        contents = codec.order_of(value) if len(there) > 1 and mine is not yours else ""
+        ranked.append((_time(origin), contents, repr(origin), value, origin))
+    *_, value, origin = max(ranked, key=lambda entry: entry[:3])
+    if origin is not None:
+        origins[place] = origin
+    return value
+
+
+def _absent(value: Any) -> bool:
+    return value is None or (isinstance(value, str) and value == "")
+
+
+def _time(origin: Provenance | None) -> float:
+    return -math.inf if origin is None or math.isnan(origin.t_s) else origin.t_s
+
+
+def _provenance_order(origin: Provenance) -> tuple[float, str]:
+    return _time(origin), repr(origin)
+
+
+def _last(one: Sighting | None, other: Sighting | None) -> Sighting | None:
+    some = [sighting for sighting in (one, other) if sighting is not None]
+    return max(some, key=lambda s: (-math.inf if math.isnan(s.t_s) else s.t_s, repr(s))) if some else None

@@ -1,0 +1,102 @@
+"""Rows of the object databases: how they are asked for, joined with what is known, and replaced."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sqlalchemy import Connection, and_, bindparam, select
+
+from ..core.objects import VisuoHapticObject
+from .merge import merge_objects
+from .schema import feature, object_, shard
+
+__all__ = ["ALIVE", "MANY", "Stored", "drop_shards", "joined", "store_rows"]
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """A row with the object that it holds."""
+
+    obj: VisuoHapticObject
+    deleted_s: float | None
+    row: Any
+
+
+#: One object that is not deleted.
+ALIVE = select(object_).where(and_(object_.c.id == bindparam("wanted"), object_.c.deleted_s.is_(None)))
+#: Several objects, deleted ones too.
+MANY = select(object_).where(object_.c.id.in_(bindparam("wanted", expanding=True)))
+
+
+def joined(
+    mine: VisuoHapticObject,
+    mine_gone_s: float | None,
+    yours: VisuoHapticObject,
+    yours_gone_s: float | None,
+    *,
+    asked: bool,
+) -> tuple[VisuoHapticObject, float | None]:
+    """Two versions with deletions: the last deletion holds unless something is known from after it.
+
+    ``asked``: somebody adds the object again here and now, which undoes a deletion.
+    """
+    gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
+    both = merge_objects(mine, yours)
+    if not gone:
+        return both, None
+    last_s = max(gone)
+    if asked:
+        return yours, None
+    times = [origin.t_s for origin in both.provenance.values()]
+    times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
+    return both, None if any(t_s > last_s for t_s in times) else last_s
+
+
+def store_rows(
+    connection: Connection, rows: list[tuple[dict[str, Any], Stored | None, VisuoHapticObject]]
+) -> None:
+    """New rows, rows in place of old ones, and the features beside them."""
+    new = [row for row, old, _ in rows if old is None]
+    if new:
+        connection.execute(object_.insert(), new)
+    replaced = [
+        {f"new_{key}": value for key, value in row.items()} for row, old, _ in rows if old is not None
+    ]
+    if replaced:
+        connection.execute(
+            object_.update()
+            .where(object_.c.id == bindparam("new_id"))
+            .values({key: bindparam(f"new_{key}") for key in rows[0][0] if key != "id"}),
+            replaced,
+        )
+        connection.execute(
+            feature.delete().where(feature.c.object_id == bindparam("old_id")),
+            [{"old_id": row["new_id"]} for row in replaced],
+        )
+    vectors = [
+        {
+            "object_id": row["id"],
+            "kind": kind,
+            "change": row["change"],
+            "data": np.asarray(vector.values, "<f8").tobytes(),
+        }
+        for row, _, obj in rows
+        if row["deleted_s"] is None
+        for kind, vector in obj.features.items()
+    ]
+    if vectors:
+        connection.execute(feature.insert(), vectors)
+
+
+def drop_shards(connection: Connection, names: list[str | None]) -> list[str]:
+    """Remove shards from the table that no object names any more."""
+    some = sorted({name for name in names if name is not None})
+    if not some:
+        return []
+    used = set(connection.execute(select(object_.c.shard).where(object_.c.shard.in_(some))).scalars())
+    unneeded = [name for name in some if name not in used]
+    if unneeded:
+        connection.execute(shard.delete().where(shard.c.name.in_(unneeded)))
+    return unneeded

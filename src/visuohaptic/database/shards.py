@@ -1,0 +1,172 @@
+"""Shards: the arrays of some objects in one Parquet file, one row group an object, one row an array."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import threading
+import uuid
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.codec import DTYPES, Arrays
+from ..core.errors import DatabaseError, InputError
+from ..core.files import atomic_path
+
+__all__ = ["ShardFolder", "file_sha256", "pack", "unpack"]
+
+#: Arrays larger than this are refused [bytes].
+MAX_ARRAY_BYTES = 1 << 30
+
+
+def _schema() -> Any:
+    import pyarrow as pa
+
+    return pa.schema(
+        [
+            ("name", pa.string()),
+            ("dtype", pa.string()),
+            ("shape", pa.string()),  # "120x3"
+            ("data", pa.large_binary()),  # little endian, C order
+        ]
+    )
+
+
+def pack(items: Sequence[Arrays], sink: Any) -> None:
+    """Write the arrays of objects to a path or stream; object i becomes row group i."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    schema = _schema()
+    # Numbers as they are: reading one object is what counts, and doubles hardly shrink.
+    with pq.ParquetWriter(
+        sink, schema, compression="none", use_dictionary=False, write_statistics=False
+    ) as writer:
+        for arrays in items:
+            names = list(arrays)
+            writer.write_batch(
+                pa.record_batch(
+                    [
+                        pa.array(names, pa.string()),
+                        pa.array([arrays[name].dtype.name for name in names], pa.string()),
+                        pa.array(["x".join(map(str, arrays[name].shape)) for name in names], pa.string()),
+                        pa.array([arrays[name].tobytes() for name in names], pa.large_binary()),
+                    ],
+                    schema=schema,
+                ),
+                row_group_size=max(len(names), 1),
+            )
+
+
+def unpack(file: Any, row_group: int, where: object) -> Arrays:
+    """Arrays of one row group of an open Parquet file.
+
+    Raises
+    ------
+    InputError
+        It is not a shard, or damaged.
+    """
+    import pyarrow as pa
+
+    try:
+        if not 0 <= row_group < file.num_row_groups:
+            raise InputError(where, f"has {file.num_row_groups} row groups, expected number {row_group}")
+        rows = file.read_row_group(row_group, use_threads=False).to_pydict()
+        found = {}
+        for name, dtype, shape, data in zip(*(rows[column] for column in _schema().names), strict=True):
+            if dtype not in DTYPES or len(data) > MAX_ARRAY_BYTES:
+                raise InputError(where, f"array {name!r} is of {dtype!r} with {len(data)} bytes")
+            sides = [int(side) for side in shape.split("x")] if shape else []
+            found[name] = np.frombuffer(data, np.dtype(dtype).newbyteorder("<")).reshape(sides)
+    except (pa.ArrowException, OSError, KeyError, ValueError, TypeError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(where, f"is not a readable shard ({error})") from error
+    return found
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+class ShardFolder:
+    """A folder of shards; files are written whole, never changed, and removed when nobody needs them."""
+
+    def __init__(self, folder: Path, *, open_files: int = 64) -> None:
+        self.folder = folder
+        self._open: OrderedDict[str, Any] = OrderedDict()
+        self._limit = open_files
+        self._lock = threading.Lock()
+
+    def path(self, name: str) -> Path:
+        """File of a shard."""
+        return self.folder / f"{name}.parquet"
+
+    def write(self, items: Sequence[Arrays]) -> tuple[str, str, int]:
+        """Write a new shard; its name, SHA-256 and size. It is on the disk when this returns."""
+        name = uuid.uuid4().hex
+        target = self.path(name)
+        with atomic_path(target) as temporary:
+            pack(items, temporary)
+            sha256, size = file_sha256(temporary), temporary.stat().st_size
+        handle = os.open(self.folder, os.O_RDONLY)  # the rename, too, has to reach the disk
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+        return name, sha256, size
+
+    def read(self, name: str, row_group: int) -> Arrays:
+        """Arrays of one object.
+
+        Raises
+        ------
+        FileNotFoundError
+            The shard is gone: another process has replaced it.
+        """
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        with self._lock:
+            file = self._open.get(name)
+            if file is None:
+                try:
+                    file = pq.ParquetFile(self.path(name), memory_map=True)
+                except FileNotFoundError:
+                    raise
+                except (pa.ArrowException, OSError) as error:
+                    raise DatabaseError(f"{self.path(name)}: is not a readable shard ({error})") from error
+                self._open[name] = file
+                if len(self._open) > self._limit:
+                    self._open.popitem(last=False)[1].close()
+            self._open.move_to_end(name)
+            return unpack(file, row_group, self.path(name))
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Remove shards that no object refers to."""
+        with self._lock:
+            for name in names:
+                if (file := self._open.pop(name, None)) is not None:
+                    file.close()
+                self.path(name).unlink(missing_ok=True)
+
+    def tidy(self, known: set[str]) -> int:
+        """Remove what interrupted writers left. Only while no other process can be writing."""
+        unknowns = [
+            path for path in self.folder.iterdir() if path.stem not in known or path.suffix != ".parquet"
+        ]
+        for path in unknowns:
+            path.unlink(missing_ok=True)
+        return len(unknowns)
+
+    def close(self) -> None:
+        """Close all files."""
+        with self._lock:
+            while self._open:
+                self._open.popitem()[1].close()

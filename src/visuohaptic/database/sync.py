@@ -1,0 +1,87 @@
+"""A robot's database and a shared one tell each other what is new.
+
+Both sides join versions by :func:`~visuohaptic.database.merge.merge_objects`, which gives the same result in any
+order: there are no conflicts to ask about, and a synchronisation that was interrupted is simply run again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from sqlalchemy import select
+
+from ..core import codec
+from ..core.objects import VisuoHapticObject
+from .database import BATCH, ObjectDatabase
+from .schema import peer
+
+__all__ = ["Synchronised", "synchronise"]
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronised:
+    """What went over."""
+
+    sent: int  #: objects offered to the shared database
+    received: int  #: objects that are new here, or changed by what it knew
+
+
+def synchronise(
+    local: ObjectDatabase,
+    shared: ObjectDatabase,
+    *,
+    fraction: Callable[[VisuoHapticObject], bool] = lambda obj: True,
+) -> Synchronised:
+    """Send what is new here, then fetch what is new there.
+
+    Parameters
+    ----------
+    share
+        Says which objects are of general interest; the others stay here.
+
+    Notes
+    -----
+    Where an object was seen last stays here: it is knowledge of one robot in one place (Alt 2016, Sec. 6.3.3).
+    """
+    sent_to, received_to = _known(local, shared.id)
+    ids, last_here = local.changed(sent_to)
+    sent = 0
+    for start in range(0, len(ids), BATCH):
+        found = local.stored(ids[start : start + BATCH])
+        offer = {
+            one: (replace(obj, seen=None), gone_s)
+            for one, (obj, gone_s) in found.items()
+            if gone_s is not None or fraction(obj)
+        }
+        if offer:
+            shared.write_merged(offer)
+            sent += len(offer)
+    ids, last_there = shared.changed(received_to)
+    received = 0
+    for start in range(0, len(ids), BATCH):
+        batch = ids[start : start + BATCH]
+        before = local.stored(batch)
+        after = local.write_merged(shared.stored(batch))
+        # What was sent a moment ago comes back as it is: nothing was learnt from it.
+        received += sum(one not in before or _told(before[one]) != _told(pair) for one, pair in after.items())
+    # What came from there is a change here, too, and is offered once more next time: it merges to nothing new.
+    _note(local, shared.id, last_here, last_there)
+    return Synchronised(sent, received)
+
+
+def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
+    card, arrays = codec.encode(pair[0])
+    return codec.card_text(card), codec.arrays_digest(arrays) if arrays else "", pair[1]
+
+
+def _known(local: ObjectDatabase, peer_id: str) -> tuple[int, int]:
+    with local._reading() as connection:
+        row = connection.execute(select(peer.c.sent, peer.c.received).where(peer.c.id == peer_id)).first()
+    return (0, 0) if row is None else (row.sent, row.received)
+
+
+def _note(local: ObjectDatabase, peer_id: str, sent: int, received: int) -> None:
+    with local._transaction() as connection:
+        connection.execute(peer.delete().where(peer.c.id == peer_id))
+        connection.execute(peer.insert(), {"id": peer_id, "sent": sent, "received": received})

@@ -1,0 +1,68 @@
+"""Haptic tags of one object made one.
+
+Explorations sample a property at different contact points, where it differs by more than its noise: each
+exploration counts alike, and the scatter is kept as the spread. That is another question than the one of
+:mod:`.merge`, where estimates of one value count by their certainty, and the same evidence counts once. Use this
+for pushes on one trip, whose counters add up; use :func:`.merge.merge_objects` for versions of an object, whose
+tags arrive as evidence and may arrive twice.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.objects import Estimate, HapticTag
+
+__all__ = ["merge_tags"]
+
+
+def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
+    """One tag from two sets of explorations of the same object.
+
+    Means are weighted by the number of samples, the spread is the scatter
+    over all samples, counters add up; a shape is kept from the tag whose
+    primitive scores higher. An object that moved once is not fixed; one that
+    fell once may fall.
+    """
+
+    def either(a: bool | None, b: bool | None, *, any_true: bool) -> bool | None:
+        known = [value for value in (a, b) if value is not None]
+        return None if not known else (any(known) if any_true else all(known))
+
+    bounds = [b for b in (first.min_static_friction_N, second.min_static_friction_N) if b is not None]
+    fixed = either(first.fixed, second.fixed, any_true=False)
+    score_1 = first.primitive.score if first.primitive else -1.0
+    score_2 = second.primitive.score if second.primitive else -1.0
+    shape = second if score_2 > score_1 or (first.deformation_shape_m is None) else first
+    return HapticTag(
+        static_friction_N=_merge(first.static_friction_N, second.static_friction_N),
+        dynamic_friction_N=_merge(first.dynamic_friction_N, second.dynamic_friction_N),
+        # What has moved after all takes the bound back.
+        min_static_friction_N=max(bounds) if bounds and fixed is not False else None,
+        deceleration_s=_merge(first.deceleration_s, second.deceleration_s),
+        drift=_merge(first.drift, second.drift),
+        deformability=_merge(first.deformability, second.deformability),
+        stiffness_N_per_m=_merge(first.stiffness_N_per_m, second.stiffness_N_per_m),
+        rotation_rad_per_m=_merge(first.rotation_rad_per_m, second.rotation_rad_per_m),
+        contact_offset_m=_merge(first.contact_offset_m, second.contact_offset_m),
+        primitive=first.primitive if score_1 >= score_2 else second.primitive,
+        deformation_shape_m=shape.deformation_shape_m,
+        fixed=fixed,
+        falls=either(first.falls, second.falls, any_true=True),
+        explored=first.explored + second.explored,
+        failed=first.failed + second.failed,
+    )
+
+
+def _merge(a: Estimate | None, b: Estimate | None) -> Estimate | None:
+    if a is None or b is None:
+        return a if b is None else b
+    n = a.samples + b.samples
+    value = (a.samples * a.value + b.samples * b.value) / n
+    sigma = np.hypot(a.samples * a.sigma, b.samples * b.sigma) / n
+    squares = (
+        (a.samples - 1) * a.spread**2
+        + (b.samples - 1) * b.spread**2
+        + a.samples * b.samples / n * (a.value - b.value) ** 2
+    )
+    return Estimate(float(value), float(sigma), float(np.sqrt(squares / (n - 1))), n)

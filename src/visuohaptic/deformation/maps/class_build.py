@@ -1,0 +1,419 @@
+"""Data sets of container classes: maps and features of many variants, resumable (Alt 2016, Sec. 6.4.1).
+
+A job is (class, variant, seed) with its settings; its result depends on nothing else. Results are
+written whole or not at all, so a build that was killed goes on where it was, and ends with the
+same content hash as one that was not.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import logging
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from ..._version import __version__
+from ...core.errors import InputError, MissingExtraError, VisuohapticError
+from ...core.files import atomic_path, load_yaml_model, read_npz, write_text
+from ..nonlinear.contents import Contents
+from ..shapes.container import ContainerDescription, load_container
+from ..shapes.mesher import ShellObject, mesh_container
+from .banded_map import object_map
+from .curve_features import nonlinear_features
+from .features import HEIGHTS, StiffnessFeatures, linear_features
+
+__all__ = ["BuildJob", "BuildPlan", "BuildReport", "build", "load_plan", "plan_jobs"]
+
+_log = logging.getLogger(__name__)
+
+#: Changes with the meaning of what is written: older results are computed again.
+FORMAT = 2
+#: Workers may die so often in a row without any result.
+MAX_DEATHS = 5
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ClassEntry(_Part):
+    """One class of the plan."""
+
+    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
+    variants: int = Field(50, ge=1, le=100_000)
+
+
+class State(_Part):
+    """What is inside."""
+
+    closed: bool = True
+    fill: float = Field(0.0, ge=0, le=1)
+
+
+class Curves(_Part):
+    """Features from force-deformation curves instead of linear elasticity."""
+
+    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices round the wall, for the curves
+    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: of 1 .. 16; the others lie between
+
+    @field_validator("heights")
+    @classmethod
+    def _on_the_grid(cls, heights: tuple[int, ...]) -> tuple[int, ...]:
+        if not heights or not all(1 <= height <= HEIGHTS for height in heights):
+            raise ValueError(f"expected numbers from 1 to {HEIGHTS}")
+        return tuple(sorted(set(heights)))
+
+
+class BuildPlan(_Part):
+    """What is to be built; read from YAML."""
+
+    classes: list[ClassEntry] = Field(min_length=1, max_length=1000)
+    seed: int = Field(0, ge=0, lt=2**63)
+    around: int = Field(48, ge=16, le=512, multiple_of=4)
+    band: bool = True  #: maps with a standard deviation; half as fast
+    states: list[State] = Field(
+        [State(closed=False, fill=0.0)], min_length=1, max_length=16
+    )  #: of the features
+    nonlinear: Curves | None = None  #: linear features by default
+
+
+@dataclass(frozen=True, slots=True)
+class BuildJob:
+    """One object to compute; plain data, so that it can travel."""
+
+    name: str  #: of the class
+    variant: int
+    seed: int
+    container: str  #: description without ranges, as JSON
+    around: int
+    band: bool
+    states: tuple[tuple[bool, float], ...]
+    curve_around: int = 0  #: vertices round the wall for force-deformation curves; 0: linear features
+    curve_heights: tuple[int, ...] = ()
+
+    @property
+    def file(self) -> str:
+        """Relative to the folder of the build."""
+        return f"{self.name}/{self.name}-{self.variant:05d}.npz"
+
+    @property
+    def key(self) -> str:
+        """Of all that the result depends on, and the library's version."""
+        text = json.dumps([FORMAT, __version__, asdict(self)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class BuildReport:
+    """What a build came to."""
+
+    objects: int
+    computed: int  #: the others were there already
+    failed: tuple[tuple[str, str], ...]  #: file and reason
+    content_sha256: str  #: of all arrays of all objects
+
+
+def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, list[ContainerDescription]]:
+    """Read a plan and the descriptions of its classes.
+
+    ``nonlinear`` asks for features from curves, with default settings where the plan has none.
+    """
+    plan = load_yaml_model(path, BuildPlan)
+    if nonlinear and plan.nonlinear is None:
+        plan = plan.model_copy(update={"nonlinear": Curves.model_validate({})})
+    found = []
+    for entry in plan.classes:
+        beside = Path(path).parent / entry.source
+        source = beside if Path(entry.source).suffix in {".yaml", ".yml"} else entry.source
+        found.append(load_container(source))
+    names = [description.name for description in found]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(path, f"class {twice!r} is named twice", field="classes")
+    if bad := [name for name in names if not name.strip(".")]:
+        raise InputError(path, f"{bad[0]!r} is no name of a folder", field="classes")
+    return plan, found
+
+
+def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> list[BuildJob]:
+    """All objects of a plan."""
+    states = tuple((state.closed, state.fill) for state in plan.states)
+    curves = (plan.nonlinear.around, plan.nonlinear.heights) if plan.nonlinear else (0, ())
+    jobs = []
+    for entry, description in zip(plan.classes, descriptions, strict=True):
+        for variant in range(entry.variants):
+            container = description.variant(variant, plan.seed)
+            jobs.append(
+                BuildJob(
+                    description.name,
+                    variant,
+                    plan.seed,
+                    container.model_dump_json(exclude_none=True),
+                    plan.around,
+                    plan.band,
+                    states,
+                    *curves,
+                )
+            )
+    return jobs
+
+
+def compute(job: BuildJob) -> tuple[bytes, str]:
+    """The result of a job as the bytes of an NPZ file; or nothing and the reason."""
+    try:
+        thing = mesh_container(_description(job), around=job.around)
+        found = object_map(thing, band=job.band)
+        coarse = None
+        if job.curve_around:
+            coarse = mesh_container(_description(job), around=job.curve_around, levels=HEIGHTS)
+        grids = [
+            _features(job, thing, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
+        ]
+    except VisuohapticError as error:
+        return b"", str(error)
+    reached: dict[str, Any] = {}
+    if coarse is not None:
+        reached["curve_reached"] = np.array([grid.reached for grid in grids])
+    out = io.BytesIO()
+    np.savez_compressed(
+        out,
+        vertices_m=found.vertices_m,
+        faces=found.faces,
+        stiffness_N_per_m=found.stiffness_N_per_m,
+        stiffness_sigma_N_per_m=found.stiffness_sigma_N_per_m,
+        features=np.stack([grid.values for grid in grids]),
+        features_valid=np.stack([grid.valid for grid in grids]),
+        features_reason=np.stack([grid.reason.astype(np.str_) for grid in grids]),
+        feature_points_m=grids[0].points_m,
+        **reached,
+        states=np.array(job.states, dtype=float),
+        container=np.array(job.container),
+        key=np.array(job.key),
+    )
+    return out.getvalue(), ""
+
+
+def _features(
+    job: BuildJob, thing: ShellObject, coarse: ShellObject | None, contents: Contents
+) -> StiffnessFeatures:
+    if coarse is None:
+        return linear_features(thing, contents)
+    return nonlinear_features(thing, contents, heights=job.curve_heights, fill_in=True, coarse=coarse)
+
+
+def build(
+    jobs: Sequence[BuildJob],
+    folder: Path | str,
+    *,
+    workers: int = 1,
+    cluster: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> BuildReport:
+    """Compute what is missing and write the manifest.
+
+    Parameters
+    ----------
+    jobs
+        See :func:`plan_jobs`.
+    folder
+        Made if it is not there. Results of the same jobs in it are kept.
+    workers
+        Processes of this machine. With more than one, a script needs ``if __name__ == "__main__":``.
+    cluster
+        Address of a ``dask.distributed`` scheduler instead; its workers may die and return.
+    progress
+        Called with how many are done, of how many.
+    """
+    folder = Path(folder)
+    try:
+        for name in {job.name for job in jobs}:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be made ({error.strerror})") from error
+    with _locked(folder):
+        for part in folder.glob("*/.*.part.npz"):
+            part.unlink(missing_ok=True)  # of a build that was killed
+        digests = {job.file: digest for job in jobs if (digest := _existing(folder / job.file, job.key))}
+        missing = [job for job in jobs if job.file not in digests]
+        failed: dict[str, str] = {}
+        done = len(digests)
+        if progress:
+            progress(done, len(jobs))
+        for job, (data, reason) in _results(missing, workers, cluster):
+            if reason:
+                failed[job.file] = reason
+                _log.warning("%s: %s", job.file, reason)
+            else:
+                with atomic_path(folder / job.file) as temporary:
+                    temporary.write_bytes(data)
+                digests[job.file] = _digest(read_npz(folder / job.file, "a result of objects build"))
+            done += 1
+            if progress:
+                progress(done, len(jobs))
+        total = hashlib.sha256()
+        for job in jobs:
+            total.update(f"{job.file} {digests.get(job.file, 'failed')}\n".encode())
+        report = BuildReport(
+            len(digests), len(missing) - len(failed), tuple(sorted(failed.items())), total.hexdigest()
+        )
+        write_text(folder / "manifest.json", json.dumps(_manifest(jobs, digests, report), indent=1) + "\n")
+    return report
+
+
+def _results(
+    jobs: Sequence[BuildJob], workers: int, cluster: str | None
+) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
+    if cluster is not None:
+        yield from _on_cluster(jobs, cluster)
+    elif workers <= 1 or len(jobs) <= 1:
+        for job in jobs:
+            yield job, compute(job)
+    else:
+        yield from _in_processes(jobs, workers)
+
+
+def _in_processes(jobs: Sequence[BuildJob], workers: int) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
+
+    left = {job.file: job for job in jobs}
+    deaths = 0
+    while left:
+        with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+            try:
+                running = {pool.submit(compute, job): job for job in left.values()}
+                for future in as_completed(running):
+                    result = future.result()
+                    job = running[future]
+                    yield job, result
+                    del left[job.file]
+                    deaths = 0
+            except BrokenProcessPool as error:
+                deaths += 1
+                _log.warning("a worker died; %d objects are left", len(left))
+                if deaths > MAX_DEATHS:
+                    raise VisuohapticError(
+                        f"objects build: workers died {deaths} times without a result; "
+                        "use fewer --jobs or more memory, and run it again to go on"
+                    ) from error
+
+
+def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJob, tuple[bytes, str]]]:
+    try:
+        import distributed
+    except ImportError as error:
+        raise MissingExtraError("distributed", "cluster", "building on a cluster") from error
+    try:
+        client: Any = vars(distributed)["Client"](address, timeout="20s")
+    except (OSError, ValueError) as error:
+        raise InputError("cluster", f"no scheduler answers at {address} ({error})") from error
+    killed = vars(distributed)["KilledWorker"]
+    lost = (OSError, TimeoutError, vars(distributed)["CancelledError"])
+    with client:
+        futures = client.map(compute, jobs, pure=False, retries=MAX_DEATHS)
+        by_key = {future.key: job for future, job in zip(futures, jobs, strict=True)}
+        coming = vars(distributed)["as_completed"](futures)
+        deaths = 0
+        try:
+            for future in coming:
+                job = by_key[future.key]
+                try:
+                    result = future.result()
+                except killed as error:
+                    # The scheduler gives a job up when several workers died with it.
+                    deaths += 1
+                    if deaths > MAX_DEATHS:
+                        raise VisuohapticError(
+                            f"objects build: workers of {address} died again and again with {job.file}; "
+                            "give them more memory, and run it again to go on"
+                        ) from error
+                    again = client.submit(compute, job, pure=False, retries=MAX_DEATHS)
+                    by_key[again.key] = job
+                    coming.add(again)
+                    continue
+                deaths = 0
+                yield job, result
+        except lost as error:
+            raise VisuohapticError(
+                f"objects build: the scheduler at {address} is gone ({type(error).__name__}); "
+                "start it and run it again to go on"
+            ) from error
+
+
+def _description(job: BuildJob) -> ContainerDescription:
+    return ContainerDescription.model_validate(json.loads(job.container))
+
+
+def _existing(path: Path, key: str) -> str:
+    """Digest of a result that is there and whole, or nothing."""
+    if not path.is_file():
+        return ""
+    try:
+        data = read_npz(path, "a result of objects build", names=("key",))
+        return _digest(data) if str(data["key"]) == key else ""
+    except InputError:
+        _log.warning("%s is damaged and computed again", path)
+        return ""
+
+
+def _digest(data: Mapping[str, np.ndarray]) -> str:
+    """Of names, types, shapes and values: does not depend on how they were packed."""
+    out = hashlib.sha256()
+    for name, values in sorted(data.items()):
+        out.update(f"{name} {values.dtype.str} {values.shape}\n".encode())
+        out.update(np.ascontiguousarray(values).tobytes())
+    return out.hexdigest()
+
+
+def _manifest(jobs: Sequence[BuildJob], digests: dict[str, str], report: BuildReport) -> dict[str, Any]:
+    from importlib.metadata import version
+
+    return {
+        "format": FORMAT,
+        "versions": {
+            "visuohaptic": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in ("numpy", "scipy", "numba")},
+        },
+        "machine": platform.machine(),
+        "content_sha256": report.content_sha256,
+        "failed": dict(report.failed),
+        "objects": [
+            {
+                "file": job.file,
+                "class": job.name,
+                "variant": job.variant,
+                "seed": job.seed,
+                "key": job.key,
+                "sha256": digests[job.file],
+            }
+            for job in jobs
+            if job.file in digests
+        ],
+    }
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Only one build at a time in a folder; the lock goes with the process."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        yield
+        return
+    with (folder / ".lock").open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise InputError(folder, "another build is running in this folder") from error
+        yield

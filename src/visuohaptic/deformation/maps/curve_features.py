@@ -1,0 +1,206 @@
+"""Stiffness features from force-deformation curves: i, I and II of every place (Alt 2016, Sec. 6.1.6).
+
+A curve takes a hundred times what a linear stiffness takes, so curves are computed on a coarser
+mesh, or at a few heights. What they say is how a coefficient departs from the linear stiffness of
+the same point and mesh; this departure is put between the heights and on the finer mesh, where the
+linear stiffness itself is exact at each place. On smooth walls the departure varies slowly along the
+height; where grooves snap through it does not.
+
+What the mesh decides is not silently given: where a curve ends early, or the wall snaps through, or a
+parabola is no picture of the curve, coefficients are marked as not valid, with the reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ...core.errors import InputError
+from ..nonlinear.contents import Contents
+from ..shapes.mesher import ShellObject
+from ..shapes.symmetry_reduction import detect_symmetry
+from .features import (
+    HEIGHTS,
+    HELD,
+    NOMINAL_N,
+    NOTHING_OPPOSITE,
+    SIDES,
+    LOW_m,
+    StiffnessFeatures,
+    curve_coefficients,
+    feature_locations,
+    linear_features,
+)
+from .grasp_curves import DEFORMATIONS_m, GraspCurve, PinchPlane
+
+__all__ = ["nonlinear_features"]
+
+#: Of Newton's method for one curve: three times what most need. A wall that snaps through again and
+#: again gets the coefficients of what was reached.
+MAX_ITERATIONS = 100
+#: Root mean square distance of a curve from its parabola, by that of its forces, above which II says little.
+MAX_RESIDUAL = 0.2
+#: Cells of the curves' mesh to what holds the wall, below which II is that of the mesh.
+FEWEST_CELLS = 2.0
+#: Why nothing is known where no curve was asked for.
+NO_CURVE = "no curve was computed here"
+
+
+def nonlinear_features(
+    thing: ShellObject,
+    contents: Contents | None = None,
+    *,
+    deformation_m: Sequence[float] = DEFORMATIONS_m,
+    heights: Sequence[int] | None = None,
+    fill_in: bool = False,
+    coarse: ShellObject | None = None,
+) -> StiffnessFeatures:
+    """Features from force-deformation curves under large deformation.
+
+    Parameters
+    ----------
+    thing
+        The object.
+    contents
+        Open by default.
+    deformation_m
+        Mean deformations of both tips; a curve ends earlier where the walls touch. Where linear
+        elasticity asks for more than the nominal 50 N at 3 mm, all are less in the same proportion.
+    heights
+        Of 1 .. 16, where curves are computed; all by default.
+    fill_in
+        Put the departure from the linear stiffness between these heights; NaN there otherwise.
+    coarse
+        The same object with a coarser mesh, for the curves. Its vertices are pinched: let it have some
+        where the features are, as with ``mesh_container(..., levels=16)``.
+    """
+    chosen = list(range(1, HEIGHTS + 1)) if heights is None else sorted(set(heights))
+    if not chosen or not 1 <= chosen[0] <= chosen[-1] <= HEIGHTS:
+        raise InputError("nonlinear_features", f"found {heights}, expected 1 to {HEIGHTS}", field="heights")
+    linear = linear_features(thing, contents)
+    body = thing if coarse is None else coarse
+    points, corners, weights = feature_locations(body)
+    nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
+    departure = np.full((HEIGHTS, len(SIDES), 3), np.nan)
+    at_m, reached = np.full((2, HEIGHTS, len(SIDES)), np.nan)
+    valid = np.zeros(departure.shape, dtype=bool)
+    reason = np.full((HEIGHTS, len(SIDES)), NO_CURVE, dtype=object)
+    close = _close_to_an_end(body)
+    round_ = detect_symmetry(body).round
+    for axis in range(1 if round_ else 2):
+        plane = PinchPlane(body, axis * np.pi / 2, one_way=True)
+        for height in chosen:
+            row, column = height - 1, 2 * axis
+            both = slice(column, column + 2)
+            vertex = int(nearest[row, column])
+            if not plane.can_pinch(vertex):
+                reason[row, both] = HELD if body.fixed[vertex] else NOTHING_OPPOSITE
+                continue
+            departure[row, both], reached[row, both], valid[row, both], reason[row, both] = _departure(
+                plane, vertex, deformation_m, contents
+            )
+            if valid[row, column, 2] and close[vertex]:
+                valid[row, both, 2], reason[row, both] = False, close[vertex]
+            at_m[row, both] = body.mesh.vertices_m[vertex, 2]
+    if round_:
+        for grid in (departure, at_m, reached, valid, reason):
+            grid[:, 2:] = grid[:, :2]
+    if fill_in:
+        departure, valid, reason = _between(departure, at_m, points[..., 2], valid, reason)
+    # II has the unit of stiffness by deformation: it goes with the linear stiffness as well.
+    values = linear.values[..., :1] * departure
+    return StiffnessFeatures(
+        values, linear.points_m, valid & np.isfinite(values), reason.astype(np.str_), reached
+    )
+
+
+def _close_to_an_end(body: ShellObject) -> Shaped[np.ndarray, "v"]:
+    """Says for each vertex what holds the wall within two cells of it, or nothing.
+
+    The wall stiffens steeply there, and cells that are as large as the way to the foot don't show how.
+    """
+    points, faces = body.mesh.vertices_m, body.surface_faces
+    sides = points[faces[:, 1:]] - points[faces[:, :1]]
+    reach = FEWEST_CELLS * float(
+        np.sqrt(np.median(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
+    )
+    low, high = points[faces, 2].min(), points[faces, 2].max()
+    out = np.full(len(points), "", dtype=object)
+    out[points[:, 2] < low + reach] = "within two cells of the foot: II is that of the mesh"
+    used = np.unique(faces)
+    away = np.linalg.norm(points[used, :2] - np.array(body.axis_point_m), axis=1)
+    top = points[used, 2] > high - 0.01 * (high - low)
+    if away[top].min() < 0.3 * away[top].max():
+        out[points[:, 2] > high - reach] = "within two cells of the cap: II is that of the mesh"
+    return out
+
+
+def _departure(
+    plane: PinchPlane, vertex: int, deformation_m: Sequence[float], contents: Contents | None
+) -> tuple[Float[np.ndarray, "2 3"], float, Bool[np.ndarray, "3"], str]:
+    """i, I, II of both tips by the linear stiffness of the same mesh; how far the curve got; what is valid."""
+    out = np.full((2, 3), np.nan)
+    compliance = plane.linear(vertex, contents)
+    fraction = min(1.0, NOMINAL_N * float(compliance.mean()) / LOW_m)
+    wanted = [fraction * value for value in deformation_m]
+    curve = plane.curve(vertex, deformation_m=wanted, contents=contents, max_iterations=MAX_ITERATIONS)
+    if not len(curve.force_N):
+        return out, 0.0, np.zeros(3, dtype=bool), curve.reason
+    for row, own, linear in zip(out, (curve.first_m, curve.second_m), compliance, strict=True):
+        row[:] = np.array(curve_coefficients(own, curve.force_N)) * linear
+    got = float(curve.deformation_m[-1] / wanted[-1])
+    return out, got, *_judged(curve, np.array(wanted), got)
+
+
+def _judged(
+    curve: GraspCurve, wanted_m: Float[np.ndarray, "k"], got: float
+) -> tuple[Bool[np.ndarray, "3"], str]:
+    """Which of i, I, II say what they should, and why not the others."""
+    if len(curve.force_N) < len(wanted_m):
+        # i is of the deformations up to 3 mm, I and II of all.
+        low = wanted_m[wanted_m <= LOW_m * (1 + 1e-9)]
+        enough = bool(len(low)) and len(curve.force_N) >= len(low)
+        return np.array([enough, False, False]), f"the curve ends at {100 * got:.0f} %: {curve.reason}"
+    force = np.r_[0.0, curve.force_N]
+    if not curve.stable.all() or (np.diff(force) <= 0).any():
+        return np.array([True, True, False]), "the wall snaps through: II depends on the mesh"
+    d = np.r_[0.0, curve.deformation_m]
+    terms = np.stack([d, d * d], axis=1)
+    rest = force - terms @ np.linalg.lstsq(terms, force, rcond=None)[0]
+    residual = float(np.linalg.norm(rest) / np.linalg.norm(force))
+    if residual > MAX_RESIDUAL:
+        return np.array([True, True, False]), f"the curve is {100 * residual:.0f} % from a parabola"
+    return np.ones(3, dtype=bool), ""
+
+
+def _between(
+    departure: Float[np.ndarray, "16 4 3"],
+    at_m: Float[np.ndarray, "16 4"],
+    level_m: Float[np.ndarray, "16 4"],
+    valid: Bool[np.ndarray, "16 4 3"],
+    reason: Shaped[np.ndarray, "16 4"],
+) -> tuple[Float[np.ndarray, "16 4 3"], Bool[np.ndarray, "16 4 3"], Shaped[np.ndarray, "16 4"]]:
+    """Curves' departures at all levels; between two curves what is valid for both is valid."""
+    from scipy.interpolate import PchipInterpolator
+
+    out, sure, why = departure.copy(), valid.copy(), reason.copy()
+    for side in range(departure.shape[1]):
+        for k in range(departure.shape[2]):
+            known: Int[np.ndarray, "_"] = np.flatnonzero(np.isfinite(departure[:, side, k]))
+            if not len(known):
+                continue
+            places, first = np.unique(at_m[known, side], return_index=True)
+            rows = known[first]
+            values = departure[rows, side, k]
+            level = np.clip(level_m[:, side], places[0], places[-1])
+            out[:, side, k] = values[0] if len(places) == 1 else PchipInterpolator(places, values)(level)
+            above = np.clip(np.searchsorted(places, level), 0, len(places) - 1)
+            below = np.maximum(above - 1, 0)
+            for row in np.setdiff1d(np.arange(len(out)), known):
+                pair = rows[[below[row], above[row]]]
+                sure[row, side, k] = valid[pair, side, k].all()
+                told = [str(reason[other, side]) for other in pair if reason[other, side]]
+                why[row, side] = f"between two curves, of which: {told[0]}" if told else ""
+    return out, sure, why

@@ -1,0 +1,230 @@
+"""Stiffness features: 16 heights, 4 sides, 3 coefficients (Alt 2016, Sec. 6.1.6).
+
+Sides are x+, x-, y+, y- of the object's axes; heights are at (h - 1/2) / 16 of the wall's height,
+h = 1 .. 16 from below. Coefficients, all of the deformation of that side's own point:
+
+- i: linear, up to 3 mm [N/m]
+- I: linear, full range [N/m]
+- II: quadratic, full range, times (1 cm)^2 / 50 N
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+
+from ...core.errors import InputError
+from ..nonlinear.contents import Contents, closed_compliance, enclosed_gradient, tip_approach
+from ..shapes.mesher import ShellObject
+from ..shells.shell import ShellModel
+from ..shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
+from .grasp_patterns import own_compliance
+
+__all__ = [
+    "HEIGHTS",
+    "SIDES",
+    "StiffnessFeatures",
+    "curve_coefficients",
+    "explore_line",
+    "feature_locations",
+    "linear_features",
+    "normalised",
+]
+
+HEIGHTS = 16
+SIDES = ("x+", "x-", "y+", "y-")
+#: Low deformation [m]; nominal force [N] and deformation [m] of the quadratic coefficient.
+LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
+#: Reasons for a feature that is not there.
+HELD, NOTHING_OPPOSITE = "the wall is held", "nothing is opposite"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StiffnessFeatures:
+    """Features of one object; NaN where a coefficient was not computed or nothing is opposite.
+
+    A coefficient that is not ``valid`` is a number all the same: how much it is worth is said in ``reason``.
+    """
+
+    values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
+    points_m: Float[np.ndarray, "16 4 3"]  #: where on the surface
+    #: Whether a coefficient is to be trusted: a curve may end early, or snap through.
+    valid: Bool[np.ndarray, "16 4 3"]
+    reason: Shaped[np.ndarray, "16 4"]  #: why not all three are, or nothing
+    #: Of a curve: share of the deformations asked for that was reached; NaN without a curve there.
+    reached: Float[np.ndarray, "16 4"] | None = None
+
+    def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:
+        """i and I without scale, see :func:`normalised`."""
+        return np.stack([normalised(self.values[..., k], scheme) for k in range(2)], axis=-1)
+
+
+def normalised(feature: Float[np.ndarray, "16 4"], scheme: str = "centre") -> Float[np.ndarray, "16 4"]:
+    """Features without scale.
+
+    Parameters
+    ----------
+    feature
+        One linear coefficient.
+    scheme
+        ``norm``: ``F' / |F'|`` with ``F' = F - median(F)``, Eq. (6.4); ``centre``: ``F / mean(F at
+        x8+, x8-, y8+, y8-) - 1``, Eq. (6.5); ``point``: the same by F at x8+ alone.
+    """
+    feature = np.asarray(feature, dtype=float)
+    if feature.shape != (HEIGHTS, len(SIDES)):
+        raise InputError("normalised", f"found shape {feature.shape}, expected ({HEIGHTS}, {len(SIDES)})")
+    if scheme == "norm":
+        moved = feature - np.nanmedian(feature)
+        length = float(np.sqrt(np.nansum(moved**2)))
+        return moved / length if length > 0 else moved
+    if scheme not in {"centre", "point"}:
+        raise InputError("normalised", f"found {scheme!r}, expected norm, centre or point")
+    scale = float(feature[7].mean() if scheme == "centre" else feature[7, 0])
+    if not scale > 0:
+        raise InputError("normalised", f"found stiffness {scale} N/m at the centre, expected > 0")
+    return feature / scale - 1
+
+
+def curve_coefficients(
+    deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"]
+) -> tuple[float, float, float]:
+    """Least squares through the origin: i [N/m], I [N/m], II [1].
+
+    II is the quadratic coefficient of ``F = a d + b d^2``, times (1 cm)^2 / 50 N. NaN where too few
+    points are in the range.
+    """
+    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
+    if d.shape != f.shape or d.ndim != 1 or not (np.isfinite(d).all() and np.isfinite(f).all()):
+        raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
+    low = (d > 0) & (d <= LOW_m * (1 + 1e-9))
+
+    def slope(some: np.ndarray) -> float:
+        return float(d[some] @ f[some] / (d[some] @ d[some])) if some.any() else float("nan")
+
+    quadratic = float("nan")
+    if len(np.unique(d[d > 0])) >= 2:
+        quadratic = float(np.linalg.lstsq(np.stack([d, d * d], axis=1), f, rcond=None)[0][1])
+    return slope(low), slope(d > 0), quadratic * NOMINAL_m**2 / NOMINAL_N
+
+
+def linear_features(thing: ShellObject, contents: Contents | None = None) -> StiffnessFeatures:
+    """Features of linear elasticity: i = I, II = 0, from one factorisation and a few pinches."""
+    model = thing.model()
+    points, corners, weights = feature_locations(thing)
+    names, inverse = np.unique(corners, return_inverse=True)
+    tips = opposing_points(thing.mesh, names, axis_point_m=thing.axis_point_m)
+    own = _own(thing, model, tips, contents)
+    tips_valid = (tips.valid[inverse].reshape(corners.shape) | (weights == 0)).all(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # Between vertices the compliance is linear: it is finite where the wall is held.
+        value = 1.0 / np.einsum("hsk,hsk->hs", weights, own[inverse].reshape(corners.shape))
+    values = np.stack([value, value, np.where(np.isfinite(value), 0.0, np.nan)], axis=-1)
+    known = np.isfinite(values)
+    reason = np.where(known.all(axis=2), "", np.where(tips_valid, HELD, NOTHING_OPPOSITE))
+    return StiffnessFeatures(values, points, known, reason)
+
+
+def explore_line(
+    thing: ShellObject,
+    side: str,
+    force_N: tuple[float, float],
+    *,
+    noise_m: float = 0.0,
+    samples: int = 100,
+    rng: np.random.Generator | None = None,
+) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
+    """Virtual curve-based exploration: slide down one side twice with two forces.
+
+    Returns
+    -------
+    height_m, stiffness_N_per_m
+        From above downwards; ``(F_2 - F_1) / (d_2 - d_1)`` with noise of ``noise_m`` on each
+        measured position, so that the resting shape need not be known.
+    """
+    if side not in SIDES:
+        raise InputError("explore_line", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
+    low, high = force_N
+    if not 0 <= low < high:
+        raise InputError(
+            "explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N"
+        )
+    found = linear_features(thing)
+    column = SIDES.index(side)
+    grid = found.points_m[:, column, 2]
+    height = np.linspace(grid[-1], grid[0], samples)
+    compliance = np.interp(height, grid, 1.0 / found.values[:, column, 0])
+    noise = np.zeros((2, samples))
+    if noise_m:
+        if rng is None:
+            raise InputError("explore_line", "noise needs a random generator", field="rng")
+        noise = rng.normal(0.0, noise_m, (2, samples))
+    with np.errstate(divide="ignore"):
+        return height, (high - low) / ((high * compliance + noise[1]) - (low * compliance + noise[0]))
+
+
+def _own(
+    thing: ShellObject, model: ShellModel, tips: DualTips, contents: Contents | None
+) -> Float[np.ndarray, "m"]:
+    pinch = dual_tip_compliance(model, tips)
+    own = np.where(tips.valid, own_compliance(model, tips, np.nan_to_num(pinch)), np.nan)
+    if contents is None or not contents.closed:
+        return own
+    # The gas takes the same pressure at both tips; each tip moves back by its own share of w.
+    a = enclosed_gradient(thing, model)
+    w = model.solve(a)
+    along = tip_approach(tips, w, model.mesh.vertices_m)
+    first = np.einsum("mi,mi->m", tips.direction, w[tips.first, :3])
+    less = pinch - closed_compliance(thing, model, tips, pinch, [contents])[0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return own - np.where(along != 0, less * first / along, 0.0)
+
+
+def feature_locations(
+    thing: ShellObject,
+) -> tuple[Float[np.ndarray, "16 4 3"], Int[np.ndarray, "16 4 3"], Float[np.ndarray, "16 4 3"]]:
+    """Outermost surface points on the four sides: place, corners of their face, weights."""
+    mesh = thing.mesh
+    faces = thing.surface_faces
+    low = float(mesh.vertices_m[:, 2].min())
+    levels = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * thing.height_m
+    points = np.zeros((HEIGHTS, len(SIDES), 3))
+    corners = np.zeros((HEIGHTS, len(SIDES), 3), dtype=np.int64)
+    weights = np.zeros((HEIGHTS, len(SIDES), 3))
+    centred = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+    places = ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))
+    for column, (axis, sign) in enumerate(places):
+        flat = np.stack([centred[:, 1 - axis], centred[:, 2]], axis=1)
+        reach = sign * centred[:, axis]
+        a, b, c = (flat[faces[:, k]] for k in range(3))
+        for row, level in enumerate(levels):
+            target = np.array([0.0, level])
+            corner_z = flat[faces, 1]
+            there = (corner_z.min(axis=1) <= level) & (corner_z.max(axis=1) >= level)
+            some = np.flatnonzero(there & (reach[faces].max(axis=1) > 0))
+            fractions = _shares(a[some], b[some], c[some], target)
+            inside = np.asarray((fractions >= -1e-9).all(axis=1))
+            if not inside.any():
+                raise InputError(
+                    thing.name,
+                    f"no wall on side {SIDES[column]} at height {level - low:.4g} m above the foot",
+                )
+            out = np.einsum("fk,fk->f", fractions, reach[faces[some]])
+            best = int(np.argmax(np.where(inside, out, -np.inf)))
+            face = faces[some[best]]
+            fraction = np.maximum(fractions[best], 0.0)
+            fraction = np.where(fraction < 1e-9, 0.0, fraction)
+            weights[row, column] = fraction / fraction.sum()
+            corners[row, column] = face
+            points[row, column] = weights[row, column] @ mesh.vertices_m[face]
+    return points, corners, weights
+
+
+def _shares(a: np.ndarray, b: np.ndarray, c: np.ndarray, target: np.ndarray) -> Float[np.ndarray, "f 3"]:
+    pairs = ((b - target, c - target), (c - target, a - target), (a - target, b - target))
+    areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in pairs], axis=1)
+    total = areas.sum(axis=1, keepdims=True)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        out: np.ndarray = np.where(total != 0, areas / total, -1.0)
+    return out

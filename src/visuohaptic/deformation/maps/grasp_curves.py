@@ -1,0 +1,287 @@
+"""Force against deformation of one grasp on a container, under large deformation (Alt 2016, Sec. 6.1.6).
+
+Where object and pinch are mirrored only a half or a quarter of the object is computed; the result
+is that of the whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.errors import InputError
+from ..nonlinear.contents import Contents
+from ..nonlinear.load_stepping import EquilibriumPath, follow_displacement, reach_loads
+from ..nonlinear.self_contact import TouchGuard
+from ..shapes.mesher import ShellObject
+from ..shapes.symmetry_reduction import SymmetricPart, symmetric_part
+from ..shells.corotational import CorotationalShell, PressureLaw, Tangent
+from ..shells.stiffness_map import DualTips, opposing_points, tip_loads
+
+__all__ = ["DEFORMATIONS_m", "GraspCurve", "PinchPlane", "grasp_curve", "side_vertex"]
+
+#: Mean deformations of both tips at which a curve is computed by default [m].
+DEFORMATIONS_m = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008)
+
+_WALKS: dict[str, Any] = {"deformation_m": follow_displacement, "force_N": reach_loads}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspCurve:
+    """Force against deformation of one dual-tip grasp, without the resting state."""
+
+    force_N: Float[np.ndarray, "k"]  #: of one tip
+    deformation_m: Float[np.ndarray, "k"]  #: mean of both tips
+    first_m: Float[np.ndarray, "k"]  #: of the first tip
+    second_m: Float[np.ndarray, "k"]  #: of the tip opposite
+    gauge_Pa: Float[np.ndarray, "k"]  #: pressure of what is enclosed; 0 when open
+    stable: Bool[np.ndarray, "k"]  #: the state holds itself at this force
+    point_m: Float[np.ndarray, "3"]  #: of the first tip, at rest
+    opposite_m: Float[np.ndarray, "3"]  #: of the second
+    complete: bool  #: all that was asked for was reached
+    reason: str  #: why it was not
+    copies: int  #: 4: a quarter was computed, 2: a half, 1: the whole
+    nodes: int  #: vertices that were computed
+    iterations: int  #: of Newton's method
+
+    def force_at(self, deformation_m: float) -> float:
+        """Force [N] at a mean deformation of both tips, by a monotone curve through the points.
+
+        NaN beyond the last point.
+        """
+        from scipy.interpolate import PchipInterpolator
+
+        d, f = np.r_[0.0, self.deformation_m], np.r_[0.0, self.force_N]
+        if len(d) < 2 or not (np.diff(d) > 0).all():
+            return float("nan")
+        return float(PchipInterpolator(d, f, extrapolate=False)(deformation_m))
+
+
+class PinchPlane:
+    """All pinches of an object along one direction: what they share is computed once.
+
+    Parameters
+    ----------
+    thing
+        The object.
+    angle_rad
+        Direction round the height axis, from x+ towards y+.
+    symmetric
+        False computes the whole object even if it is mirrored.
+    one_way
+        Half the triangles, see :func:`.symmetric_part`.
+    """
+
+    def __init__(
+        self, thing: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True, one_way: bool = False
+    ) -> None:
+        self.thing, self.angle_rad = thing, angle_rad
+        self.part: SymmetricPart = symmetric_part(
+            thing, angle_rad=angle_rad, reduce=symmetric, one_way=one_way
+        )
+        lid, signs = self.part.lid
+        self._shell = CorotationalShell(
+            self.part.model, lid=lid, lid_signs=signs, lid_fraction=1.0 / self.part.copies
+        )
+        self._rest: dict[Contents | None, Tangent] = {}
+
+    @cached_property
+    def _guard(self) -> TouchGuard:
+        return TouchGuard(self.part.whole)
+
+    def curve(
+        self,
+        vertex: int,
+        *,
+        deformation_m: Sequence[float] = DEFORMATIONS_m,
+        force_N: Sequence[float] | None = None,
+        contents: Contents | None = None,
+        max_iterations: int = 5000,
+    ) -> GraspCurve:
+        """Pinch at a vertex, see :func:`grasp_curve`."""
+        tips, load = self._pinch(vertex)
+        shell = self._shell.with_pressure(self._law(contents))
+        control = load * (self.part.copies / 2)
+        name, wanted = ("deformation_m", deformation_m) if force_N is None else ("force_N", force_N)
+        walk = _WALKS[name]
+        path = walk(shell, load, _ascending(wanted, name), control=control, max_iterations=max_iterations)
+        return self._read(path, shell, tips, vertex)
+
+    def linear(self, vertex: int, contents: Contents | None = None) -> Float[np.ndarray, "2"]:
+        """Deformation of each tip per newton of one tip, for small deformation [m/N]."""
+        tips, load = self._pinch(vertex)
+        if contents not in self._rest:
+            shell = self._shell.with_pressure(self._law(contents))
+            self._rest[contents] = shell.linearised(shell.rest)[1]
+        moved = self._rest[contents].solve(load.reshape(-1, 1)).reshape(load.shape)
+        return self._tips_moved(self.part.expand(moved[:, :3]), tips)
+
+    def can_pinch(self, vertex: int) -> bool:
+        """Whether the vertex can move and there is a wall across from it."""
+        return bool(not self.thing.fixed[vertex] and self._across(vertex).valid[0])
+
+    def _across(self, vertex: int) -> DualTips:
+        whole = self.part.whole
+        # Along the plane's direction, even where a vertex stands a little beside the axis.
+        beside = float(whole.mesh.vertices_m[vertex, 1])
+        return opposing_points(whole.mesh, np.array([vertex]), axis_point_m=(0.0, beside))
+
+    def _pinch(self, vertex: int) -> tuple[DualTips, Float[np.ndarray, "p 6"]]:
+        """The pair, and the part's share of the load of 1 N on each tip."""
+        part, whole = self.part, self.part.whole
+        tips = self._across(vertex)
+        points = self.thing.mesh.vertices_m
+        where = f"({', '.join(f'{value:.4g}' for value in points[vertex])}) m"
+        if not tips.valid[0]:
+            raise InputError("grasp_curve", f"no wall across the height axis from {where}")
+        if whole.fixed[vertex]:
+            raise InputError("grasp_curve", f"the wall is held at {where}", remedy="choose a higher point")
+        load = tip_loads(len(points), tips)[:, [0]].toarray().reshape(-1, 6)
+        gathered = part.gather(load)
+        shared = gathered[part.image, :3] / np.bincount(part.image)[part.image, None] * part.signs
+        if not np.allclose(shared, load[:, :3], atol=1e-6):
+            raise InputError("grasp_curve", f"the pinch at {where} is not along this plane")
+        return tips, gathered / part.copies
+
+    @staticmethod
+    def _tips_moved(moved: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.ndarray, "2"]:
+        first = tips.direction[0] @ moved[tips.first[0]]
+        second = -tips.direction[0] @ (tips.weights[0] @ moved[tips.second[0]])
+        return np.array([first, second])
+
+    def _law(self, contents: Contents | None) -> PressureLaw | None:
+        # The part's own volume at rest: with cells cut one way it differs a little from the whole's.
+        copies = self.part.copies
+        rest_m3 = copies * self._shell.volume(self._shell.rest)
+        law = None if contents is None else contents.law(rest_m3)
+        if law is None:
+            return None
+
+        def pressure(volume: float) -> tuple[float, float]:
+            gauge, slope = law(copies * volume)
+            return gauge, copies * slope
+
+        return pressure
+
+    def _read(
+        self, path: EquilibriumPath, shell: CorotationalShell, tips: DualTips, vertex: int
+    ) -> GraspCurve:
+        part = self.part
+        rest = part.whole.mesh.vertices_m
+        original = self.thing.mesh.vertices_m
+        rows, reason = [], path.reason
+        for point in path.points:
+            points = part.expand(point.state.points_m)
+            met = self._guard.vertex(points)
+            if met is not None:
+                place = ", ".join(f"{value:.4g}" for value in original[met])
+                reason = f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m"
+                break
+            gauge = shell.pressure(shell.volume(point.state))[0] if shell.pressure else 0.0
+            own = self._tips_moved(points - rest, tips)
+            rows.append((point.load, point.control_m, *own, gauge, point.stable))
+        table = np.array(rows, dtype=float).reshape(-1, 6).T
+        force, mean, first, second, gauges, stable = table
+        return GraspCurve(
+            force,
+            mean,
+            first,
+            second,
+            gauges,
+            stable > 0,
+            original[vertex],
+            tips.weights[0] @ original[tips.second[0]],
+            path.complete and len(rows) == len(path.points),
+            reason,
+            part.copies,
+            part.model.nodes,
+            path.iterations,
+        )
+
+
+def grasp_curve(
+    thing: ShellObject,
+    *,
+    height_m: float | None = None,
+    side: str = "x+",
+    point_m: Sequence[float] | None = None,
+    deformation_m: Sequence[float] = DEFORMATIONS_m,
+    force_N: Sequence[float] | None = None,
+    contents: Contents | None = None,
+    symmetric: bool = True,
+) -> GraspCurve:
+    """Force against deformation of one grasp.
+
+    Parameters
+    ----------
+    thing
+        Parametric or imported container, see :func:`.load_object`.
+    height_m, side
+        Where: height above the foot, on the side x+, x-, y+ or y-; half the height by default.
+    point_m
+        Instead of these: the vertex nearest to this point is pinched.
+    deformation_m
+        Mean deformations of both tips, ascending.
+    force_N
+        Instead of these: forces of one tip, ascending. Where the wall snaps through, the next state
+        at this force is taken that holds itself.
+    contents
+        Open by default.
+    symmetric
+        False computes the whole object even where it is mirrored.
+
+    Examples
+    --------
+    >>> from visuohaptic.deformation import load_object
+    >>> found = grasp_curve(load_object("bottle", around=16), deformation_m=[1e-4])
+    >>> found.copies, found.complete
+    (4, True)
+    """
+    vertex = side_vertex(thing, side, height_m) if point_m is None else _nearest(thing, point_m)
+    away = thing.mesh.vertices_m[vertex, :2] - np.array(thing.axis_point_m)
+    plane = PinchPlane(thing, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
+    return plane.curve(vertex, deformation_m=deformation_m, force_N=force_N, contents=contents)
+
+
+def side_vertex(thing: ShellObject, side: str = "x+", height_m: float | None = None) -> int:
+    """The vertex on a side (x+, x-, y+, y-) at a height above the foot, half-way up by default."""
+    from .features import SIDES
+
+    if side not in SIDES:
+        raise InputError("side_vertex", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
+    level = 0.5 * thing.height_m if height_m is None else float(height_m)
+    if not 0 <= level <= thing.height_m:
+        raise InputError(
+            "side_vertex", f"found {level} m, expected 0 to {thing.height_m:.4g} m", field="height_m"
+        )
+    points = thing.mesh.vertices_m - np.array([*thing.axis_point_m, thing.mesh.vertices_m[:, 2].min()])
+    axis, sign = "xy".index(side[0]), 1.0 if side[1] == "+" else -1.0
+    used = np.unique(thing.surface_faces)
+    some = points[used]
+    # On the side: as near to the level and to the plane as any vertex is, and not on a cap.
+    reach = sign * some[:, axis]
+    score = np.hypot(some[:, 2] - level, some[:, 1 - axis])
+    score[reach <= 0.25 * reach.max()] = np.inf
+    return int(used[np.argmin(score)])
+
+
+def _nearest(thing: ShellObject, point_m: Sequence[float]) -> int:
+    point = np.asarray(point_m, dtype=float)
+    if point.shape != (3,) or not np.isfinite(point).all():
+        raise InputError("grasp_curve", f"found {point_m}, expected three finite numbers", field="point_m")
+    used = np.unique(thing.mesh.faces)
+    return int(used[np.argmin(np.linalg.norm(thing.mesh.vertices_m[used] - point, axis=1))])
+
+
+def _ascending(values: Sequence[float], name: str) -> list[float]:
+    found = np.asarray(values, dtype=float)
+    if found.ndim != 1 or not found.size or not np.isfinite(found).all() or not found[0] > 0:
+        raise InputError("grasp_curve", f"found {values}, expected numbers > 0", field=name)
+    if not (np.diff(found) > 0).all():
+        raise InputError("grasp_curve", f"found {values}, expected ascending numbers", field=name)
+    return [float(value) for value in found]

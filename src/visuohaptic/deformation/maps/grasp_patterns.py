@@ -1,0 +1,121 @@
+"""Grasps made of single contacts: finite finger tips, several contacts, own deformation (Alt 2016, Sec. 6.1.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..shells.shell import ShellModel
+from ..shells.stiffness_map import DualTips, tip_loads
+
+__all__ = ["GraspCoupling", "contact_loads", "couple", "own_compliance"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspCoupling:
+    """How contacts work on each other.
+
+    ``compliance[i, j]`` is the deformation along contact i per newton at contact j [m/N]; it is
+    symmetric. A pinch is a contact of two tips.
+    """
+
+    compliance: Float[np.ndarray, "m m"]
+
+    def deformation_m(self, force_N: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
+        """All contacts at once, by superposition."""
+        out: np.ndarray = self.compliance @ np.asarray(force_N, dtype=float)
+        return out
+
+    def force_N(self, deformation_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
+        """Forces of contacts whose deformations are given."""
+        out: np.ndarray = np.linalg.solve(self.compliance, np.asarray(deformation_m, dtype=float))
+        return out
+
+    @property
+    def stiffness_N_per_m(self) -> Float[np.ndarray, "m"]:
+        """Local stiffness of each contact alone, force by approach."""
+        out: np.ndarray = 1.0 / np.diag(self.compliance)
+        return out
+
+
+def contact_loads(
+    model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0
+) -> Float[np.ndarray, "n m"]:
+    """Loads of 1 N on both tips of each pair; a finite tip spreads it.
+
+    A tip of radius r presses with ``1 - (d / r)^2`` at distance d, as a soft finger does; with
+    r = 0 it is a point. Vertices on the far side of the wall are out of its reach.
+    """
+    points = tip_loads(model.nodes, tips, model.mesh.vertices_m)
+    if not tip_radius_m >= 0:
+        raise InputError("contact_loads", f"found {tip_radius_m} m, expected >= 0", field="tip_radius_m")
+    if tip_radius_m == 0:
+        return points
+    from scipy.sparse import csc_array, lil_array
+
+    mesh = model.mesh
+    area = _vertex_area(model)
+    places = (
+        mesh.vertices_m[tips.first],
+        np.einsum("mk,mki->mi", tips.weights, mesh.vertices_m[tips.second]),
+    )
+    out = lil_array(points.shape)
+    for pair in np.flatnonzero(tips.valid):
+        for place, sign in ((places[0][pair], 1.0), (places[1][pair], -1.0)):
+            away = mesh.vertices_m - place
+            weight = area * np.maximum(1 - np.einsum("vi,vi->v", away, away) / tip_radius_m**2, 0.0)
+            if not weight.any():
+                # Finer than the mesh: a point.
+                weight[np.argmin(np.einsum("vi,vi->v", away, away))] = 1.0
+            weight /= weight.sum()
+            for vertex in np.flatnonzero(weight):
+                for axis in range(3):
+                    out[6 * vertex + axis, pair] += sign * weight[vertex] * tips.direction[pair, axis]
+    return csc_array(out)
+
+
+def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> GraspCoupling:
+    """Coupling matrix of several pinches on one object, exact."""
+    if not tips.valid.all():
+        raise InputError("couple", f"pair {int(np.argmin(tips.valid))} has no wall across the axis")
+    return GraspCoupling(
+        model.factor().coupling(_free(model, contact_loads(model, tips, tip_radius_m=tip_radius_m)))
+    )
+
+
+def own_compliance(
+    model: ShellModel, tips: DualTips, pinch_compliance: Float[np.ndarray, "m"]
+) -> Float[np.ndarray, "m"]:
+    """Deformation of the first tip alone per newton of the pinch [m/N].
+
+    With unit loads a and b of the tips, ``a^T K^-1 (a - b) = (c_a - c_b + c) / 2``: two more
+    compliances instead of a displacement field for each pinch.
+    """
+    first = np.repeat(tips.first[:, None], 3, axis=1)
+    alone = []
+    both = tip_loads(model.nodes, tips, model.mesh.vertices_m)
+    # The same pair with its second tip on the first: the loads of the first alone, twice.
+    here = DualTips(tips.first, first, np.tile([-1.0, 0.0, 0.0], (len(tips), 1)), tips.direction, tips.valid)
+    one = tip_loads(model.nodes, here) / 2
+    for loads in (one, one - both):
+        alone.append(model.factor().compliance(_free(model, loads)))
+    out: np.ndarray = (alone[0] - alone[1] + pinch_compliance) / 2
+    return out
+
+
+def _vertex_area(model: ShellModel) -> Float[np.ndarray, "v"]:
+    mesh = model.mesh
+    a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6 * np.asarray(mesh.fraction)
+    return np.bincount(mesh.faces.ravel(), np.repeat(third, 3), minlength=model.nodes)
+
+
+def _free(model: ShellModel, loads: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
+    from scipy.sparse import diags_array
+
+    out = (diags_array(model.free.astype(float)) @ loads).tocsc()
+    out.eliminate_zeros()
+    return out

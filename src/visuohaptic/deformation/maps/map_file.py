@@ -1,0 +1,220 @@
+"""Stiffness maps as files: NPZ to compute with, VTU for ParaView, GLB with colours to look at."""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ...core.errors import InputError
+from ...core.files import atomic_path, read_npz
+from ...core.objects import StiffnessMap
+
+__all__ = ["check_suffix", "colours", "load_map", "plot_map", "save_map"]
+
+_ARRAYS = ("vertices_m", "faces", "stiffness_N_per_m", "stiffness_sigma_N_per_m")
+#: From soft to stiff, as in figure 6.5.
+_COLOURS = np.array(
+    [[0, 0, 143], [0, 96, 255], [64, 255, 191], [255, 223, 0], [255, 64, 0], [128, 0, 0]], float
+)
+
+
+#: What can be written, and pictures.
+MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")
+
+
+def check_suffix(out: Path | None, plot: Path | None) -> None:
+    """Refuse names that cannot be written, before the work is done."""
+    for path, known in ((out, MAP_SUFFIXES), (plot, PLOT_SUFFIXES)):
+        if path is None:
+            continue
+        if path.suffix.lower() not in known:
+            raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(known)}")
+        if not path.parent.is_dir():
+            raise InputError(path, "its folder does not exist", remedy=f"create {path.parent}")
+
+
+def save_map(path: Path | str, found: StiffnessMap) -> None:
+    """Write a map; the suffix says how: .npz, .vtu or .glb. Whole or not at all."""
+    path = Path(path)
+    check_suffix(path, None)
+    writers = {".npz": _save_npz, ".vtu": _save_vtu, ".glb": _save_glb}
+    with atomic_path(path) as temporary:
+        writers[path.suffix.lower()](temporary, found)
+
+
+def load_map(path: Path | str) -> StiffnessMap:
+    """Read an NPZ map and check it."""
+    arrays = read_npz(path, "a stiffness map", names=_ARRAYS, remedy="write it with save_map")
+    vertices, faces = arrays["vertices_m"], arrays["faces"]
+    count = len(vertices) if vertices.ndim else 0
+    good = vertices.dtype.kind == "f" and vertices.ndim == 2 and vertices.shape[1] == 3
+    if not (good and np.isfinite(vertices).all()):
+        raise InputError(path, f"found {vertices.shape}, expected finite numbers (v, 3)", field="vertices_m")
+    good = faces.dtype.kind in "iu" and faces.ndim == 2 and faces.shape[1] == 3
+    if not good or (faces.size and (faces.min() < 0 or faces.max() >= count)):
+        raise InputError(path, f"expected vertex numbers below {count}, shape (f, 3)", field="faces")
+    for name in _ARRAYS[2:]:
+        if arrays[name].dtype.kind != "f" or arrays[name].shape != (count,):
+            raise InputError(path, f"found {arrays[name].shape}, expected ({count},)", field=name)
+        if (arrays[name] < 0).any():
+            raise InputError(
+                path, f"found {np.nanmin(arrays[name]):g}, expected no number below 0", field=name
+            )
+    return StiffnessMap(vertices, faces.astype(np.int64), arrays[_ARRAYS[2]], arrays[_ARRAYS[3]])
+
+
+def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
+    """Blue is soft, red is stiff, on a logarithmic scale between the 2nd and 98th percentile."""
+    value, low, high = _logarithm(stiffness_N_per_m)
+    fraction = np.nan_to_num((value - low) / max(high - low, 1e-12), nan=1.0, posinf=1.0)
+    place = np.clip(fraction, 0, 1) * (len(_COLOURS) - 1)
+    out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
+    return out.round().astype(np.uint8)
+
+
+def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
+    """Two views and the profile over the height, like figure 6.5."""
+    check_suffix(None, Path(path))
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    points_mm = found.vertices_m * 1e3
+    shade = colours(found.stiffness_N_per_m)[found.faces].mean(axis=1) / 255
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    FigureCanvasAgg(figure)
+    low, high = points_mm.min(axis=0), points_mm.max(axis=0)
+    for column, azimuth in ((1, -60), (2, 30)):
+        axes = figure.add_subplot(1, 3, column, projection="3d")
+        axes.add_collection3d(Poly3DCollection(points_mm[found.faces], facecolors=shade, edgecolors="none"))
+        for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
+            setter(a, b)
+        axes.set_box_aspect(np.maximum(high - low, 1e-3))
+        axes.view_init(elev=15, azim=azimuth)
+        axes.set_xlabel("x [mm]")
+        axes.set_ylabel("y [mm]")
+    axes = figure.add_subplot(1, 3, 3)
+    use = np.isfinite(found.stiffness_N_per_m)
+    axes.scatter(
+        found.stiffness_N_per_m[use],
+        points_mm[use, 2],
+        c=colours(found.stiffness_N_per_m)[use] / 255,
+        s=4,
+    )
+    axes.set_xscale("log")
+    axes.set_xlabel("stiffness [N/m]")
+    axes.set_ylabel("height [mm]")
+    axes.grid(alpha=0.3)
+    figure.suptitle(title)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
+
+
+def _save_npz(path: Path, found: StiffnessMap) -> None:
+    np.savez_compressed(
+        path,
+        vertices_m=np.asarray(found.vertices_m, dtype=np.float64),
+        faces=np.asarray(found.faces, dtype=np.int64),
+        stiffness_N_per_m=np.asarray(found.stiffness_N_per_m, dtype=np.float64),
+        stiffness_sigma_N_per_m=np.asarray(found.stiffness_sigma_N_per_m, dtype=np.float64),
+    )
+
+
+def _save_vtu(path: Path, found: StiffnessMap) -> None:
+    def array(name: str, values: np.ndarray, components: int = 1) -> str:
+        kind = {"f": "Float64", "i": "Int64", "u": "UInt8"}[values.dtype.kind]
+        data = np.ascontiguousarray(values).tobytes()
+        text = base64.b64encode(struct.pack("<Q", len(data)) + data).decode()
+        return (
+            f'<DataArray type="{kind}" Name="{name}" NumberOfComponents="{components}" format="binary">'
+            f"{text}</DataArray>\n"
+        )
+
+    faces = found.faces.astype("<i8")
+    count = len(faces)
+    path.write_text(
+        '<?xml version="1.0"?>\n<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" '
+        f'header_type="UInt64">\n<UnstructuredGrid><Piece NumberOfPoints="{len(found.vertices_m)}" '
+        f'NumberOfCells="{count}">\n<PointData Scalars="stiffness_N_per_m">\n'
+        + array("stiffness_N_per_m", found.stiffness_N_per_m.astype("<f8"))
+        + array("stiffness_sigma_N_per_m", found.stiffness_sigma_N_per_m.astype("<f8"))
+        + "</PointData>\n<Points>\n"
+        + array("Points", found.vertices_m.astype("<f8"), 3)
+        + "</Points>\n<Cells>\n"
+        + array("connectivity", faces.ravel())
+        + array("offsets", 3 * np.arange(1, count + 1, dtype="<i8"))
+        + array("types", np.full(count, 5, dtype=np.uint8))
+        + "</Cells>\n</Piece></UnstructuredGrid></VTKFile>\n",
+        encoding="ascii",
+    )
+
+
+def _save_glb(path: Path, found: StiffnessMap) -> None:
+    points = found.vertices_m.astype("<f4")
+    shade = np.concatenate(
+        [colours(found.stiffness_N_per_m), np.full((len(points), 1), 255, np.uint8)], axis=1
+    )
+    parts = [points.tobytes(), shade.tobytes(), found.faces.astype("<u4").tobytes()]
+    views, offset = [], 0
+    for part, target in zip(parts, (34962, 34962, 34963), strict=True):
+        views.append({"buffer": 0, "byteOffset": offset, "byteLength": len(part), "target": target})
+        offset += len(part)
+    document = {
+        "asset": {"version": "2.0", "generator": "visuohaptic"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        # glTF has y up: turn z up by -90 degrees about x.
+        "nodes": [{"mesh": 0, "rotation": [-(0.5**0.5), 0, 0, 0.5**0.5]}],
+        "materials": [
+            {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}
+        ],
+        "meshes": [
+            {"primitives": [{"attributes": {"POSITION": 0, "COLOR_0": 1}, "indices": 2, "material": 0}]}
+        ],
+        "accessors": [
+            {
+                "bufferView": 0,
+                "componentType": 5126,
+                "count": len(points),
+                "type": "VEC3",
+                "min": points.min(axis=0).tolist(),
+                "max": points.max(axis=0).tolist(),
+            },
+            {
+                "bufferView": 1,
+                "componentType": 5121,
+                "normalized": True,
+                "count": len(points),
+                "type": "VEC4",
+            },
+            {"bufferView": 2, "componentType": 5125, "count": found.faces.size, "type": "SCALAR"},
+        ],
+        "bufferViews": views,
+        "buffers": [{"byteLength": offset}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    data = b"".join(parts)
+    data += b"\0" * (-len(data) % 4)
+    total = 12 + 8 + len(text) + 8 + len(data)
+    path.write_bytes(
+        struct.pack("<4sII", b"glTF", 2, total)
+        + struct.pack("<I4s", len(text), b"JSON")
+        + text
+        + struct.pack("<I4s", len(data), b"BIN\0")
+        + data
+    )
+
+
+def _logarithm(stiffness: Float[np.ndarray, "v"]) -> tuple[Float[np.ndarray, "v"], float, float]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value = np.log(stiffness)
+    use = value[np.isfinite(value)]
+    if not use.size:
+        return value, 0.0, 1.0
+    return value, float(np.percentile(use, 2)), float(np.percentile(use, 98))

@@ -1,0 +1,249 @@
+"""What is inside a container: nothing, enclosed air, or liquid below air (Alt 2016, Sec. 6.1.5).
+
+All pressures are gauge pressures, p = P - P_0: an open container has p = 0. With V_L the volume of
+the liquid, Boyle and Mariotte's law is ``p(V) = P_0 (V_0 - V_L) / (V - V_L) - P_0``, Eq. (6.3) less
+P_0. For small deformation it is ``p = -kappa dV`` with ``kappa = P_0 / (V_0 - V_L)``: a rank-one
+term of the stiffness, so the closed map of all pinches costs one solve more than the open one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..shapes.mesher import ShellObject
+from ..shells.corotational import CorotationalShell, PressureLaw
+from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
+from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
+from .load_stepping import EquilibriumPath, pinch_curve
+from .self_contact import TouchGuard
+
+__all__ = [
+    "AMBIENT_PRESSURE_Pa",
+    "Contents",
+    "DampedIteration",
+    "closed_compliance",
+    "contained_curve",
+    "damped_iteration",
+    "enclosed_gradient",
+    "hydrostatic_load",
+    "liquid_level_m",
+]
+
+#: P_0 of the dissertation.
+AMBIENT_PRESSURE_Pa = 1e5
+GRAVITY_m_per_s2 = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """What is enclosed.
+
+    >>> Contents(fill=0.95).bulk_stiffness(1e-3)
+    2000000000.0...
+    """
+
+    closed: bool = True  #: nothing can escape
+    fill: float = 0.0  #: share of the volume that is liquid, 0..1; 1 is incompressible
+    ambient_Pa: float = AMBIENT_PRESSURE_Pa
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.fill <= 1:
+            raise InputError("Contents", f"found {self.fill}, expected 0 to 1", field="fill")
+        if not 0 < self.ambient_Pa < float("inf"):
+            raise InputError("Contents", f"found {self.ambient_Pa} Pa, expected > 0", field="ambient_Pa")
+
+    def bulk_stiffness(self, volume_m3: float) -> float:
+        """kappa = -dp/dV at rest [Pa/m^3]; infinite without gas, zero when open."""
+        gas = (1 - self.fill) * volume_m3
+        if not self.closed:
+            return 0.0
+        return self.ambient_Pa / gas if gas > 0 else float("inf")
+
+    def law(self, volume_m3: float) -> PressureLaw | None:
+        """Gauge pressure and its derivative by volume; None when open.
+
+        Below a thousandth of the gas's volume at rest the law goes on as a straight line: a step
+        of Newton's method may reach there, a solution does not.
+        """
+        if not self.closed:
+            return None
+        # Without any gas: a bulk modulus as of water.
+        liquid = min(self.fill, 1 - 1e-4) * volume_m3
+        gas = volume_m3 - liquid
+        least = 1e-3 * gas
+
+        def pressure(volume: float) -> tuple[float, float]:
+            left = volume - liquid
+            at = max(left, least)
+            slope = -self.ambient_Pa * gas / at**2
+            return self.ambient_Pa * (gas / at - 1) + slope * (left - at), slope
+
+        return pressure
+
+
+def enclosed_gradient(thing: ShellObject, model: ShellModel) -> Float[np.ndarray, "v 6"]:
+    """a = dV/du [m^2], the lid over an open mouth included, zero where held."""
+    out = model.volume_gradient()
+    if len(thing.lid):
+        out[:, :3] += volume_gradient(thing.mesh.vertices_m, thing.lid)
+        out[model.fixed] = 0.0
+    return out
+
+
+def closed_compliance(
+    thing: ShellObject,
+    model: ShellModel,
+    tips: DualTips,
+    compliance: Float[np.ndarray, "m"],
+    contents: Sequence[Contents],
+) -> Float[np.ndarray, "c m"]:
+    """Compliance of all pinches for several contents, from that of the open container and one solve.
+
+    ``c - (f . w)^2 / (1 / kappa + a . w)`` with ``w = K^-1 a``, by Sherman and Morrison's formula.
+    """
+    a = enclosed_gradient(thing, model)
+    w = model.solve(a)
+    along = tip_approach(tips, w, model.mesh.vertices_m)
+    stiff = float(np.sum(a * w))
+    out = np.empty((len(contents), len(compliance)))
+    for row, what in zip(out, contents, strict=True):
+        kappa = what.bulk_stiffness(thing.volume_m3)
+        row[:] = compliance - (along**2 / (1 / kappa + stiff) if kappa else 0.0)
+    return out
+
+
+def tip_approach(
+    tips: DualTips,
+    displacement: Float[np.ndarray, "v 6"],
+    vertices_m: Float[np.ndarray, "v 3"] | None = None,
+) -> Float[np.ndarray, "m"]:
+    """f . u: how far the tips of each pair have come closer to each other [m], as in :func:`.tip_loads`."""
+    first = np.einsum("mi,mi->m", tips.direction, displacement[tips.first, :3])
+    second = np.einsum("mki,mki->m", bent_loads(tips, vertices_m), displacement[tips.second])
+    return first - second
+
+
+def contained_curve(
+    thing: ShellObject,
+    model: ShellModel,
+    tips: DualTips,
+    which: int,
+    deformation_m: Sequence[float],
+    contents: Contents | None = None,
+) -> EquilibriumPath:
+    """Force against deformation of one pinch under large deformation, with contents.
+
+    The path ends before the walls would pass through each other; ``reason`` says so.
+    """
+    law = None if contents is None else contents.law(thing.volume_m3)
+    shell = CorotationalShell(model, pressure=law, lid=thing.lid)
+    path = pinch_curve(shell, tips, which, deformation_m)
+    guard = TouchGuard(thing)
+    for count, point in enumerate(path.points):
+        met = guard.vertex(point.state.points_m)
+        if met is not None:
+            place = ", ".join(f"{value:.4g}" for value in thing.mesh.vertices_m[met])
+            return EquilibriumPath(
+                path.points[:count],
+                False,
+                f"the walls touch before a deformation of {point.control_m:.4g} m, at ({place}) m",
+            )
+    return path
+
+
+def liquid_level_m(thing: ShellObject, fill: float) -> float:
+    """Height of the liquid's surface above the foot when a share of the volume is liquid [m]."""
+    from scipy.optimize import brentq
+
+    mesh, top = thing.mesh, thing.height_m
+    # A mesh of others need not stand at z = 0.
+    foot = float(mesh.vertices_m[:, 2].min())
+    whole = thing.volume_m3
+
+    def missing(level: float) -> float:
+        # What is above the level is pressed flat onto it and becomes the lid.
+        cut = mesh.vertices_m.copy()
+        cut[:, 2] = np.minimum(cut[:, 2], foot + level)
+        return (
+            enclosed_volume(cut, mesh.faces, mesh.fraction) + enclosed_volume(cut, thing.lid) - fill * whole
+        )
+
+    if fill <= 0 or fill >= 1:
+        return 0.0 if fill <= 0 else top
+    return float(brentq(missing, 0.0, top, xtol=1e-9))
+
+
+def hydrostatic_load(
+    thing: ShellObject, fill: float, *, density_kg_per_m3: float = 1000.0
+) -> Float[np.ndarray, "v 6"]:
+    """Forces of the liquid's own weight on the wall [N], ``rho g d`` at depth d.
+
+    In linear elasticity a load that is there before the pinch does not change the stiffness: add
+    this load to see how the wall bulges.
+    """
+    mesh = thing.mesh
+    above_foot = mesh.vertices_m[:, 2] - mesh.vertices_m[:, 2].min()
+    depth = np.maximum(liquid_level_m(thing, fill) - above_foot, 0.0)
+    a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a) / 2 * np.asarray(mesh.fraction)[:, None]
+    corner = depth[mesh.faces]
+    out = np.zeros((len(mesh.vertices_m), 6))
+    for k in range(3):
+        # Exact for a pressure that is linear over the triangle.
+        weight = (corner.sum(axis=1) + corner[:, k]) / 12
+        np.add.at(out[:, :3], mesh.faces[:, k], density_kg_per_m3 * GRAVITY_m_per_s2 * weight[:, None] * area)
+    return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DampedIteration:
+    """What the published iteration came to."""
+
+    displacement: Float[np.ndarray, "v 6"]
+    gauge_Pa: float
+    passes: int
+    converged: bool
+
+
+def damped_iteration(
+    thing: ShellObject,
+    model: ShellModel,
+    load: Float[np.ndarray, "v 6"],
+    contents: Contents,
+    *,
+    damping: float = 0.5,
+    threshold: float = 1e-9,
+    max_passes: int = 500,
+) -> DampedIteration:
+    """Pressure as a boundary condition that is updated, Eq. (6.2): the published baseline.
+
+    Diverges when ``|1 - c (1 + g)| >= 1`` with the loop gain ``g = kappa a . w``; the rank-one term
+    has no such limit. ``threshold`` is the change of volume by the volume.
+    """
+    a = enclosed_gradient(thing, model)
+    free, w = model.solve(load), model.solve(a)
+    rest = thing.volume_m3
+    kappa = contents.bulk_stiffness(rest)
+    if not np.isfinite(kappa):
+        raise InputError("damped_iteration", "without gas the pressure is not a function of the volume")
+    gauge, before = 0.0, np.inf
+    for passes in range(1, max_passes + 1):
+        change = float(np.sum(a * (free + gauge * w)))
+        if not abs(change) < 1e3 * rest:
+            return DampedIteration(free + gauge * w, gauge, passes, False)
+        if abs(change - before) < threshold * rest:
+            return DampedIteration(free + gauge * w, gauge, passes, True)
+        before = change
+        gauge = damping * (-kappa * change) + (1 - damping) * gauge
+    return DampedIteration(free + gauge * w, gauge, max_passes, False)
+
+
+def pinch_load(model: ShellModel, tips: DualTips, which: int) -> Float[np.ndarray, "v 6"]:
+    """The load of 1 N on both tips of one pair."""
+    out: np.ndarray = tip_loads(model.nodes, tips, model.mesh.vertices_m)[:, [which]].toarray().reshape(-1, 6)
+    return out

@@ -1,0 +1,406 @@
+"""Equilibrium paths of shells: load, displacement and arc-length control.
+
+A path is walked in steps. Each step solves ``lambda q = f(u)`` together with one equation that
+says how far to go: a load, a displacement of the control, or an arc length. Newton's method with
+the exact tangent takes three to six iterations; a step that does not converge is cut in half, and
+where the control itself turns back (snap-back) the walk goes on by arc length.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..shells.corotational import CorotationalShell, ShellState, Tangent
+from ..shells.stiffness_map import DualTips, tip_loads
+
+__all__ = [
+    "EquilibriumPath",
+    "PathPoint",
+    "follow_arc",
+    "follow_displacement",
+    "follow_load",
+    "pinch_curve",
+    "reach_loads",
+]
+
+_log = logging.getLogger(__name__)
+
+#: Iterations after which a step is given up and cut.
+MAX_ITERATIONS = 16
+#: Arc lengths after which a way round a snap-back is given up.
+MAX_ARCS = 60
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathPoint:
+    """One state of equilibrium."""
+
+    load: float  #: lambda, times the reference load
+    control_m: float  #: control displacement
+    state: ShellState
+    iterations: int  #: Newton iterations that this point took, cut steps included
+    stable: bool  #: the tangent's determinant is positive
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquilibriumPath:
+    """Points in the order they were reached, without the undeformed one."""
+
+    points: tuple[PathPoint, ...]
+    complete: bool  #: all that was asked for was reached
+    reason: str = ""  #: why it was not
+
+    @property
+    def load(self) -> Float[np.ndarray, "k"]:
+        """lambda of each point."""
+        return np.array([point.load for point in self.points])
+
+    @property
+    def control_m(self) -> Float[np.ndarray, "k"]:
+        """Control displacement of each point [m]."""
+        return np.array([point.control_m for point in self.points])
+
+    @property
+    def iterations(self) -> int:
+        """Of the whole path."""
+        return sum(point.iterations for point in self.points)
+
+    def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
+        """Of one vertex along one world axis, at each point."""
+        return np.array([point.state.points_m[vertex, axis] for point in self.points])
+
+
+def follow_load(
+    shell: CorotationalShell,
+    load: Float[np.ndarray, "v 6"],
+    factors: Sequence[float],
+    *,
+    control: Float[np.ndarray, "v 6"] | None = None,
+    tolerance: float = 1e-5,
+) -> EquilibriumPath:
+    """Raise the load to each of ``factors`` times ``load``. Stops at a limit load."""
+    return _Walk(shell, load, control, tolerance).run(list(factors), "load", past_limits=False)
+
+
+def follow_displacement(
+    shell: CorotationalShell,
+    load: Float[np.ndarray, "v 6"],
+    targets_m: Sequence[float],
+    *,
+    control: Float[np.ndarray, "v 6"] | None = None,
+    tolerance: float = 1e-5,
+    max_iterations: int = 5000,
+) -> EquilibriumPath:
+    """Drive the control displacement to each of ``targets_m`` and find the load that it takes.
+
+    Where the control turns back (snap-back) the path is followed by arc length until the control has
+    come forward again: a target is then the next state with that displacement.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    load
+        Reference load; directions don't follow the wall.
+    targets_m
+        Displacements of the control.
+    control
+        Weights c of the control ``c . u``, displacements only. By default the load divided by the
+        sum of its forces: the mean displacement of what is loaded, along the load.
+    tolerance
+        Of the residual force, as a share of the largest of load and reactions.
+    max_iterations
+        Of the whole path, which ends where they are used up.
+    """
+    walk = _Walk(shell, load, control, tolerance, max_iterations)
+    return walk.run(list(targets_m), "displacement")
+
+
+def reach_loads(
+    shell: CorotationalShell,
+    load: Float[np.ndarray, "v 6"],
+    factors: Sequence[float],
+    *,
+    control: Float[np.ndarray, "v 6"] | None = None,
+    tolerance: float = 1e-5,
+    max_iterations: int = 5000,
+) -> EquilibriumPath:
+    """Raise the load to each of ``factors``, past limit loads.
+
+    As :func:`follow_load`, but where the load cannot be raised the path is followed by arc length
+    until it can: the point of a factor is then the next state on the path that carries it.
+    """
+    walk = _Walk(shell, load, control, tolerance, max_iterations)
+    return walk.run(list(factors), "load", past_limits=True)
+
+
+def follow_arc(
+    shell: CorotationalShell,
+    load: Float[np.ndarray, "v 6"],
+    *,
+    first: float,
+    until: float,
+    control: Float[np.ndarray, "v 6"] | None = None,
+    max_points: int = 200,
+    tolerance: float = 1e-5,
+) -> EquilibriumPath:
+    """Walk along the path by arc length until the load factor passes ``until``.
+
+    ``first`` is the load factor that the first, linear step would reach; it sets the arc length,
+    which afterwards follows the number of iterations. Limit points and snap-back are passed.
+    """
+    walk = _Walk(shell, load, control, tolerance)
+    return walk.run_arc(first, until, max_points)
+
+
+def pinch_curve(
+    shell: CorotationalShell,
+    tips: DualTips,
+    which: int,
+    deformation_m: Sequence[float],
+    *,
+    tolerance: float = 1e-5,
+) -> EquilibriumPath:
+    """Close two tips on a wall: force against the mean deformation of both.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    tips
+        As for a map, see :func:`.opposing_points`.
+    which
+        Index of the pair.
+    deformation_m
+        Targets, ascending. ``load`` of the points is the force of one tip [N].
+
+    Raises
+    ------
+    InputError
+        The pair has nothing opposite.
+    """
+    if not tips.valid[which]:
+        raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
+    load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
+    return follow_displacement(shell, load, deformation_m, control=load / 2, tolerance=tolerance)
+
+
+class _Walk:
+    """Where the walk is, and how it got there."""
+
+    def __init__(
+        self,
+        shell: CorotationalShell,
+        load: Float[np.ndarray, "v 6"],
+        control: Float[np.ndarray, "v 6"] | None,
+        tolerance: float,
+        max_iterations: int = 5000,
+    ) -> None:
+        self.left = max_iterations
+        self.shell, self.tolerance = shell, tolerance
+        self.fixed = shell.model.fixed
+        self.load = np.where(self.fixed, 0.0, np.asarray(load, dtype=float))
+        if control is None:
+            total = float(np.linalg.norm(self.load[:, :3], axis=1).sum())
+            control = self.load / total if total else np.zeros_like(self.load)
+        self.control = np.where(self.fixed, 0.0, np.asarray(control, dtype=float))
+        self.control[:, 3:] = 0.0
+        if not self.load.any():
+            raise InputError("load", "is zero on everything that can move")
+        sides = np.ptp(shell.model.mesh.vertices_m, axis=0)
+        self.length_m = float(np.linalg.norm(sides)) / 10
+        self.state, self.factor = shell.rest, 0.0
+        self.stable = True
+        self.last_step: np.ndarray | None = None
+        self.last_factor = 0.0
+        self.last_advance = 0.0
+        self.spent = 0
+
+    # -- Steps -------------------------------------------------------------------------------
+
+    def run(self, targets: list[float], kind: str, *, past_limits: bool = True) -> EquilibriumPath:
+        points: list[PathPoint] = []
+        reached = 0.0
+        for target in targets:
+            self.spent, cuts = 0, 0
+            fraction = 1.0
+            while reached != target:
+                aim = target if fraction == 1.0 else reached + fraction * (target - reached)
+                if self._step(kind, aim, aim - reached):
+                    reached = aim
+                    remaining = target - reached
+                    fraction = (
+                        1.0 if cuts == 0 or not remaining else min(1.0, 1.5 * fraction / (1 - fraction))
+                    )
+                    cuts = max(0, cuts - 1)
+                else:
+                    cuts += 1
+                    fraction *= 0.5
+                    if past_limits and cuts in (4, 8) and self._way_round(kind, target):
+                        reached, fraction, cuts = target, 1.0, 0
+                    elif cuts > 7 or self.left <= 0:
+                        reason = (
+                            f"no equilibrium found beyond {kind} {reached:.6g} on the way to {target:.6g}"
+                        )
+                        _log.info("%s", reason)
+                        return EquilibriumPath(tuple(points), False, reason)
+            points.append(self._point())
+        return EquilibriumPath(tuple(points), True)
+
+    def _way_round(self, kind: str, target: float) -> bool:
+        """Walk by arc length until the target is passed in its own direction, then go to it."""
+        if self.last_step is None:
+            return False
+        kept = self.state, self.factor, self.last_step, self.last_factor, self.last_advance
+        start = self.factor if kind == "load" else self._control(self.state)
+        ahead = np.sign(target - start)
+        arc = float(np.linalg.norm(self._lengths(self.last_step)))
+        self.last_advance, longest, shrunk = arc, 4 * arc, 0
+        for _ in range(MAX_ARCS):
+            before = self.spent
+            if self._step("arc", arc, arc, direction=1.0):
+                at = self.factor if kind == "load" else self._control(self.state)
+                if (at - target) * ahead >= 0:
+                    self.last_step = None  # the way back is no continuation
+                    if self._step(kind, target, target - at):
+                        return True
+                    break
+                arc = min(longest, arc * np.sqrt(5.0 / max(self.spent - before, 2)))
+                shrunk = 0
+            else:
+                arc, shrunk = 0.5 * arc, shrunk + 1
+                if shrunk > 8 or self.left <= 0:
+                    break
+        self.state, self.factor, self.last_step, self.last_factor, self.last_advance = kept
+        return False
+
+    def run_arc(self, first: float, until: float, max_points: int) -> EquilibriumPath:
+        points: list[PathPoint] = []
+        _, tangent = self.shell.linearised(self.state)
+        arc = abs(first) * float(np.linalg.norm(self._lengths(self._solved(tangent, self.load))))
+        longest = 8 * arc
+        self.spent = 0
+        shrunk = 0
+        while len(points) < max_points:
+            before = self.spent
+            if self._step("arc", arc, arc, direction=np.sign(first)):
+                points.append(self._point())
+                if (until - points[-1].load) * np.sign(until) <= 0:
+                    return EquilibriumPath(tuple(points), True)
+                arc = min(longest, arc * np.sqrt(5.0 / max(self.spent - before, 2)))
+                self.spent, shrunk = 0, 0
+            else:
+                arc, shrunk = 0.5 * arc, shrunk + 1
+                if shrunk > 8:
+                    break
+        return EquilibriumPath(tuple(points), False, f"stopped after {len(points)} points")
+
+    def _point(self) -> PathPoint:
+        return PathPoint(self.factor, self._control(self.state), self.state, self.spent, self.stable)
+
+    # -- Newton ------------------------------------------------------------------------------
+
+    def _step(self, kind: str, aim: float, advance: float, direction: float = 1.0) -> bool:
+        start, start_factor = self.state, self.factor
+        state, factor = start, start_factor
+        step = np.zeros_like(self.load)
+        ratio = advance / self.last_advance if self.last_step is not None and self.last_advance else 0.0
+        if self.last_step is not None and 0 < ratio <= 3:
+            # Go on as before: the first residual is then of second order in the step.
+            step = ratio * self.last_step
+            state, factor = start.moved(step), start_factor + ratio * self.last_factor
+        best = error = np.inf
+        sign = 1
+        for iteration in range(min(MAX_ITERATIONS, self.left)):
+            self.spent += 1
+            self.left -= 1
+            # Close to the goal Newton's next residual is likely small enough: look before factoring.
+            tangent = None
+            if iteration > 0 and error < 3e-3:
+                internal = self.shell.internal_force(state)
+            else:
+                internal, tangent = self.shell.linearised(state)
+            residual = np.where(self.fixed, 0.0, factor * self.load - internal)
+            scale = max(self._size(factor * self.load), self._size(internal), 1e-300)
+            error = self._size(residual) / scale
+            gap = self._gap(kind, aim, state, factor, step)
+            if error < self.tolerance and gap < 1e-6 and iteration > 0:
+                self.stable = sign > 0
+                self.last_step, self.last_factor = start.step_to(state), factor - start_factor
+                self.last_advance = advance
+                self.state, self.factor = state, factor
+                return True
+            if not np.isfinite(error) or (iteration > 3 and error > 1e3 * max(best, 1.0)):
+                return False
+            best = min(best, error)
+            if tangent is None:
+                _, tangent = self.shell.linearised(state)
+            sign = tangent.sign
+            both = tangent.solve(np.column_stack([residual.ravel(), self.load.ravel()]))
+            by_residual, by_load = both[:, 0].reshape(self.load.shape), both[:, 1].reshape(self.load.shape)
+            more = self._load_change(kind, aim, state, factor, step, by_residual, by_load, direction, sign)
+            change = by_residual + more * by_load
+            largest = float(np.abs(change[:, 3:]).max())
+            if not np.isfinite(largest) or largest > 3.0:
+                # Turning a vertex by half a turn at once means that the step is out of reach.
+                return False
+            state, factor = state.moved(change), factor + more
+            step = step + change
+        return False
+
+    def _load_change(
+        self,
+        kind: str,
+        aim: float,
+        state: ShellState,
+        factor: float,
+        step: np.ndarray,
+        by_residual: np.ndarray,
+        by_load: np.ndarray,
+        direction: float,
+        sign: int,
+    ) -> float:
+        if kind == "load":
+            return aim - factor
+        if kind == "displacement":
+            along = float(np.sum(self.control * by_load))
+            return (aim - self._control(state) - float(np.sum(self.control * by_residual))) / along
+        done, r, q = (self._lengths(part) for part in (step, by_residual, by_load))
+        if not done.any():
+            forward = direction * sign
+            if self.last_step is not None:
+                forward = np.sign(np.sum(self._lengths(self.last_step) * q)) or forward
+            return forward * aim / float(np.linalg.norm(q))
+        # Linearised |step|^2 = arc^2.
+        slope = 2 * float(np.sum(done * q))
+        missing = aim * aim - float(np.sum(done * done)) - 2 * float(np.sum(done * r))
+        return missing / slope if slope else 0.0
+
+    def _gap(self, kind: str, aim: float, state: ShellState, factor: float, step: np.ndarray) -> float:
+        if kind == "load":
+            return abs(aim - factor) / max(abs(aim), 1e-300)
+        if kind == "displacement":
+            return abs(aim - self._control(state)) / max(abs(aim), 1e-300)
+        # The arc only paces the walk: a tenth off is as good.
+        return 1e-5 * abs(float(np.linalg.norm(self._lengths(step))) / aim - 1.0)
+
+    # -- Measures ----------------------------------------------------------------------------
+
+    def _control(self, state: ShellState) -> float:
+        return float(np.sum(self.control[:, :3] * (state.points_m - self.shell.model.mesh.vertices_m)))
+
+    def _size(self, forces: np.ndarray) -> float:
+        return float(np.sqrt(np.sum(forces[:, :3] ** 2) + np.sum(forces[:, 3:] ** 2) / self.length_m**2))
+
+    def _lengths(self, step: np.ndarray) -> np.ndarray:
+        # Only displacements count: spins have another unit and follow from them.
+        return step[:, :3]
+
+    def _solved(self, tangent: Tangent, load: np.ndarray) -> np.ndarray:
+        return tangent.solve(load.reshape(-1, 1)).reshape(load.shape)

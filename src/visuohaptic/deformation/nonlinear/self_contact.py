@@ -1,0 +1,104 @@
+"""Walls that touch each other: the elasticity here knows no contact, so a curve has to end there."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from ..shapes.mesher import ShellObject
+from ..shells.stiffness_map import DualTips, opposing_points
+
+__all__ = ["TouchGuard", "wall_gap_m"]
+
+#: Walls touch when they are nearer than the wall is thick, but at most this [m].
+TOUCH_m = 1e-3
+#: A gap that was narrow from the start counts when so much of it is left.
+REST_SHARE = 0.25
+#: Cosine of two normals that face each other.
+FACING = -0.2
+#: Pairs that are looked at; more than enough to find one that counts.
+MAX_PAIRS = 20_000
+
+
+def wall_gap_m(points_m: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.ndarray, "m"]:
+    """Distance of the walls at each pair along the pinch; negative when they have passed each other [m]."""
+    second = np.einsum("mk,mki->mi", tips.weights, points_m[tips.second])
+    out: np.ndarray = np.einsum("mi,mi->m", tips.direction, second - points_m[tips.first])
+    return out
+
+
+class TouchGuard:
+    """Looks whether walls touch anywhere in a deformed state of an object.
+
+    Across the axis the gap of each vertex to what is opposite has a sign, so that walls that have
+    passed each other in one step are noticed. Anywhere else a vertex must not come nearer to a face
+    than the wall is thick while their normals face each other, and no edge may go through a face.
+    """
+
+    def __init__(self, thing: ShellObject) -> None:
+        mesh = thing.mesh
+        self.rest_m = mesh.vertices_m
+        self.faces = np.ascontiguousarray(thing.surface_faces)
+        self.wall_m = np.asarray(mesh.thickness_m)[thing.covers_once]
+        sides = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        self.edges = np.unique(sides, axis=0)
+        ends = self.rest_m[self.edges]
+        self._cell_m = float(np.mean(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+        found = opposing_points(mesh, axis_point_m=thing.axis_point_m)
+        self._across = DualTips(*(getattr(found, name)[found.valid] for name in DualTips.__slots__))
+        self._min_m = np.minimum(
+            min(float(self.wall_m.max()), TOUCH_m), REST_SHARE * wall_gap_m(self.rest_m, self._across)
+        )
+        self._always: set[tuple[int, int]] | None = None
+
+    def vertex(self, points_m: Float[np.ndarray, "v 3"]) -> int | None:
+        """A vertex where walls touch, or None.
+
+        Parameters
+        ----------
+        points_m
+            Of the whole object; it may have been moved as a rigid body.
+        """
+        short = wall_gap_m(points_m, self._across) - self._min_m
+        if len(short) and short.min() < 0:
+            return int(self._across.first[np.argmin(short)])
+        vertex, face, distance = self._meetings(points_m)
+        if not vertex.size:
+            return None
+        through = distance == 0
+        counts = through | self._facing(points_m, vertex, face, distance)
+        if through.any():
+            if self._always is None:
+                before = self._meetings(self.rest_m)
+                some = before[2] == 0
+                self._always = set(zip(before[0][some].tolist(), before[1][some].tolist(), strict=True))
+            for k in np.flatnonzero(through):
+                counts[k] = (int(vertex[k]), int(face[k])) not in self._always
+        return int(vertex[np.argmax(counts)]) if counts.any() else None
+
+    def _meetings(self, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        from . import _touch_kernels as kernels
+
+        near = min(float(self.wall_m.max()), TOUCH_m)
+        # At most a few million cells, however thin and long the object is.
+        cell = max(self._cell_m, float(np.prod(np.ptp(points_m, axis=0) + 2 * near) / 1e6) ** (1 / 3))
+        points = np.ascontiguousarray(points_m)
+        return kernels.meetings(points, self.faces, self.edges, near, cell, MAX_PAIRS)
+
+    def _facing(
+        self, points_m: np.ndarray, vertex: np.ndarray, face: np.ndarray, distance: np.ndarray
+    ) -> np.ndarray:
+        from . import _touch_kernels as kernels
+
+        a, b, c = (points_m[self.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        around = np.zeros_like(points_m)
+        for k in range(3):
+            np.add.at(around, self.faces[:, k], normal)
+        first, second = around[vertex], normal[face]
+        size = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
+        cosine = np.einsum("pi,pi->p", first, second) / np.maximum(size, 1e-300)
+        before = kernels.distances(np.ascontiguousarray(self.rest_m), self.faces, vertex, face)
+        limit = np.minimum(np.minimum(self.wall_m[face], TOUCH_m), REST_SHARE * before)
+        out: np.ndarray = (cosine < FACING) & (distance < limit)
+        return out

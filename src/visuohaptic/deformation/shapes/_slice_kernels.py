@@ -1,0 +1,62 @@
+"""Crossings of rays from the height axis with a mesh: kernels."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+
+@kernel
+def ring_crossings(points: Any, faces: Any, heights: Any, around: int, radius: Any, count: Any) -> None:
+    """Radii at which the rays from (0, 0) at ``around`` angles cross the mesh, at each height.
+
+    ``heights`` ascend. ``radius`` (h, around, most) is filled in no order, ``count`` (h, around)
+    says how many there are, also beyond ``most``. Each wall is hit once: edges count half open.
+    """
+    step = 2 * np.pi / around
+    segment = np.empty((2, 2))
+    for face in range(faces.shape[0]):
+        low = min(points[faces[face, 0], 2], points[faces[face, 1], 2], points[faces[face, 2], 2])
+        high = max(points[faces[face, 0], 2], points[faces[face, 1], 2], points[faces[face, 2], 2])
+        row = np.searchsorted(heights, low)
+        while row < heights.size and heights[row] <= high:
+            z = heights[row]
+            found = 0
+            for corner in range(3):
+                a, b = faces[face, corner], faces[face, (corner + 1) % 3]
+                # The same edge from both of its triangles has to give the same point to the bit.
+                if a > b:
+                    a, b = b, a
+                if (points[a, 2] >= z) != (points[b, 2] >= z):
+                    t = (z - points[a, 2]) / (points[b, 2] - points[a, 2])
+                    segment[found, 0] = points[a, 0] + t * (points[b, 0] - points[a, 0])
+                    segment[found, 1] = points[a, 1] + t * (points[b, 1] - points[a, 1])
+                    found += 1
+            if found == 2:
+                first = np.arctan2(segment[0, 1], segment[0, 0])
+                second = np.arctan2(segment[1, 1], segment[1, 0])
+                begin, end = 0, 1
+                if first > second:
+                    begin, end = 1, 0
+                    first, second = second, first
+                if second - first > np.pi:
+                    # Across the angle pi.
+                    begin, end = end, begin
+                    first, second = second, first + 2 * np.pi
+                px, py = segment[begin, 0], segment[begin, 1]
+                ex, ey = segment[end, 0] - px, segment[end, 1] - py
+                place = int(np.ceil(first / step))
+                while place * step < second:
+                    across = np.cos(place * step) * ey - np.sin(place * step) * ex
+                    if across != 0.0:
+                        r = (px * ey - py * ex) / across
+                        column = place % around
+                        if r > 0.0:
+                            if count[row, column] < radius.shape[2]:
+                                radius[row, column, count[row, column]] = r
+                            count[row, column] += 1
+                    place += 1
+            row += 1

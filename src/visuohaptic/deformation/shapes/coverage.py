@@ -1,0 +1,118 @@
+"""How much of the surface of a mesh a container stands for: its wall, foot and lid."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.errors import InputError
+from .mesh_state import MeshState
+from .resample import Wall
+
+__all__ = ["check_represented", "has_top", "represented_fraction"]
+
+#: Points spread over the mesh: a fraction of one half is known to 0.5 / sqrt(10 000) = 0.5 %.
+SAMPLES = 10_000
+#: Heights and angles of the wall's points.
+LEVELS, ANGLES = 200, 96
+
+
+def represented_fraction(
+    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], wall: Wall, *, closed: bool
+) -> float:
+    """Fraction of the area of a mesh that is wall, foot or lid of a container.
+
+    Parameters
+    ----------
+    vertices_m
+        Of the mesh [m].
+    faces
+        Of the mesh.
+    wall
+        The star-shaped wall found in it.
+    closed
+        There is a lid at the upper end of the wall.
+
+    Notes
+    -----
+    A point is of the wall when it is within half its thickness of the middle. The wall is known at places
+    ``d`` apart (the diagonal of their grid), so that any point of it has one within ``d / 2``. Foot and lid
+    are what is inside the wall's lowest and highest ring and below, or above: both are clamped or stiff,
+    whatever their shape.
+    """
+    from scipy.spatial import cKDTree
+
+    points = _spread(vertices_m, faces) - np.array([*wall.axis_point_m, 0.0])
+    heights = np.linspace(wall.low_m, wall.high_m, LEVELS)
+    radius = wall.radius_m(heights, ANGLES)
+    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+    grid = np.stack(
+        [radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(heights[:, None], radius.shape)],
+        axis=2,
+    )
+    along = np.linalg.norm(np.diff(grid, axis=0), axis=2)
+    around = np.linalg.norm(grid - np.roll(grid, 1, axis=1), axis=2)
+    half = 0.5 * np.hypot(
+        np.maximum(np.pad(along, ((0, 1), (0, 0))), np.pad(along, ((1, 0), (0, 0)))), around
+    )
+    if wall.double:
+        half = half + 0.5 * wall.measured_m(heights)[:, None]
+    away, place = cKDTree(grid.reshape(-1, 3)).query(points)
+    found = away <= half.ravel()[place]
+    column = np.round(np.arctan2(points[:, 1], points[:, 0]) / (2 * np.pi) * ANGLES).astype(int) % ANGLES
+    reach = np.hypot(points[:, 0], points[:, 1])
+    ends = [(0, points[:, 2] <= wall.low_m + half[0].max())]
+    if closed:
+        ends.append((-1, points[:, 2] >= wall.high_m - half[-1].max()))
+    for row, beyond in ends:
+        found |= beyond & (reach <= (radius[row] + half[row])[column])
+    return float(found.mean())
+
+
+def _spread(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "n 3"]:
+    """Points of equal shares of the area, in each triangle by a sequence of low discrepancy."""
+    corner, first, second = (vertices[faces[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(first - corner, second - corner), axis=1)
+    place = (np.arange(SAMPLES) + 0.5) / SAMPLES
+    face = np.searchsorted(np.cumsum(area) / area.sum(), place).clip(max=len(faces) - 1)
+    # Roberts' R2 sequence: fractions of the powers of the plastic number.
+    u, v = np.modf(np.arange(1, SAMPLES + 1)[:, None] / 1.324717957244746 ** np.array([1, 2]))[0].T
+    folded = u + v > 1
+    u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
+    return corner[face] + u[:, None] * (first - corner)[face] + v[:, None] * (second - corner)[face]
+
+
+def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
+    """Say how much of the mesh is a container.
+
+    Raises
+    ------
+    InputError
+        It is less than half: most of what can be touched is not in the model.
+    """
+    fraction = represented_fraction(state.vertices, state.faces, wall, closed=closed)
+    if fraction < 0.5:
+        raise InputError(
+            wall.where,
+            f"only {100 * fraction:.0f} % of its surface is wall, foot or lid of a container around the axis at "
+            f"({wall.axis_point_m[0]:.4g}, {wall.axis_point_m[1]:.4g}) m, expected more than half",
+            field="mesh",
+            remedy="leave out what is not the container, or turn it with --up so that z is the height axis",
+        )
+    return f"{100 * fraction:.0f} % of the surface of the mesh is wall, foot or lid of the container"
+
+
+def has_top(state: MeshState, wall: Wall) -> bool:
+    """A ray straight down near the axis meets something close below the top."""
+    corners = state.vertices[state.faces] - np.array([*wall.axis_point_m, 0.0])
+    reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2
+    height = float(np.ptp(state.vertices[:, 2]))
+    hits = 0
+    for turn in np.arange(8) * 2 * np.pi / 8 + 0.1:
+        a, b, c = ((corners[:, k, :2] - reach * np.array([np.cos(turn), np.sin(turn)])) for k in range(3))
+        areas = np.stack([p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b))], axis=1)
+        inside = (areas > 0).all(axis=1) | (areas < 0).all(axis=1)
+        if inside.any():
+            z = np.einsum("fk,fk->f", areas[inside], corners[inside][:, :, 2]) / areas[inside].sum(axis=1)
+            hits += bool(z.max() > wall.high_m - 0.05 * height)
+    return hits > 4

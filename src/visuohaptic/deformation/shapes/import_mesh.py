@@ -1,0 +1,330 @@
+"""Containers from imported meshes: checked, repaired or refused (Alt 2016, Sec. 6.1.1).
+
+A mesh whose triangles suit a shell is taken as it is. Any other is sampled anew on rings round its
+height axis (:mod:`.resample`), which needs a wall that every ray from the axis meets.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ...core.objects import Material
+from ...io.meshes.mesh import load_mesh
+from ..shells.shell import ShellMesh, enclosed_volume
+from ..shells.shell_material import IsotropicMaterial, material
+from .coverage import check_represented, has_top
+from .mesh_state import MeshState, boundary_loops, clamped_foot, inspect_mesh, why_not_as_it_is
+from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
+from .resample import Wall, find_wall
+from .thickness import wall_thickness
+
+__all__ = ["import_object"]
+
+#: Metres by unit.
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
+#: Largest extent of a container that a hand holds [m].
+SMALLEST_m, LARGEST_m = 0.03, 0.6
+#: Ratio of the two smallest shares of the normals from which a mesh runs along an axis, and how far it may lean.
+RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
+#: Separate surfaces farther apart than this share of the radius are two shells, not two sides of one wall.
+NESTED_SHARE = 0.1
+#: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
+THICK_LEVELS, ROUGH_SHARE = 20, 0.1
+
+#: Mesh, clamped vertices, lid, height axis, and notes.
+_Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
+
+
+def import_object(
+    path: Path | str,
+    *,
+    wall_material: str | Material | IsotropicMaterial = "PET",
+    thickness_m: float | None = None,
+    wall_spread: float | None = None,
+    unit: str | None = None,
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z",
+    open_top: bool = False,
+    around: int = 96,
+    remesh: Literal["auto", "always", "never"] = "auto",
+) -> ShellObject:
+    """A mesh as a container whose foot is clamped.
+
+    Parameters
+    ----------
+    path
+        STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall, or its two sides.
+    wall_material
+        Of the whole wall.
+    thickness_m
+        Of the whole wall [m]. By default the distance of inner and outer surface, at each height, or 0.5 mm
+        where the mesh has one surface only.
+    wall_spread
+        Relative standard deviation of the thickness. By default as measured, or 0.1.
+    unit
+        Of the file's numbers; guessed from the size of a container by default, and said in ``notes``.
+    up
+        Which axis of the file points up.
+    open_top
+        Take the top off if the mesh has one.
+    around
+        Vertices round the wall where it is sampled anew.
+    remesh
+        Sample anew when the triangles that carry load need it, always or never.
+
+    Raises
+    ------
+    InputError
+        The mesh cannot be used, with the defect and its place; or less than half of its surface is wall, foot
+        or lid of a container, so that most of what is touched is not in the model.
+    """
+    where = str(path)
+    if thickness_m is not None and not (np.isfinite(thickness_m) and thickness_m > 0):
+        raise InputError("thickness", f"found {thickness_m} m, expected > 0")
+    if around % 4 or not 16 <= around <= 1024:
+        raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
+    raw = load_mesh(path)
+    points = _turned_up(raw.vertices, up)
+    scale, notes = _scale(points[raw.faces.ravel()], unit, where)
+    state = inspect_mesh(points * scale, raw.faces, where)
+    _check_upright(state, where)
+    notes += state.defects
+    entry = material(wall_material) if isinstance(wall_material, str) else wall_material
+    spread = 0.0
+    if isinstance(entry, Material) and entry.youngs_modulus_Pa:
+        spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value
+    constants = IsotropicMaterial.of(entry)
+    suits = why_not_as_it_is(state)
+    wall = find_wall(state.vertices, state.faces, where)
+    if wall.double and not suits:
+        suits = "it has an inner and an outer surface"
+    if remesh == "never" and suits:
+        raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy="allow remeshing")
+    thick, wall_spread, thick_notes = wall_thickness(wall, thickness_m, wall_spread)
+    notes += thick_notes
+    sampled = bool(suits) or remesh == "always"
+    if suits:
+        notes.append(f"sampled anew on rings: {suits}")
+    if sampled:
+        _check_one_shell(state, wall, where)
+    closed = has_top(state, wall)
+    notes.append(check_represented(state, wall, closed=closed))
+    mesh, fixed, lid, middle, shape_notes = (
+        _resampled(wall, thick, closed and not open_top, around)
+        if sampled
+        else _as_it_is(state, float(thick[0, 1]), open_top, where)
+    )
+    return ShellObject(
+        mesh, fixed, lid, middle, constants, spread, wall_spread, Path(path).stem, (*notes, *shape_notes)
+    )
+
+
+def _as_it_is(state: MeshState, thickness_m: float, open_top: bool, where: str) -> _Shape:
+    """The triangles of the file, turned to look outwards."""
+    notes: list[str] = []
+    faces = state.faces
+    if enclosed_volume(state.vertices - state.vertices.mean(axis=0), faces) < 0:
+        faces = faces[:, ::-1]
+        notes.append("all triangles looked inwards and were turned")
+    low, high = state.vertices[:, 2].min(), state.vertices[:, 2].max()
+    loops = list(state.loops)
+    if open_top:
+        faces, loops = _without_top(state.vertices, faces, low, high)
+    lid = [ring_lid(loop[::-1]) for loop in loops]
+    # Faces look outwards, so a boundary walked along them has the wall on its left: lids run against.
+    mesh = ShellMesh(state.vertices, faces, thickness_m)
+    used = state.vertices[np.unique(faces)]
+    middle, axis_notes = _foot_centre(used, clamped_foot(used))
+    notes += axis_notes
+    level = np.linspace(low, high, THICK_LEVELS + 1)
+    slab = np.clip(np.searchsorted(level, used[:, 2], side="right") - 1, 0, THICK_LEVELS - 1)
+    reach = np.zeros(THICK_LEVELS)
+    np.maximum.at(reach, slab, np.linalg.norm(used[:, :2] - middle, axis=1))
+    seen = np.flatnonzero(reach > 0)  # a slab without vertices says nothing
+    notes += _thick(level[seen], reach[seen], np.full(len(seen), thickness_m), where)
+    lids = np.concatenate(lid) if lid else np.zeros((0, 3), dtype=np.int64)
+    return mesh, clamped_foot(state.vertices), lids, middle, notes
+
+
+def _turned_up(vertices: np.ndarray, up: str) -> np.ndarray:
+    if up not in {"x", "y", "z", "-x", "-y", "-z"}:
+        raise InputError("up", f"found {up!r}, expected x, y, z, -x, -y or -z")
+    order = {"z": (0, 1, 2), "x": (1, 2, 0), "y": (2, 0, 1)}[up[-1]]
+    out: np.ndarray = vertices[:, order].copy()
+    if up[0] == "-":
+        out[:, 1:] *= -1.0
+    return out
+
+
+def _scale(used: np.ndarray, unit: str | None, where: str) -> tuple[float, list[str]]:
+    if unit is not None:
+        if unit not in UNITS:
+            raise InputError("unit", f"found {unit!r}, expected one of {', '.join(UNITS)}")
+        return UNITS[unit], []
+    extent = float(np.ptp(used, axis=0).max())
+    for name in ("m", "mm", "cm", "dm"):
+        if SMALLEST_m <= extent * UNITS[name] <= LARGEST_m:
+            guess = f"unit taken as {name}: the largest extent is {extent:.4g}"
+            return UNITS[name], [] if name == "m" else [guess]
+    raise InputError(
+        where,
+        f"the largest extent is {extent:.4g}: no container in m, mm, cm or dm",
+        field="mesh",
+        remedy="give the unit with --unit",
+    )
+
+
+def _foot_centre(
+    points: Float[np.ndarray, "v 3"], foot: Bool[np.ndarray, "v"]
+) -> tuple[tuple[float, float], list[str]]:
+    """The height axis goes through the middle of the foot, as that of a description does.
+
+    Where there is next to no foot it goes through the middle of all.
+    """
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    whole, size = 0.5 * (low + high), high - low
+    some = points[foot, :2]
+    if not len(some) or (np.ptp(some, axis=0) < 0.2 * size).any():
+        return (float(whole[0]), float(whole[1])), []
+    centre = 0.5 * (some.min(axis=0) + some.max(axis=0))
+    notes = []
+    if (np.abs(centre - whole) > 0.05 * size).any():
+        notes.append(
+            f"the height axis goes through the foot's middle ({centre[0]:.4g}, {centre[1]:.4g}) m, "
+            f"{1e3 * np.linalg.norm(centre - whole):.2g} mm from that of the whole"
+        )
+    return (float(centre[0]), float(centre[1])), notes
+
+
+def _check_upright(state: MeshState, where: str) -> None:
+    """Refuse what lies on its side or leans: its wall runs along another axis, and it has no foot to stand on.
+
+    The normals of a wall are across its axis. Trays and pouches may also be longer than high, but their
+    foot is about as long and as wide as they are.
+    """
+    a, b, c = (state.vertices[state.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    size = np.linalg.norm(normal, axis=1)
+    fraction, axes = np.linalg.eigh(
+        np.einsum("fi,fj->ij", normal / np.maximum(size, 1e-300)[:, None], normal)
+    )
+    lean = float(np.degrees(np.arccos(min(1.0, abs(axes[2, 0])))))
+    if fraction[1] < RUNS_ALONG * fraction[0] or lean < MAX_LEAN_DEGREES:
+        return
+    used = state.vertices[np.unique(state.faces)]
+    low, high = used.min(axis=0), used.max(axis=0)
+    foot = used[used[:, 2] <= low[2] + 0.02 * (high[2] - low[2])]
+    stands = np.ptp(foot[:, :2], axis=0) / (high - low)[:2]
+    if stands.min() > 0.5:
+        return
+    axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
+    along = ", ".join(f"{value:.2g}" for value in axis.round(2) + 0.0)
+    middle = ", ".join(f"{value:.4g}" for value in foot.mean(axis=0))
+    nearest = "xyz"[int(np.abs(axes[:, 0]).argmax())]
+    raise InputError(
+        where,
+        f"its wall runs along ({along}), {lean:.0f} degrees from the height axis, and it stands on an edge at "
+        f"({middle}) m",
+        field="mesh",
+        remedy=f"turn it with --up {nearest} or --up -{nearest}" if nearest != "z" else "turn it upright",
+    )
+
+
+def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
+    """Refuse two shells inside each other: their middle is the wall of neither."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    middle = 0.5 * (wall.low_m + wall.high_m)
+    around = float(np.median(wall.radius_m(np.array([middle]), 48)))
+    if not wall.double or wall.wall_m < NESTED_SHARE * around:
+        return
+    pairs = state.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(state.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][state.faces[:, 0]]
+    boxes = [
+        (state.vertices[state.faces[label == name]].min(axis=(0, 1)),
+         state.vertices[state.faces[label == name]].max(axis=(0, 1)))
+        for name in np.unique(label)
+    ]  # fmt: skip
+    for one, (low, high) in enumerate(boxes):
+        for other, (least, most) in enumerate(boxes):
+            if one != other and (low[:2] > least[:2]).all() and (high[:2] < most[:2]).all():
+                raise InputError(
+                    where,
+                    f"two shells inside each other, {1e3 * wall.wall_m:.2g} mm apart around height {middle:.4g} m",
+                    field="mesh",
+                    remedy="leave one of them out",
+                )
+
+
+def _without_top(
+    vertices: np.ndarray, faces: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    level = normal[:, 2] > 0.7 * np.linalg.norm(normal, axis=1)
+    top = level & (vertices[faces, 2].min(axis=1) > high - 0.02 * (high - low))
+    faces = faces[~top]
+    return faces, list(boundary_loops(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), len(vertices)))
+
+
+def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, around: int) -> _Shape:
+    """The wall on rings round the height axis."""
+    fine = np.linspace(wall.low_m, wall.high_m, 241)
+    mean = wall.radius_m(fine, around).mean(axis=1)
+    slant = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(fine), np.diff(mean)))])
+    spacing = 2 * np.pi * float(mean.max()) / around
+
+    def zones(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rim_zones((slant[-1] - along) / spacing, float(mean[-1] / mean.max()))
+
+    fraction = np.ones_like(fine) if closed else zones(slant)[0]
+    density = np.concatenate([[0.0], np.cumsum(np.diff(slant) * (1 / fraction[1:] + 1 / fraction[:-1]) / 2)])
+    count = int(np.clip(np.ceil(density[-1] / spacing), 8, 600))
+    heights = np.interp(np.linspace(0, density[-1], count + 1), density, fine)
+    heights[-1] = wall.high_m
+    times = np.ones(len(heights), dtype=np.int64)
+    if not closed:
+        times = zones(np.interp(heights, fine, slant))[1]
+    counts = ring_counts(times, around)
+    points = []
+    # One look at the wall for all: coarser rings are every second or fourth place of the finest.
+    most = int(counts.max())
+    radius = wall.radius_m(heights, most)
+    thick = np.interp(heights, *thickness_m.T)
+    thick_notes = _thick(heights, radius.min(axis=1), thick, wall.where)
+    angle = 2 * np.pi * np.arange(most) / most
+    for height, row, number in zip(heights, radius, counts, strict=True):
+        some = slice(None, None, most // int(number))
+        ring = np.full((int(number), 3), height)
+        ring[:, 0] = wall.axis_point_m[0] + row[some] * np.cos(angle[some])
+        ring[:, 1] = wall.axis_point_m[1] + row[some] * np.sin(angle[some])
+        points.append(ring)
+    mesh, lid = mesh_rings(points, (thick[1:] + thick[:-1]) / 2, cap_m=float(thick[-1]) if closed else None)
+    floor = ring_lid(np.arange(around)[::-1])
+    foot = np.arange(len(mesh.vertices_m)) < around
+    middle, axis_notes = _foot_centre(mesh.vertices_m, foot)
+    lids = np.concatenate([lid, floor])
+    return mesh, foot, lids, middle, [*wall.notes, *thick_notes, *axis_notes]
+
+
+def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
+    """Refuse a wall that is thicker than what it goes round; say so where a shell is a rough picture of it."""
+    row = int(np.argmin(radius / thickness_m))
+    if radius[row] <= thickness_m[row]:
+        raise InputError(
+            where,
+            f"the wall is {radius[row]:.3g} m from the axis at height {heights[row]:.4g} m, expected more than "
+            f"its thickness of {thickness_m[row]:.3g} m",
+            field="mesh",
+            remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
+        )
+    fraction = float(np.median(thickness_m) / np.median(radius))
+    if fraction > ROUGH_SHARE:
+        return [f"the wall is {100 * fraction:.0f} % of the radius: a shell is right to about that"]
+    return []

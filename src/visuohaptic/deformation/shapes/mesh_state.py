@@ -1,0 +1,192 @@
+"""An imported mesh as it is: merged, its loose parts named, its holes counted, and whether it suits a shell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+
+__all__ = ["MeshState", "boundary_loops", "clamped_foot", "inspect_mesh", "why_not_as_it_is"]
+
+#: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
+#: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
+#: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
+FEWEST_FACES, MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 1000, 50_000, 150.0, 32
+#: Fraction of the height from the lowest vertex up to which a mesh that is used as it is stands clamped.
+FOOT_SHARE = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshState:
+    """A merged mesh and what is wrong with it."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    dropped_faces: int  #: degenerate or doubled
+    patches: int  #: loose parts
+    loose_faces: int  #: triangles of all but the main part
+    loose_place: tuple[float, ...]  #: centre of the largest of them, or nothing
+    branching_edges: int  #: with three or more triangles
+    turned: int  #: edges whose two triangles disagree on which side is outside
+    loops: tuple[np.ndarray, ...]  #: boundary loops of the main part, vertex numbers in order
+
+    @property
+    def defects(self) -> list[str]:
+        """For people."""
+        found = []
+        if self.dropped_faces:
+            found.append(f"{self.dropped_faces} degenerate or doubled triangles dropped")
+        if self.loose_faces:
+            place = ", ".join(f"{value:.4g}" for value in self.loose_place)
+            found.append(
+                f"{self.patches - 1} loose patches of {self.loose_faces} triangles, the largest at ({place})"
+            )
+        if self.branching_edges:
+            found.append(f"{self.branching_edges} edges with more than two triangles")
+        if self.turned:
+            found.append(f"{self.turned} edges where the outside changes sides")
+        return found
+
+
+def inspect_mesh(
+    vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], where: str = "mesh"
+) -> MeshState:
+    """Merge vertices, drop what is no triangle, keep the main part, and list what is wrong."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    vertices, faces, dropped = _merged(vertices, faces)
+    if len(faces) < 4:
+        raise InputError(where, f"has {len(faces)} triangles with an area, expected at least 4", field="mesh")
+    sides = vertices[faces[:, [1, 2]]] - vertices[faces[:, [0, 0]]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+    pairs = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    names, number = np.unique(label, return_inverse=True)
+    size = np.bincount(number, area)
+    # Parts of the wall may be loose along a seam; what is small is a patch.
+    main = size >= 0.05 * size.max()
+    keep = main[number]
+    place: tuple[float, ...] = ()
+    if not keep.all():
+        largest = int(np.argmax(np.where(main, 0.0, size)))
+        place = tuple(float(value) for value in vertices[faces[number == largest]].mean(axis=(0, 1)))
+    patches, loose = len(names) if not main.all() else 1, int((~keep).sum())
+    used, faces = np.unique(faces[keep], return_inverse=True)
+    faces, vertices = faces.reshape(-1, 3), vertices[used]
+    directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    _once, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
+    repeated = np.unique(directed, axis=0, return_counts=True)[1]
+    branching = int((times > 2).sum())
+    return MeshState(
+        vertices,
+        faces,
+        dropped,
+        patches,
+        loose,
+        place,
+        branching,
+        int((repeated > 1).sum()),
+        boundary_loops(directed, len(vertices)),
+    )
+
+
+def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
+    """Which vertices of a mesh that is used as it is are clamped: the lowest hundredth of the height."""
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    foot: Bool[np.ndarray, "v"] = vertices[:, 2] <= low + FOOT_SHARE * (high - low)
+    return foot
+
+
+def why_not_as_it_is(state: MeshState) -> str:
+    """The first reason against using the triangles as they are, or nothing.
+
+    Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
+    not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
+    """
+    vertices = state.vertices
+    faces = state.faces[~clamped_foot(vertices)[state.faces].all(axis=1)]
+    parts = _part_count(faces) if len(faces) else 0
+    if parts > 1:
+        return f"{parts} parts that are not joined"
+    if state.branching_edges or state.turned:
+        return f"{state.branching_edges + state.turned} edges that are no part of a surface"
+    if not FEWEST_FACES <= len(faces) <= MAX_FACES:
+        return f"{len(faces)} triangles, expected {FEWEST_FACES} to {MAX_FACES}"
+    low, high = vertices[:, 2].min(), vertices[:, 2].max()
+    for loop in state.loops:
+        z = vertices[loop, 2]
+        if len(loop) < 8 or not (z.min() > high - 0.05 * (high - low) or z.max() < low + 0.05 * (high - low)):
+            middle = ", ".join(f"{value:.4g}" for value in vertices[loop].mean(axis=0))
+            return f"a hole of {len(loop)} edges in the wall at ({middle}) m"
+    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    length = np.linalg.norm(sides, axis=2)
+    cosine = -np.einsum("fij,fij->fi", sides, np.roll(sides, 1, axis=1)) / (
+        length * np.roll(length, 1, axis=1)
+    )
+    largest = np.degrees(np.arccos(np.clip(cosine, -1, 1)).max(axis=1))
+    if float(np.percentile(largest, 98)) > LARGEST_DEGREES:
+        worst = ", ".join(f"{value:.4g}" for value in vertices[faces[int(np.argmax(largest))]].mean(axis=0))
+        return f"obtuse triangles with angles up to {largest.max():.4g} degrees, the worst at ({worst}) m"
+    round_m = np.pi * float(np.ptp(vertices[:, :2], axis=0).mean())
+    if float(np.percentile(length.max(axis=1), 90)) > round_m / EDGES_ROUND:
+        return f"triangles of {1e3 * float(np.percentile(length.max(axis=1), 90)):.2g} mm, too coarse"
+    return ""
+
+
+def _part_count(faces: Int[np.ndarray, "f 3"]) -> int:
+    """How many pieces share no vertex."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    used, face = np.unique(faces, return_inverse=True)
+    pairs = face.reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used),) * 2)
+    return int(connected_components(graph, directed=False)[0])
+
+
+def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:
+    used = vertices[faces.ravel()]
+    low = used.min(axis=0)
+    grid = max(float(np.ptp(used, axis=0).max()) * 1e-6, 1e-12)
+    key = np.round((vertices - low) / grid)
+    key[~np.isfinite(key).all(axis=1)] = -1
+    _, first, number = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    faces, vertices = number.reshape(-1)[faces], vertices[first]
+    before = len(faces)
+    sides = vertices[faces[:, [1, 2, 0]]] - vertices[faces]
+    longest = np.einsum("fij,fij->fi", sides, sides).max(axis=1)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], -sides[:, 2]), axis=1)
+    faces = faces[doubled > 1e-5 * np.maximum(longest, 1e-300)]
+    if len(faces):
+        _, once = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        faces = faces[np.sort(once)]
+    return vertices, faces, before - len(faces)
+
+
+def boundary_loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
+    """Closed chains of edges that have a triangle on one side only."""
+    low, high = directed.min(axis=1), directed.max(axis=1)
+    _, inverse, times = np.unique(low * count + high, return_inverse=True, return_counts=True)
+    edges = directed[times[inverse] == 1]
+    after: dict[int, list[int]] = {}
+    for a, b in edges.tolist():
+        after.setdefault(a, []).append(b)
+    loops = []
+    while after:
+        start = next(iter(after))
+        chain, here = [start], start
+        while here in after:
+            there = after[here].pop()
+            if not after[here]:
+                del after[here]
+            if there == start:
+                break
+            chain.append(there)
+            here = there
+        loops.append(np.array(chain, dtype=np.int64))
+    return tuple(loops)

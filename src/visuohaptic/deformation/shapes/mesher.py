@@ -1,0 +1,318 @@
+"""Structured shell meshes of containers: exactly symmetric, in milliseconds (Alt 2016, Sec. 6.1.2)."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
+from ..shells.shell_material import IsotropicMaterial, material
+from .container import ContainerDescription
+from .patches import grid_faces
+from .wall_profile import Profile
+
+__all__ = [
+    "ShellObject",
+    "mesh_container",
+    "mesh_rings",
+    "rim_zones",
+    "ring_counts",
+    "ring_lid",
+    "with_elastic_base",
+]
+
+#: Thickness of a stiff cap that has none of its own [m].
+STIFF_CAP_M = 0.005
+#: Towards a free rim: from so many cells of the wall on, share of their height, and how often round.
+#: A force on an edge bends it within a few cells, as sharply round the rim as along the wall: finer rings
+#: alone don't help.
+RIM_ZONES = ((3.0, 0.5, 2), (1.5, 0.35, 4))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShellObject:
+    """A container as a shell: what is needed for stiffness maps."""
+
+    mesh: ShellMesh  #: z is the height axis, the foot is at z = 0
+    fixed: Bool[np.ndarray, "v"]  #: vertices of the foot
+    lid: Int[np.ndarray, "l 3"]  #: triangles that close the volume; they have no stiffness
+    axis_point_m: tuple[float, float]  #: x and y of the height axis
+    material: IsotropicMaterial
+    youngs_modulus_spread: float = 0.0  #: relative standard deviation
+    wall_spread: float = 0.1  #: relative standard deviation of the thickness
+    name: str = "object"
+    notes: tuple[str, ...] = ()  #: what was guessed or repaired, for people
+    springs: Float[np.ndarray, "v 6"] | None = None  #: elastic base [N/m], see :func:`with_elastic_base`
+
+    @property
+    def height_m(self) -> float:
+        """From the foot to the highest vertex."""
+        return float(np.ptp(self.mesh.vertices_m[:, 2]))
+
+    @property
+    def surface_faces(self) -> Int[np.ndarray, "f 3"]:
+        """Triangles that cover the wall once, for files and pictures."""
+        return self.mesh.faces[self.covers_once]
+
+    @property
+    def covers_once(self) -> Bool[np.ndarray, "f"]:
+        """Which triangles cover the wall once."""
+        fraction = np.asarray(self.mesh.fraction)
+        # Of the four halves of a crossed cell, the first two are one way to cut it.
+        out: np.ndarray = (fraction == 1.0) | (np.arange(len(fraction)) % 4 < 2)
+        return out
+
+    @property
+    def volume_m3(self) -> float:
+        """Enclosed volume, the foot and the mouth taken as planes."""
+        mesh = self.mesh
+        return enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) + enclosed_volume(
+            mesh.vertices_m, self.lid
+        )
+
+    def model(self) -> ShellModel:
+        """Linear elastic shell, the foot clamped or on its springs."""
+        return ShellModel(self.mesh, self.material, self.fixed, springs=self.springs)
+
+
+def mesh_container(
+    container: ContainerDescription, *, around: int = 72, even: bool = False, levels: int = 0
+) -> ShellObject:
+    """Shell of a container without ranges.
+
+    Parameters
+    ----------
+    container
+        Description; see :meth:`.ContainerDescription.middle` and ``variant`` for classes.
+    around
+        Vertices round the wall, a multiple of 4. Rings are about as far apart as these, closer
+        at reinforcement rings; towards a free rim they are closer and have two to four times as many.
+    even
+        The same number of vertices in all rings.
+    levels
+        A ring in the middle of each of so many equal parts of the height: vertices where features are.
+    """
+    if around % 4 or not 8 <= around <= 2048:
+        raise InputError(
+            "mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around"
+        )
+    profile = Profile.of(container)
+    marks = (np.arange(levels) + 0.5) * profile.height_m / max(levels, 1)
+    z, counts = _ring_heights(profile, around, marks, free=container.top.kind == "open")
+    if even:
+        counts[:] = around
+    if counts.sum() > 400_000:
+        raise InputError(
+            f"container {container.name}",
+            f"would have {counts.sum()} vertices, expected at most 400000",
+            remedy="lower around, or shorten sections and widen rings",
+        )
+    points: list[np.ndarray] = []
+    for count, some in itertools.groupby(range(len(z)), key=lambda ring: int(counts[ring])):
+        points += list(profile.ring(z[list(some)], count))
+    thickness = profile.wall_m(0.5 * (z[:-1] + z[1:]))
+    cap = None
+    if container.top.kind != "open":
+        default = container.wall[0] if container.top.kind == "closed" else STIFF_CAP_M
+        cap = container.top.wall[0] if container.top.wall else default
+    entry = material(container.material)
+    constants = IsotropicMaterial.of(entry)
+    spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value if entry.youngs_modulus_Pa else 0.0
+    if container.youngs_modulus:
+        constants = IsotropicMaterial(container.youngs_modulus[0], constants.poisson_ratio, constants.name)
+    mesh, lid = mesh_rings(points, thickness, cap_m=cap)
+    return ShellObject(
+        mesh,
+        np.arange(len(mesh.vertices_m)) < around,
+        lid,
+        (0.0, 0.0),
+        constants,
+        spread,
+        container.wall_spread[0],
+        container.name,
+    )
+
+
+def with_elastic_base(thing: ShellObject, stiffness_N_per_m: float) -> ShellObject:
+    """The object on springs instead of a clamped foot.
+
+    Parameters
+    ----------
+    thing
+        Container with a clamped foot.
+    stiffness_N_per_m
+        Of the whole foot in each direction, spread evenly along it; the foot may turn and go out of
+        round, as on a soft mat.
+    """
+    if not 0 < stiffness_N_per_m < float("inf"):
+        raise InputError("with_elastic_base", f"found {stiffness_N_per_m} N/m, expected > 0")
+    if not thing.fixed.any():
+        raise InputError("with_elastic_base", f"{thing.name} has no clamped foot")
+    used = np.zeros_like(thing.fixed)
+    used[thing.mesh.faces] = True
+    foot = np.flatnonzero(thing.fixed & used)
+    edges = thing.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    edges = np.unique(np.sort(edges[np.isin(edges, foot).all(axis=1)], axis=1), axis=0)
+    ends = thing.mesh.vertices_m[edges]
+    length = np.repeat(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 2)
+    weight = np.bincount(edges.ravel(), length, minlength=len(thing.fixed))
+    if not weight.any():
+        weight[foot] = 1.0
+    springs = np.zeros((len(weight), 6))
+    springs[:, :3] = (stiffness_N_per_m * weight / weight.sum())[:, None]
+    return replace(thing, fixed=np.zeros_like(thing.fixed), springs=springs)
+
+
+def mesh_rings(
+    points: Sequence[Float[np.ndarray, "n 3"]],
+    thickness_m: Float[np.ndarray, "k"],
+    *,
+    cap_m: float | None = None,
+) -> tuple[ShellMesh, Int[np.ndarray, "l 3"]]:
+    """Shell through closed rings from below upwards, with a flat cap or a mouth.
+
+    Parameters
+    ----------
+    points
+        m rings of vertices, counter-clockwise from above; each has as many as the one below, a
+        multiple of 4, or twice as many.
+    thickness_m
+        Of the m - 1 bands between rings.
+    cap_m
+        Thickness of the cap, or None for an open mouth.
+
+    Returns
+    -------
+    ShellMesh, lid
+        Vertices ring after ring; then those of the cap. ``lid`` closes an open mouth.
+    """
+    counts = [len(ring) for ring in points]
+    begin = np.concatenate([[0], np.cumsum(counts)])
+    around, top = counts[-1], int(begin[-2])
+    vertices = list(points)
+    faces, thickness, fraction = [], [], []
+    for band, (below, above) in enumerate(itertools.pairwise(counts)):
+        even = below == above
+        # A band is a multiple of four triangles: see ShellObject.covers_once.
+        some = grid_faces(below, 1, closed=True, crossed=True) if even else _doubling_faces(below)
+        faces.append(some + begin[band])
+        thickness.append(np.full(len(some), thickness_m[band]))
+        fraction.append(np.full(len(some), 0.5 if even else 1.0))
+    lid = np.zeros((0, 3), dtype=np.int64)
+    if cap_m is None:
+        lid = ring_lid(top + np.arange(around))
+    else:
+        centre = points[-1].mean(axis=0)
+        steps = max(2, round(around / 12))
+        inner = np.linspace(1.0, 0.0, steps + 1)[1:-1]
+        vertices.append((centre + inner[:, None, None] * (points[-1] - centre)).reshape(-1, 3))
+        vertices.append(centre[None])
+        flat = grid_faces(around, steps - 1, closed=True, crossed=True) + top
+        last = top + (steps - 1) * around
+        place = np.arange(around)
+        tip = np.stack([last + place, last + (place + 1) % around, np.full(around, last + around)], 1)
+        faces += [flat, tip]
+        fraction += [np.full(len(flat), 0.5), np.ones(around)]
+        thickness.append(np.full(len(flat) + around, cap_m))
+    mesh = ShellMesh(
+        np.concatenate(vertices), np.concatenate(faces), np.concatenate(thickness), np.concatenate(fraction)
+    )
+    return mesh, lid
+
+
+def _doubling_faces(below: int) -> Int[np.ndarray, "f 3"]:
+    """Between a ring and one of twice as many vertices above it; each cell is its own mirror image."""
+    a = np.arange(below)
+    b = (a + 1) % below
+    c, d, e = below + 2 * a, below + 2 * a + 1, below + 2 * b
+    return np.concatenate([np.stack(corners, axis=1) for corners in ((a, d, c), (a, b, d), (b, e, d))])
+
+
+def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
+    """Triangles over a ring of vertices that join each to its mirror image."""
+    around = len(loop)
+    out = []
+    for place in range(around // 2):
+        a, b = place, place + 1
+        c, d = (around - place) % around, around - place - 1
+        if a != c:
+            out.append((a, b, c))
+        if b != d:
+            out.append((b, d, c))
+    return loop[np.array(out, dtype=np.int64).reshape(-1, 3)]
+
+
+def rim_zones(
+    cells: Float[np.ndarray, "m"], rim_cell: float = 1.0
+) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Height of cells by that of the others, and how often the rings are doubled, towards a free rim.
+
+    Parameters
+    ----------
+    cells
+        Distance from the rim in cells of the wall.
+    rim_cell
+        Width of a cell at the rim if it were not doubled, by the height of the others: a narrow neck
+        needs less.
+    """
+    fraction, times = np.ones(len(cells)), np.ones(len(cells), dtype=np.int64)
+    for begin, height, more in RIM_ZONES:
+        inside = cells <= begin + 1e-6
+        fraction[inside] = height
+        # To within a factor of sqrt 2 of the width wanted.
+        wanted = np.clip(np.ceil(np.log2(rim_cell * more / np.sqrt(2.0))), 0, np.log2(more))
+        times[inside] = 2 ** int(wanted)
+    return fraction, times
+
+
+def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"]:
+    """Vertices of rings from the foot upwards: at most doubled from one to the next."""
+    out = np.full(len(times), around)
+    for ring in range(1, len(times)):
+        out[ring] = min(around * times[ring], 2 * out[ring - 1])
+    return out
+
+
+def _ring_heights(
+    profile: Profile, around: int, levels_m: Float[np.ndarray, "l"], *, free: bool
+) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
+    """Heights of the rings, and their numbers of vertices."""
+    z = profile.z_m
+    slant = np.hypot(
+        np.diff(z), np.maximum(np.abs(np.diff(profile.radius_x_m)), np.abs(np.diff(profile.radius_y_m)))
+    )
+    length = np.concatenate([[0.0], np.cumsum(slant)])
+    mean = 0.5 * (profile.radius_x_m + profile.radius_y_m)
+    cell = 2 * np.pi * float(np.max(mean)) / around
+    fine = z
+    if free:
+        # The zones begin between the knots.
+        edges = np.clip(length[-1] - np.array([zone[0] for zone in RIM_ZONES]) * cell, 0.0, None)
+        edges = np.interp(np.concatenate([edges - 1e-6 * cell, edges + 1e-6 * cell]), length, z)
+        fine = np.unique(np.concatenate([z, edges]))
+    at = np.interp(fine, z, length)
+
+    def zones(along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return rim_zones((length[-1] - along) / cell, float(mean[-1] / np.max(mean)))
+
+    fraction = zones(at)[0] if free else np.ones(len(fine))
+    density = (
+        np.concatenate([[0.0], np.cumsum(np.diff(at) * 0.5 * (1 / fraction[1:] + 1 / fraction[:-1]))]) / cell
+    )
+    # A level close to a break is left to it: no slivers.
+    apart = np.abs(levels_m[:, None] - profile.breaks_m).min(axis=1) > 0.25 * cell
+    heights = np.sort(np.concatenate([profile.breaks_m, levels_m[apart]]))
+    marks = np.interp(heights, fine, density)
+    out = [np.zeros(1)]
+    for low, high in itertools.pairwise(marks):
+        count = max(1, int(np.ceil(high - low - 0.3)))
+        out.append(np.interp(np.linspace(low, high, count + 1)[1:], density, fine))
+    found = np.concatenate(out)
+    found[-1] = z[-1]
+    times = zones(np.interp(found, z, length))[1] if free else np.ones(len(found), dtype=np.int64)
+    return found, ring_counts(times, around)

@@ -1,0 +1,60 @@
+"""Structured triangle meshes of simple shells, for checks, references and quick estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..shells.shell import ShellMesh
+
+__all__ = ["grid_faces", "grid_mesh", "tube_mesh"]
+
+
+def grid_faces(
+    columns: int, rows: int, *, closed: bool = False, crossed: bool = False
+) -> Int[np.ndarray, "f 3"]:
+    """Two triangles per cell, diagonals alternating; vertex = row * width + column.
+
+    ``closed`` joins the last column to the first. ``crossed`` gives the two triangles of both
+    diagonals, to be used with ``share=0.5``: alternating diagonals make vertices of two kinds, and
+    the stiffness of a round tube scatters round the ring by a percent; crossed ones don't.
+    """
+    width = columns if closed else columns + 1
+    row, column = (part.ravel() for part in np.mgrid[:rows, :columns])
+    a = row * width + column
+    b = row * width + (column + 1) % width
+    c, d = b + width, a + width
+    even = ((row + column) % 2 == 0)[:, None, None]
+    one = np.stack([np.stack([a, b, c], 1), np.stack([a, c, d], 1)], 1)
+    other = np.stack([np.stack([a, b, d], 1), np.stack([b, c, d], 1)], 1)
+    if crossed:
+        return np.concatenate([one, other], axis=1).reshape(-1, 3)
+    return np.where(even, one, other).reshape(-1, 3)
+
+
+def grid_mesh(
+    surface: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    columns: int,
+    rows: int,
+    thickness_m: float | Float[np.ndarray, "f"],
+    *,
+    crossed: bool = False,
+) -> ShellMesh:
+    """A patch ``(x, y, z) = surface(u, v)`` over the unit square, u along columns."""
+    v, u = (part.ravel() for part in np.mgrid[: rows + 1, : columns + 1])
+    vertices = np.stack(np.broadcast_arrays(*surface(u / columns, v / rows)), axis=1)
+    faces = grid_faces(columns, rows, crossed=crossed)
+    return ShellMesh(vertices, faces, thickness_m, 0.5 if crossed else 1.0)
+
+
+def tube_mesh(
+    radius_m: float, height_m: float, thickness_m: float, *, around: int, along: int, crossed: bool = True
+) -> ShellMesh:
+    """An open tube along z, vertex = ring * around + place; the first ring is at z = 0."""
+    ring, place = (part.ravel() for part in np.mgrid[: along + 1, :around])
+    angle = 2 * np.pi * place / around
+    vertices = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m * ring / along], 1)
+    faces = grid_faces(around, along, closed=True, crossed=crossed)
+    return ShellMesh(vertices, faces, thickness_m, 0.5 if crossed else 1.0)

@@ -1,0 +1,319 @@
+"""The wall of a container by its distance from the height axis: holes, patches and seams drop out.
+
+Rays from the axis see a wall whatever its triangles are like. Where a mesh has an inner and an outer
+surface, the middle between them is the wall; what is farther out (a handle) is not part of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from . import _slice_kernels as kernels
+
+__all__ = ["Wall", "find_wall"]
+
+#: Heights and angles at which the wall is looked for first.
+LEVELS, ANGLES = 160, 96
+#: Crossings of one ray that are kept.
+MAX = 8
+#: A second surface within this share of the radius is the other side of one wall.
+THICKEST_SHARE = 0.25
+#: A ray this much longer than those above and below it has missed the wall.
+SPIKE = 1.15
+#: Share of a ring that may be missing.
+WIDEST_HOLE = 1 / 6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Wall:
+    """A star-shaped wall around a vertical axis."""
+
+    axis_point_m: tuple[float, float]
+    low_m: float  #: height of the lowest ring
+    high_m: float  #: height of the highest ring
+    double: bool  #: the mesh has an inner and an outer surface
+    wall_m: float  #: median horizontal distance of the two, NaN for one surface
+    thickness_m: Float[
+        np.ndarray, "k 2"
+    ]  #: height and distance along the normal there; (0, 2) for one surface
+    thickness_spread: (
+        float  #: relative standard deviation of that distance round the wall, NaN for one surface
+    )
+    points_m: Float[np.ndarray, "v 3"]  #: of the mesh, about the axis
+    faces: Int[np.ndarray, "f 3"]
+    where: str
+    notes: tuple[str, ...]
+
+    def measured_m(self, heights_m: Float[np.ndarray, "h"]) -> Float[np.ndarray, "h"]:
+        """Thickness at heights, the distance of the two surfaces along the normal of the wall [m]."""
+        return np.interp(heights_m, *self.thickness_m.T)
+
+    def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
+        """Of the wall's middle at heights and equally spaced angles; small holes are bridged."""
+        first, pair, _ = _nearest(self.points_m, self.faces, heights_m, around)
+        if self.double:
+            # One surface only: the foot below the inner floor, or a solid stem.
+            outer = first - np.minimum(self.wall_m / 2, first / 2)
+            near = _thin(first, pair)
+            # Where a handle joins, what is behind the inner side is not the outer one: as elsewhere in the ring.
+            gap = np.where(near, pair - first, np.nan)
+            usual = _row_median(gap)
+            pair = np.where(near & (gap > 1.8 * usual), first + usual, pair)
+            first = np.where(near, (first + np.where(near, pair, first)) / 2, outer)
+        return _bridged(_without_spikes(first)[0], heights_m, self.where)
+
+
+def find_wall(
+    points_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    where: str,
+) -> Wall:
+    """Find axis, usable heights and kind of wall.
+
+    Raises
+    ------
+    InputError
+        There is no wall round the axis, or a hole that is too large to bridge; with its place.
+    """
+    low, high = points_m[faces].min(axis=(0, 1)), points_m[faces].max(axis=(0, 1))
+    if not (high - low > 0).all():
+        raise InputError(where, "is flat, expected a container", field="mesh")
+    margin = 2e-3 * (high[2] - low[2])
+    heights = np.linspace(low[2] + margin, high[2] - margin, LEVELS)
+    centre = 0.5 * (low + high)[:2]
+    for _ in range(4):
+        about = points_m - np.array([centre[0], centre[1], 0.0])
+        first, pair, count = _nearest(about, faces, heights, ANGLES)
+        full = (count > 0).all(axis=1)
+        if not full.any():
+            break
+        angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
+        off = 2 * first[full] @ np.stack([np.cos(angle), np.sin(angle)], axis=1) / ANGLES
+        move = np.median(off, axis=0)
+        if np.abs(move).max() < 1e-5 * np.ptp(about[:, 0]):
+            break
+        centre = centre + move
+    seen = count > 0
+    fraction = seen.mean(axis=1)
+    rows = np.flatnonzero(fraction >= 0.97)
+    notes: list[str] = []
+    if not len(rows) or np.median(fraction) < 0.6:
+        place = heights[int(np.argmin(fraction))]
+        raise InputError(
+            where,
+            f"no wall round the axis at ({centre[0]:.4g}, {centre[1]:.4g}) m: at height {place:.4g} m only "
+            f"{100 * fraction.min():.0f} % of the directions meet one",
+            field="mesh",
+            remedy="turn it with --up so that z is the height axis, or close the holes",
+        )
+    bottom, top = int(rows[0]), int(rows[-1])
+    for what, cut in (("bottom", bottom), ("top", LEVELS - 1 - top)):
+        if cut > 0.3 * LEVELS:
+            raise InputError(
+                where,
+                f"{100 * cut / LEVELS:.0f} % of the height at the {what} is not closed round the axis",
+                field="mesh",
+                remedy="turn it with --up so that z is the height axis",
+            )
+        if cut:
+            notes.append(f"{100 * cut / LEVELS:.0f} % of the height at the {what} is ragged and left out")
+    gaps = int((~seen[bottom : top + 1]).sum())
+    if gaps:
+        notes.append(f"holes of {100 * gaps / ((top + 1 - bottom) * ANGLES):.1f} % of the wall bridged")
+    near = _thin(first, pair)
+    double = bool(near[bottom : top + 1].mean() > 0.5)
+    wall = float(np.median(pair[near] - first[near])) if double else float("nan")
+    if double:
+        # A foot may be hollow below the floor: what counts is the highest row without two sides.
+        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
+        if solid.any() and not solid[-1]:
+            bottom += int(np.flatnonzero(solid)[-1]) + 1
+            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
+    # A ragged end, or a lid with folds, is no wall: a ring there would go through the axis.
+    clear = first > 0.3 * np.median(first, axis=1, keepdims=True)
+    thin = np.flatnonzero((~clear & seen).any(axis=1))
+    short = int(0.04 * LEVELS)
+    for end in thin[(thin >= bottom) & (thin <= bottom + short)]:
+        bottom = int(end) + 1
+    for end in thin[(thin <= top) & (thin >= top - short)][::-1]:
+        top = int(end) - 1
+    missed = _without_spikes(first[bottom : top + 1])[1]
+    if missed:
+        notes.append(
+            f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
+        )
+    thickness, spread = np.zeros((0, 2)), float("nan")
+    if double:
+        used = slice(bottom, top + 1)
+        thickness, spread = _measured(first[used], np.where(near, pair, np.nan)[used], heights[used])
+        usual = 1e3 * float(np.median(thickness[:, 1]))
+        notes.append(f"inner and outer surface, {usual:.2g} mm apart: the middle is taken as the wall")
+    notes += _outside(first, pair if double else first, about, faces, heights, bottom, top)
+    found = Wall(
+        (float(centre[0]), float(centre[1])),
+        float(heights[bottom]),
+        float(heights[top]),
+        double,
+        wall,
+        thickness,
+        spread,
+        about,
+        faces,
+        where,
+        tuple(notes),
+    )
+    found.radius_m(heights[bottom : top + 1], ANGLES)  # refuses large holes here
+    return found
+
+
+def _measured(
+    first: Float[np.ndarray, "h a"], pair: Float[np.ndarray, "h a"], heights: Float[np.ndarray, "h"]
+) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Thickness by height, and its relative standard deviation round the wall.
+
+    The horizontal distance of two near surfaces ``r = R(angle, z)`` is ``sqrt(1 + (R_angle / R)^2 + R_z^2)``
+    times that along the normal. A row is the median round the wall, in which a handle drops out; what is left
+    of each row (facets, noise of a scan, a wall of uneven thickness) is the deviation, by its median as well.
+    """
+    middle = (first + pair) / 2
+    middle[~np.isfinite(middle)] = np.nan
+    step = 2 * np.pi / first.shape[1]
+    turn = (np.roll(middle, -1, axis=1) - np.roll(middle, 1, axis=1)) / (2 * step * middle)
+    rise = np.gradient(middle, heights, axis=0)
+    local = (pair - first) / np.sqrt(1 + turn**2 + rise**2)
+    known = np.isfinite(local).mean(axis=1) > 0.5
+    usual = _row_median(local)
+    left = np.abs(np.log(local[known] / usual[known]))
+    spread = float(np.nanmedian(left) / 0.6745)  # of a normal distribution
+    height, thick = heights[known], usual[known, 0]
+    # A lip is rounded off within one thickness of the rim: no shell sees that, and a force spreads as far.
+    below = max(1, int(np.sum(height <= height[-1] - np.median(thick))))
+    thick[below:] = thick[below - 1]
+    return np.column_stack([height, thick]), spread
+
+
+def _outside(
+    first: np.ndarray,
+    last: np.ndarray,
+    points: np.ndarray,
+    faces: np.ndarray,
+    heights: np.ndarray,
+    bottom: int,
+    top: int,
+) -> list[str]:
+    """Say what is farther out than the wall, like a handle."""
+    radius = np.full((*first.shape, MAX), np.inf)
+    count = np.zeros(first.shape, dtype=np.int64)
+    kernels.ring_crossings(
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(faces, dtype=np.int64),
+        np.ascontiguousarray(heights, dtype=float),
+        first.shape[1],
+        radius,
+        count,
+    )
+    radius[~np.isfinite(radius)] = 0.0
+    reach = radius.max(axis=2)
+    beyond = (reach > (1 + THICKEST_SHARE) * np.where(np.isfinite(last), last, first))[bottom : top + 1]
+    if beyond.mean() < 1e-3:
+        return []
+    places = np.argwhere(beyond)
+    row, column = places[len(places) // 2]
+    angle = 360 * column / first.shape[1]
+    return [
+        f"what is outside the wall (a handle?) is left out: {100 * beyond.mean():.1f} % of the directions, as at "
+        f"height {heights[bottom + row]:.4g} m, {angle:.0f} degrees from x towards y"
+    ]
+
+
+def _row_median(values: Float[np.ndarray, "h a"]) -> Float[np.ndarray, "h 1"]:
+    """Of each row without NaN; NaN for a row of those."""
+    out = np.full((len(values), 1), np.nan)
+    some = np.isfinite(values).any(axis=1)
+    out[some, 0] = np.nanmedian(values[some], axis=1)
+    return out
+
+
+def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray, "h a"], float]:
+    """Rays that pass the wall where a handle or spout joins it see that instead: they count as holes.
+
+    They are farther out than what is above and below them at the same angle, in a small part of the ring
+    only; where all of a ring is, it is the shape. Returns the share of such rays as well.
+    """
+    from scipy.ndimage import median_filter
+
+    rows = len(radius)
+    if rows < 8:
+        return radius, 0.0
+    usual = median_filter(radius, size=(2 * (rows // 4) + 1, 1), mode="nearest")
+    with np.errstate(invalid="ignore"):
+        spike = np.isfinite(radius) & (radius > SPIKE * usual)
+    spike &= spike.mean(axis=1, keepdims=True) < WIDEST_HOLE
+    # What is beside a spike is its flank.
+    flank = spike | np.roll(spike, 1, axis=1) | np.roll(spike, -1, axis=1)
+    return np.where(flank, np.inf, radius), float(spike.mean())
+
+
+def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
+    """Where the second surface is the other side of the same wall: near, or seen all round.
+
+    The side of a shallow bowl is cut at a slant, there the two are far apart.
+    """
+    seen = np.isfinite(pair)
+    return seen & ((pair < (1 + THICKEST_SHARE) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
+
+
+def _nearest(
+    points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first and second different radius along each ray (inf where there is none), and how many."""
+    radius = np.full((len(heights), around, MAX), np.inf)
+    count = np.zeros((len(heights), around), dtype=np.int64)
+    kernels.ring_crossings(
+        np.ascontiguousarray(points),
+        np.ascontiguousarray(faces, dtype=np.int64),
+        np.ascontiguousarray(heights, dtype=float),
+        around,
+        radius,
+        count,
+    )
+    radius.sort(axis=2)
+    first = radius[..., 0]
+    # Seams and doubled triangles are hit twice at one place.
+    other = np.where(radius > first[..., None] * (1 + 1e-4), radius, np.inf)
+    return first, other.min(axis=2), count
+
+
+def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.ndarray, "h a"]:
+    missing: Bool[np.ndarray, "h a"] = ~np.isfinite(radius)
+    if not missing.any():
+        return radius
+    _rows, around = radius.shape
+    full = ~missing.all(axis=1)
+    out = radius.copy()
+    angle = np.arange(around)
+    for row in np.flatnonzero(missing.any(axis=1) & full):
+        good = ~missing[row]
+        place = angle[good]
+        gap = int(np.diff(np.append(place, place[0] + around)).max()) - 1
+        if gap > around * WIDEST_HOLE:
+            start = int(place[np.argmax(np.diff(np.append(place, place[0] + around)))]) + 1
+            raise InputError(
+                where,
+                f"a hole of {360 * gap / around:.0f} degrees in the wall at height {heights[row]:.4g} m, from "
+                f"{360 * (start % around) / around:.0f} degrees on (from x towards y), expected at most 60",
+                field="mesh",
+                remedy="close it",
+            )
+        out[row] = np.interp(angle, place, radius[row, good], period=around)
+    if not full.all():
+        known = np.flatnonzero(full)
+        if not known.size:
+            raise InputError(where, "no wall round the axis", field="mesh")
+        for column in range(around):
+            out[~full, column] = np.interp(heights[~full], heights[known], out[known, column])
+    return out

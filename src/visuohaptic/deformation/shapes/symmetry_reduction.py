@@ -1,0 +1,196 @@
+"""The part of an object that a pinch needs: a quarter or a half where object and pinch are mirrored.
+
+The symmetry is looked for in the mesh, never assumed. What is cut away is replaced by its
+conditions on the plane of the cut: no displacement across it, no rotation about the axes in it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..shells.shell import ShellMesh, ShellModel
+from .mesher import ShellObject
+
+__all__ = ["SymmetricPart", "Symmetry", "detect_symmetry", "symmetric_part", "turned"]
+
+#: Vertices and their images may differ by this share of the object's size.
+TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Symmetry:
+    """What leaves an object as it is, to a share of its size."""
+
+    mirror_x: bool  #: x to -x
+    mirror_y: bool  #: y to -y
+    round: bool  #: any turn that the mesh allows, at least a quarter
+
+
+@dataclass(frozen=True, eq=False)
+class SymmetricPart:
+    """A part that stands for ``copies`` of itself.
+
+    Vertex v of the whole object is at ``signs[v] * points[image[v]]`` with the part's points.
+    """
+
+    whole: ShellObject  #: with its height axis at x = y = 0
+    model: ShellModel  #: of the part
+    copies: int  #: 4, 2, or 1
+    image: Int[np.ndarray, "v"]  #: vertex of the part for each of the whole
+    signs: Float[np.ndarray, "v 3"]  #: +1 or -1 for x, y, z
+
+    @cached_property
+    def lid(self) -> tuple[Int[np.ndarray, "l 3"], Float[np.ndarray, "l 3 3"]]:
+        """The lid of the whole in vertices of the part, and the signs of its corners."""
+        return self.image[self.whole.lid], self.signs[self.whole.lid]
+
+    def expand(self, points_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "v 3"]:
+        """Points of the whole from those of the part."""
+        out: np.ndarray = points_m[self.image] * self.signs
+        return out
+
+    def gather(self, values: Float[np.ndarray, "v 6"]) -> Float[np.ndarray, "p 6"]:
+        """Forces on the whole, as the sum over copies on the part (displacements work on them)."""
+        out = np.zeros((self.model.nodes, 6))
+        # Moments turn with the rotations: a mirror keeps the one across it and turns the others.
+        turning = self.signs[:, [1, 0, 0]] * self.signs[:, [2, 2, 1]]
+        np.add.at(out, self.image, values * np.hstack([self.signs, turning]))
+        return out
+
+
+def turned(thing: ShellObject, angle_rad: float) -> ShellObject:
+    """The object with its axis at x = y = 0, turned so that what was at ``angle_rad`` is at x+."""
+    mesh = thing.mesh
+    points = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    # Quarter turns are exact: planes through the axis stay planes.
+    cosine, sine = (0.0 if abs(value) < 1e-12 else float(value) for value in (cosine, sine))
+    points[:, :2] = points[:, :2] @ np.array([[cosine, -sine], [sine, cosine]])
+    mesh = ShellMesh(points, mesh.faces, mesh.thickness_m, mesh.fraction)
+    return replace(thing, mesh=mesh, axis_point_m=(0.0, 0.0))
+
+
+def symmetric_part(
+    thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True, one_way: bool = False
+) -> SymmetricPart:
+    """The smallest part that pinches along the direction ``angle_rad`` need.
+
+    Parameters
+    ----------
+    thing
+        The object.
+    angle_rad
+        Direction of the pinch round the height axis, from x+ towards y+; it is x+ of the part.
+    reduce
+        False keeps the whole.
+    one_way
+        Cut each cell of a structured mesh one way only: half the triangles. A part's mirrors make up
+        for the direction that this prefers; the result differs by the error of the mesh.
+    """
+    whole = turned(thing, angle_rad)
+    mesh = whole.mesh
+    count = len(mesh.vertices_m)
+    near = TOLERANCE * float(np.ptp(mesh.vertices_m, axis=0).max())
+    signs = np.ones((count, 3))
+    image = np.arange(count)
+    planes = []
+    for axis in (0, 1):
+        other = _image(whole, axis) if reduce else None
+        if other is None or not _halves(mesh, axis, near):
+            continue
+        planes.append(axis)
+        away = mesh.vertices_m[:, axis] < -near
+        signs[away, axis] = -1.0
+        # The image of an image: first over one plane, then over the other.
+        image = np.where(away[image], other[image], image)
+    inside = np.ones(count, dtype=bool)
+    for axis in planes:
+        inside &= mesh.vertices_m[:, axis] >= -near
+    kept = inside[mesh.faces].all(axis=1)
+    fraction = np.asarray(mesh.fraction)
+    if one_way:
+        kept &= whole.covers_once
+        fraction = np.ones_like(fraction)
+    number = np.cumsum(inside) - 1
+    points = mesh.vertices_m[inside]
+    fixed = np.repeat(whole.fixed[inside][:, None], 6, axis=1)
+    for axis in planes:
+        flat = np.abs(points[:, axis]) <= near
+        points[flat, axis] = 0.0
+        held = [axis, 3 + (1 - axis), 5]
+        fixed[np.ix_(flat, held)] = True
+    springs = None
+    if whole.springs is not None:
+        # What stands on a plane of the cut belongs to several copies.
+        springs = whole.springs[inside] * np.bincount(number[image])[:, None] / 2 ** len(planes)
+    part = ShellMesh(points, number[mesh.faces[kept]], np.asarray(mesh.thickness_m)[kept], fraction[kept])
+    return SymmetricPart(
+        whole,
+        ShellModel(part, whole.material, fixed, springs=springs),
+        2 ** len(planes),
+        number[image],
+        signs,
+    )
+
+
+def detect_symmetry(thing: ShellObject, *, tolerance: float = TOLERANCE) -> Symmetry:
+    """Look whether mirrored and turned vertices fall on vertices, with the same wall around them."""
+    whole = turned(thing, 0.0)
+    points = whole.mesh.vertices_m
+    size = float(np.ptp(points, axis=0).max())
+    # Its own reflections and a quarter turn leave a square as it is, too: look at the radii of rings.
+    radius = np.hypot(points[:, 0], points[:, 1])
+    level = np.round(points[:, 2] / (1e-6 * size)).astype(np.int64)
+    order = np.lexsort((radius, level))
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(level[order]) != 0]))
+    least = np.minimum.reduceat(radius[order], starts)
+    most = np.maximum.reduceat(radius[order], starts)
+    # A cap adds its own vertices to the level of its ring.
+    counts = np.diff(np.append(starts, len(order)))
+    wall = counts == np.bincount(counts).argmax()
+    even = bool((most - least < tolerance * size)[wall].mean() > 0.95)
+    quarter = points[:, [1, 0, 2]] * np.array([-1.0, 1.0, 1.0])
+    return Symmetry(
+        _image(whole, 0, tolerance) is not None,
+        _image(whole, 1, tolerance) is not None,
+        even and _falls_on(whole, quarter, tolerance) is not None,
+    )
+
+
+def _image(thing: ShellObject, axis: int, tolerance: float = TOLERANCE) -> Int[np.ndarray, "v"] | None:
+    mirrored = thing.mesh.vertices_m.copy()
+    mirrored[:, axis] *= -1.0
+    return _falls_on(thing, mirrored, tolerance)
+
+
+def _falls_on(
+    thing: ShellObject, moved: Float[np.ndarray, "v 3"], tolerance: float
+) -> Int[np.ndarray, "v"] | None:
+    """Which vertex each moved one falls on, if wall and support there are the same."""
+    from scipy.spatial import cKDTree
+
+    mesh = thing.mesh
+    sides = mesh.vertices_m[mesh.faces[:, 1:]] - mesh.vertices_m[mesh.faces[:, :1]]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) * np.asarray(mesh.fraction)
+    weight = np.bincount(mesh.faces.ravel(), np.repeat(area * mesh.thickness_m, 3), minlength=len(moved))
+    away, other = cKDTree(mesh.vertices_m).query(moved)
+    if not away.max() < tolerance * float(np.ptp(mesh.vertices_m, axis=0).max()):
+        return None
+    same_wall = np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max())
+    same_base = bool((thing.fixed[other] == thing.fixed).all())
+    if thing.springs is not None:
+        size = float(thing.springs.max())
+        same_base &= bool(np.allclose(thing.springs[other], thing.springs, rtol=1e-6, atol=1e-9 * size))
+    one_to_one = len(np.unique(other)) == len(other)
+    found: np.ndarray = other
+    return found if same_wall and same_base and one_to_one else None
+
+
+def _halves(mesh: ShellMesh, axis: int, near: float) -> Bool[np.ndarray, ""]:
+    """Whether the plane cuts no face."""
+    reach = mesh.vertices_m[mesh.faces, axis]
+    return ((reach >= -near).all(axis=1) ^ (reach <= near).all(axis=1)).all()

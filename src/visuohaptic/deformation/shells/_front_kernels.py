@@ -1,0 +1,245 @@
+"""Kernels of the ordering and of the multifrontal factor (:mod:`.ordering`, :mod:`.factor`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+
+@kernel
+def split(
+    nodes: np.ndarray,
+    label: np.ndarray,
+    mark: int,
+    points: np.ndarray,
+    starts: np.ndarray,
+    neighbours: np.ndarray,
+    side: np.ndarray,
+) -> bool:
+    """Cut a part in two with the smallest separator among cuts across x, y and z.
+
+    ``label[n] == mark`` for the part's nodes. Fills ``side`` (0 below, 1 above, 2 separator) for
+    them and returns whether a cut was found.
+    """
+    count = nodes.size
+    best = np.inf
+    chosen = np.zeros(count, dtype=np.int8)
+    trial = np.zeros(count, dtype=np.int8)
+    found = False
+    for axis in range(3):
+        values = np.empty(count)
+        for i in range(count):
+            values[i] = points[nodes[i], axis]
+        ordered = np.sort(values)
+        extent = ordered[-1] - ordered[0]
+        if extent <= 0:
+            continue
+        middle = ordered[count // 2]
+        # Rows of a structured mesh share a coordinate up to rounding: never cut through one.
+        for sign in (-1.0, 1.0):
+            limit = middle + sign * 1e-7 * extent
+            below = 0
+            for i in range(count):
+                side[nodes[i]] = 0 if values[i] < limit else 1
+                below += side[nodes[i]] == 0
+            if below == 0 or below == count:
+                continue
+            for upper in range(2):
+                separator = 0
+                for i in range(count):
+                    node = nodes[i]
+                    trial[i] = side[node]
+                    if side[node] != upper:
+                        continue
+                    for j in range(starts[node], starts[node + 1]):
+                        other = neighbours[j]
+                        if label[other] == mark and side[other] != upper:
+                            trial[i] = 2
+                            separator += 1
+                            break
+                small = min(below - (upper == 0) * separator, count - below - (upper == 1) * separator)
+                cost = (separator + 1.0) * (1.0 + 0.5 * abs(count - separator - 2 * small) / count)
+                if small > 0 and cost < best:
+                    best, found = cost, True
+                    chosen[:] = trial
+    for i in range(count):
+        side[nodes[i]] = chosen[i]
+    return found
+
+
+@kernel
+def borders(
+    order: np.ndarray, first: np.ndarray, starts: np.ndarray, neighbours: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Border nodes of every front, as positions in the elimination order, and each front's parent."""
+    fronts = first.size - 1
+    place = np.empty(order.size, dtype=np.int64)
+    owner = np.empty(order.size, dtype=np.int64)
+    for f in range(fronts):
+        for i in range(first[f], first[f + 1]):
+            place[order[i]] = i
+            owner[i] = f
+    parent = np.full(fronts, -1, dtype=np.int64)
+    child = np.full(fronts, -1, dtype=np.int64)
+    sibling = np.full(fronts, -1, dtype=np.int64)
+    seen = np.full(order.size, -1, dtype=np.int64)
+    offset = np.zeros(fronts + 1, dtype=np.int64)
+    found = np.empty(max(64, 8 * order.size), dtype=np.int64)
+    used = 0
+    for f in range(fronts):
+        begin = used
+        end = first[f + 1]
+        if used + order.size > found.size:
+            grown = np.empty(2 * found.size + order.size, dtype=np.int64)
+            grown[:used] = found[:used]
+            found = grown
+        for i in range(first[f], end):
+            node = order[i]
+            for j in range(starts[node], starts[node + 1]):
+                other = place[neighbours[j]]
+                if other >= end and seen[other] != f:
+                    seen[other] = f
+                    found[used] = other
+                    used += 1
+        c = child[f]
+        while c >= 0:
+            for j in range(offset[c], offset[c + 1]):
+                other = found[j]
+                if other >= end and seen[other] != f:
+                    seen[other] = f
+                    found[used] = other
+                    used += 1
+            c = sibling[c]
+        found[begin:used] = np.sort(found[begin:used])
+        offset[f + 1] = used
+        if used > begin:
+            p = owner[found[begin]]
+            parent[f] = p
+            sibling[f] = child[p]
+            child[p] = f
+    return place, owner, parent, offset, found[:used].copy()
+
+
+@kernel
+def local_places(
+    items: np.ndarray,
+    item_front: np.ndarray,
+    first: np.ndarray,
+    offset: np.ndarray,
+    border: np.ndarray,
+    total: int,
+) -> np.ndarray:
+    """Where each of the positions in ``items`` (k, m) stands among pivots and border of its front.
+
+    Items must come sorted by ``item_front``; a position of -1 stays -1.
+    """
+    out = np.full(items.shape, -1, dtype=np.int64)
+    where = np.full(total, -1, dtype=np.int64)
+    last = -1
+    for k in range(items.shape[0]):
+        f = item_front[k]
+        if f != last:
+            pivots = first[f + 1] - first[f]
+            for j in range(pivots):
+                where[first[f] + j] = j
+            for j in range(offset[f], offset[f + 1]):
+                where[border[j]] = pivots + j - offset[f]
+            last = f
+        for m in range(items.shape[1]):
+            if items[k, m] >= 0:
+                out[k, m] = where[items[k, m]]
+    return out
+
+
+@kernel
+def add_blocks(
+    f11: np.ndarray,
+    f21: np.ndarray,
+    f22: np.ndarray,
+    f12: np.ndarray,
+    block: np.ndarray,
+    places: np.ndarray,
+    size: int,
+    full: bool,
+) -> None:
+    """Add an array whose rows belong to local nodes ``places`` (``size`` rows each) to a front.
+
+    Of an element, or of a child front (extend-add). Only the lower triangle when not ``full``: a
+    child's places ascend, so of its update, too, only the lower triangle is read.
+    """
+    split_at = f11.shape[0]
+    rows = places.size * size
+    target = np.empty(rows, dtype=np.int64)
+    for a in range(places.size):
+        for i in range(size):
+            target[size * a + i] = places[a] * size + i
+    for q in range(rows):
+        column = target[q]
+        for p in range(rows):
+            row = target[p]
+            if row < column and not full:
+                continue
+            if row < split_at:
+                if column < split_at:
+                    f11[row, column] += block[p, q]
+                else:
+                    f12[row, column - split_at] += block[p, q]
+            elif column < split_at:
+                f21[row - split_at, column] += block[p, q]
+            else:
+                f22[row - split_at, column - split_at] += block[p, q]
+
+
+@kernel
+def add_elements(
+    f11: np.ndarray,
+    f21: np.ndarray,
+    f22: np.ndarray,
+    f12: np.ndarray,
+    matrices: np.ndarray,
+    elements: np.ndarray,
+    places: np.ndarray,
+    size: int,
+    full: bool,
+) -> None:
+    """:func:`add_blocks` for several elements."""
+    for k in range(elements.size):
+        add_blocks(f11, f21, f22, f12, matrices[elements[k]], places[k], size, full)
+
+
+@kernel
+def add_rows(
+    top: np.ndarray,
+    bottom: np.ndarray,
+    values: np.ndarray,
+    places: np.ndarray,
+    columns: np.ndarray,
+    size: int,
+) -> None:
+    """Add a child's right-hand sides (rows by local nodes ``places``) to pivots and border."""
+    split_at = top.shape[0]
+    for q in range(values.shape[1]):
+        column = columns[q]
+        for a in range(places.size):
+            for i in range(size):
+                row = places[a] * size + i
+                if row < split_at:
+                    top[row, column] += values[size * a + i, q]
+                else:
+                    bottom[row - split_at, column] += values[size * a + i, q]
+
+
+@kernel
+def constrain(matrices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> None:
+    """Zero the rows and columns of fixed freedoms in element matrices (e, s k, s k), in place."""
+    corners = faces.shape[1]
+    size = fixed.shape[1]
+    for e in range(faces.shape[0]):
+        for a in range(corners):
+            for i in range(size):
+                if fixed[faces[e, a], i]:
+                    row = size * a + i
+                    for q in range(corners * size):
+                        matrices[e, row, q] = 0.0
+                        matrices[e, q, row] = 0.0

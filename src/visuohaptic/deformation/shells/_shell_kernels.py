@@ -1,0 +1,259 @@
+"""Flat triangular shell element: DKT bending and the optimal membrane with drilling freedom.
+
+Nodal freedoms are three displacements and three rotations. In the element's own frame the membrane
+has (u, v, theta_z) and the plate (w, theta_x, theta_y), which are uncoupled in a flat element.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: Places of the membrane's and of the plate's freedoms among the 18 of an element.
+MEMBRANE = np.array([0, 1, 5, 6, 7, 11, 12, 13, 17])
+PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
+
+
+@kernel
+def triangle_frame(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Axes (rows) with x along a-b and z along the normal, corner coordinates (3, 2), area."""
+    frame = np.empty((3, 3))
+    edge, other = b - a, c - a
+    n0 = edge[1] * other[2] - edge[2] * other[1]
+    n1 = edge[2] * other[0] - edge[0] * other[2]
+    n2 = edge[0] * other[1] - edge[1] * other[0]
+    twice = np.sqrt(n0 * n0 + n1 * n1 + n2 * n2)
+    length = np.sqrt(edge[0] ** 2 + edge[1] ** 2 + edge[2] ** 2)
+    for i in range(3):
+        frame[0, i] = edge[i] / length
+    frame[2, 0], frame[2, 1], frame[2, 2] = n0 / twice, n1 / twice, n2 / twice
+    frame[1, 0] = frame[2, 1] * frame[0, 2] - frame[2, 2] * frame[0, 1]
+    frame[1, 1] = frame[2, 2] * frame[0, 0] - frame[2, 0] * frame[0, 2]
+    frame[1, 2] = frame[2, 0] * frame[0, 1] - frame[2, 1] * frame[0, 0]
+    corners = np.zeros((3, 2))
+    corners[1, 0] = length
+    for i in range(3):
+        corners[2, 0] += frame[0, i] * other[i]
+        corners[2, 1] += frame[1, i] * other[i]
+    return frame, corners, 0.5 * twice
+
+
+@kernel
+def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float) -> None:
+    """out += weight b^T d b for b (3, 9) and d (3, 3)."""
+    db = np.empty((3, 9))
+    for i in range(3):
+        for j in range(9):
+            db[i, j] = weight * (d[i, 0] * b[0, j] + d[i, 1] * b[1, j] + d[i, 2] * b[2, j])
+    for i in range(9):
+        for j in range(9):
+            out[i, j] += b[0, i] * db[0, j] + b[1, i] * db[1, j] + b[2, i] * db[2, j]
+
+
+@kernel
+def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0: float) -> np.ndarray:
+    """OPT membrane (9, 9) in (u, v, theta_z) per corner; ``stiffness`` is force per length.
+
+    Felippa 2003, "A study of optimal membrane triangles with drilling freedoms", the
+    template with alpha_b = 3/2, beta = (1, 2, 1, 0, 1, -1, -1, -1, -2).
+    """
+    x12, x23, x31 = xy[0, 0] - xy[1, 0], xy[1, 0] - xy[2, 0], xy[2, 0] - xy[0, 0]
+    y12, y23, y31 = xy[0, 1] - xy[1, 1], xy[1, 1] - xy[2, 1], xy[2, 1] - xy[0, 1]
+    x21, x32, x13 = -x12, -x23, -x31
+    y21, y32, y13 = -y12, -y23, -y31
+    l21, l32, l13 = x21 * x21 + y21 * y21, x32 * x32 + y32 * y32, x13 * x13 + y13 * y13
+    alpha = 1.5
+    # Basic part: mean strain from the boundary, exact for constant stress.
+    mean = np.zeros((3, 9))
+    mean[0, 0], mean[2, 0] = y23, x32
+    mean[1, 1], mean[2, 1] = x32, y23
+    mean[0, 2] = alpha * y23 * (y13 - y21) / 6
+    mean[1, 2] = alpha * x32 * (x31 - x12) / 6
+    mean[2, 2] = alpha * (x31 * y13 - x12 * y21) / 3
+    mean[0, 3], mean[2, 3] = y31, x13
+    mean[1, 4], mean[2, 4] = x13, y31
+    mean[0, 5] = alpha * y31 * (y21 - y32) / 6
+    mean[1, 5] = alpha * x13 * (x12 - x23) / 6
+    mean[2, 5] = alpha * (x12 * y21 - x23 * y32) / 3
+    mean[0, 6], mean[2, 6] = y12, x21
+    mean[1, 7], mean[2, 7] = x21, y12
+    mean[0, 8] = alpha * y12 * (y32 - y13) / 6
+    mean[1, 8] = alpha * x21 * (x23 - x31) / 6
+    mean[2, 8] = alpha * (x23 * y32 - x31 * y13) / 3
+    out = np.zeros((9, 9))
+    _add_congruent(out, mean, stiffness, 0.25 / area)
+    # Higher-order part: natural strains of the deviatoric corner rotations.
+    natural = np.empty((3, 3))
+    factor = 0.25 / (area * area)
+    natural[0, 0], natural[0, 1], natural[0, 2] = y23 * y13 * l21, y31 * y21 * l32, y12 * y32 * l13
+    natural[1, 0], natural[1, 1], natural[1, 2] = x23 * x13 * l21, x31 * x21 * l32, x12 * x32 * l13
+    natural[2, 0] = (y23 * x31 + x32 * y13) * l21
+    natural[2, 1] = (y31 * x12 + x13 * y21) * l32
+    natural[2, 2] = (y12 * x23 + x21 * y32) * l13
+    hierarchical = np.zeros((3, 9))
+    for i in range(3):
+        hierarchical[i, 0], hierarchical[i, 1] = x32 / (4 * area), y32 / (4 * area)
+        hierarchical[i, 3], hierarchical[i, 4] = x13 / (4 * area), y13 / (4 * area)
+        hierarchical[i, 6], hierarchical[i, 7] = x21 / (4 * area), y21 / (4 * area)
+        hierarchical[i, 3 * i + 2] = 1.0
+    third = 2 * area / 3
+    a, b, c = third / l21, third / l32, third / l13
+    q1 = np.array([[a, 2 * a, a], [0, b, -b], [-c, -c, -2 * c]])
+    q2 = np.array([[-2 * a, -a, -a], [b, b, 2 * b], [-c, 0, c]])
+    q3 = np.array([[a, -a, 0], [-b, -2 * b, -b], [2 * c, c, c]])
+    for k in range(3):
+        q = 0.5 * (q1 + q2) if k == 0 else (0.5 * (q2 + q3) if k == 1 else 0.5 * (q3 + q1))
+        strain = np.zeros((3, 9))
+        for i in range(3):
+            for m in range(3):
+                tq = 0.0
+                for j in range(3):
+                    tq += natural[i, j] * q[j, m]
+                tq *= factor
+                for j in range(9):
+                    strain[i, j] += tq * hierarchical[m, j]
+        _add_congruent(out, strain, stiffness, 0.75 * beta0 * area)
+    return out
+
+
+@kernel
+def plate_curvature(xy: np.ndarray, area: float, xi: float, eta: float) -> np.ndarray:
+    """Curvature (3, 9) of the discrete Kirchhoff triangle in (w, theta_x, theta_y) per corner.
+
+    Batoz, Bathe and Ho 1980. Rotations are right-handed: theta_x = w,y and theta_y = -w,x.
+    """
+    x23, x31, x12 = xy[1, 0] - xy[2, 0], xy[2, 0] - xy[0, 0], xy[0, 0] - xy[1, 0]
+    y23, y31, y12 = xy[1, 1] - xy[2, 1], xy[2, 1] - xy[0, 1], xy[0, 1] - xy[1, 1]
+    l4, l5, l6 = x23 * x23 + y23 * y23, x31 * x31 + y31 * y31, x12 * x12 + y12 * y12
+    p4, p5, p6 = -6 * x23 / l4, -6 * x31 / l5, -6 * x12 / l6
+    t4, t5, t6 = -6 * y23 / l4, -6 * y31 / l5, -6 * y12 / l6
+    q4, q5, q6 = 3 * x23 * y23 / l4, 3 * x31 * y31 / l5, 3 * x12 * y12 / l6
+    r4, r5, r6 = 3 * y23 * y23 / l4, 3 * y31 * y31 / l5, 3 * y12 * y12 / l6
+    e, f = 1 - 2 * xi, 1 - 2 * eta
+    hx_xi = (
+        p6 * e + (p5 - p6) * eta,
+        q6 * e - (q5 + q6) * eta,
+        -4 + 6 * (xi + eta) + r6 * e - eta * (r5 + r6),
+        -p6 * e + eta * (p4 + p6),
+        q6 * e - eta * (q6 - q4),
+        -2 + 6 * xi + r6 * e + eta * (r4 - r6),
+        -eta * (p5 + p4),
+        eta * (q4 - q5),
+        -eta * (r5 - r4),
+    )
+    hy_xi = (
+        t6 * e + eta * (t5 - t6),
+        1 + r6 * e - eta * (r5 + r6),
+        -q6 * e + eta * (q5 + q6),
+        -t6 * e + eta * (t4 + t6),
+        -1 + r6 * e + eta * (r4 - r6),
+        -q6 * e - eta * (q4 - q6),
+        -eta * (t4 + t5),
+        eta * (r4 - r5),
+        -eta * (q4 - q5),
+    )
+    hx_eta = (
+        -p5 * f - xi * (p6 - p5),
+        q5 * f - xi * (q5 + q6),
+        -4 + 6 * (xi + eta) + r5 * f - xi * (r5 + r6),
+        xi * (p4 + p6),
+        xi * (q4 - q6),
+        -xi * (r6 - r4),
+        p5 * f - xi * (p4 + p5),
+        q5 * f + xi * (q4 - q5),
+        -2 + 6 * eta + r5 * f + xi * (r4 - r5),
+    )
+    hy_eta = (
+        -t5 * f - xi * (t6 - t5),
+        1 + r5 * f - xi * (r5 + r6),
+        -q5 * f + xi * (q5 + q6),
+        xi * (t4 + t6),
+        xi * (r4 - r6),
+        -xi * (q4 - q6),
+        t5 * f - xi * (t4 + t5),
+        -1 + r5 * f + xi * (r4 - r5),
+        -q5 * f - xi * (q4 - q5),
+    )
+    out = np.empty((3, 9))
+    scale = 0.5 / area
+    for j in range(9):
+        out[0, j] = scale * (y31 * hx_xi[j] + y12 * hx_eta[j])
+        out[1, j] = scale * (-x31 * hy_xi[j] - x12 * hy_eta[j])
+        out[2, j] = scale * (-x31 * hx_xi[j] - x12 * hx_eta[j] + y31 * hy_xi[j] + y12 * hy_eta[j])
+    return out
+
+
+@kernel
+def local_stiffness(
+    xy: np.ndarray, area: float, membrane: np.ndarray, plate: np.ndarray, beta0: float
+) -> np.ndarray:
+    """Element stiffness (18, 18) in the element's own frame."""
+    in_plane = membrane_stiffness(xy, area, membrane, beta0)
+    across = np.zeros((9, 9))
+    for xi, eta in ((0.5, 0.0), (0.5, 0.5), (0.0, 0.5)):
+        _add_congruent(across, plate_curvature(xy, area, xi, eta), plate, area / 3)
+    out = np.zeros((18, 18))
+    for i in range(9):
+        for j in range(9):
+            out[MEMBRANE[i], MEMBRANE[j]] = 0.5 * (in_plane[i, j] + in_plane[j, i])
+            out[PLATE[i], PLATE[j]] = 0.5 * (across[i, j] + across[j, i])
+    return out
+
+
+@kernel
+def rotate_blocks(local: np.ndarray, frame: np.ndarray, out: np.ndarray) -> None:
+    """out = T^T local T, T the block diagonal of six times ``frame`` (rows are local axes)."""
+    half = np.empty((3, 3))
+    for p in range(6):
+        for q in range(6):
+            for i in range(3):
+                for j in range(3):
+                    half[i, j] = (
+                        local[3 * p + i, 3 * q] * frame[0, j]
+                        + local[3 * p + i, 3 * q + 1] * frame[1, j]
+                        + local[3 * p + i, 3 * q + 2] * frame[2, j]
+                    )
+            for i in range(3):
+                for j in range(3):
+                    out[3 * p + i, 3 * q + j] = (
+                        frame[0, i] * half[0, j] + frame[1, i] * half[1, j] + frame[2, i] * half[2, j]
+                    )
+
+
+@kernel
+def element_stiffness(
+    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
+) -> np.ndarray:
+    """Element stiffness (f, 18, 18) in the global frame.
+
+    ``membrane`` and ``plate`` (f, 3, 3): force per length and moment per length for unit strain
+    and curvature, in the element's frame.
+    """
+    out = np.empty((faces.shape[0], 18, 18))
+    for e in range(faces.shape[0]):
+        a, b, c = vertices[faces[e, 0]], vertices[faces[e, 1]], vertices[faces[e, 2]]
+        frame, xy, area = triangle_frame(a, b, c)
+        rotate_blocks(local_stiffness(xy, area, membrane[e], plate[e], beta0[e]), frame, out[e])
+    return out
+
+
+@kernel
+def element_frames(
+    vertices: np.ndarray, faces: np.ndarray, membrane: np.ndarray, plate: np.ndarray, beta0: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frames (f, 3, 3), corners about the centroid (f, 3, 2), local stiffness (f, 18, 18)."""
+    count = faces.shape[0]
+    frames = np.empty((count, 3, 3))
+    corners = np.empty((count, 3, 2))
+    stiffness = np.empty((count, 18, 18))
+    for e in range(count):
+        a, b, c = vertices[faces[e, 0]], vertices[faces[e, 1]], vertices[faces[e, 2]]
+        frame, xy, area = triangle_frame(a, b, c)
+        stiffness[e] = local_stiffness(xy, area, membrane[e], plate[e], beta0[e])
+        frames[e] = frame
+        for i in range(2):
+            middle = (xy[0, i] + xy[1, i] + xy[2, i]) / 3
+            for j in range(3):
+                corners[e, j, i] = xy[j, i] - middle
+    return frames, corners, stiffness

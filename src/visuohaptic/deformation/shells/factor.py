@@ -1,0 +1,268 @@
+"""Multifrontal factor of a mesh's stiffness, and solves that walk only the paths they need.
+
+Each front of :class:`.ordering.FrontTree` is a small dense matrix, so nearly all work is done by
+BLAS. A symmetric positive definite matrix is factored as ``L L^T``; any other (the tangent past a
+limit point, or with a follower load) by block elimination with pivoting inside the fronts.
+
+For loads F the compliances ``diag(F^T K^-1 F)`` are column sums of ``(L^-1 F)^2``. Column j of
+``L^-1 F`` is zero off the paths from its loaded nodes to the root, and only there it is computed:
+this is what makes a map of every surface point cost a few factorisations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ...core.threads import one_blas_thread
+from . import _front_kernels as kernels
+from .ordering import FrontTree
+
+__all__ = ["Factor", "factorise", "sparse_matrix"]
+
+#: Columns that are carried through the tree together; bounds the memory of a map.
+BLOCK_COLUMNS = 2048
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """A factored stiffness matrix with ``freedoms`` unknowns per node.
+
+    ``pivots`` holds L11, or the LU of the pivot block; ``below`` L21, or K21; ``right`` is None, or
+    ``K11^-1 K12``.
+    """
+
+    tree: FrontTree
+    freedoms: int
+    definite: bool  #: factored as ``L L^T``
+    negative: int  #: negative pivots' parity for an indefinite matrix: sign of the determinant, +1 or -1
+    pivots: tuple[Any, ...]
+    below: tuple[Float[np.ndarray, "b k"], ...]
+    right: tuple[Float[np.ndarray, "k b"], ...]
+
+    @one_blas_thread()
+    def solve(self, loads: Float[np.ndarray, "n *m"]) -> Float[np.ndarray, "n *m"]:
+        """Displacements for one or several loads; freedoms of a node are neighbours in ``n``."""
+        from scipy.linalg.blas import dtrsm
+        from scipy.linalg.lapack import dgetrs
+
+        tree, size = self.tree, self.freedoms
+        loads = np.asarray(loads, dtype=float)
+        x = loads.reshape(tree.order.size, size, -1)[tree.order]
+        columns = x.shape[2]
+        for front in range(tree.fronts):
+            begin, end, outside = self._part(front)
+            top = x[begin:end].reshape(-1, columns)
+            if self.definite:
+                top = dtrsm(1.0, self.pivots[front], top, lower=1)
+            else:
+                top = dgetrs(*self.pivots[front], top)[0]
+            x[begin:end] = top.reshape(-1, size, columns)
+            if outside.size:
+                x[outside] -= (self.below[front] @ top).reshape(-1, size, columns)
+        for front in reversed(range(tree.fronts)):
+            begin, end, outside = self._part(front)
+            beyond = x[outside].reshape(-1, columns)
+            if self.definite:
+                top = x[begin:end].reshape(-1, columns)
+                if outside.size:
+                    top = top - self.below[front].T @ beyond
+                top = dtrsm(1.0, self.pivots[front], top, lower=1, trans_a=1)
+                x[begin:end] = top.reshape(-1, size, columns)
+            elif outside.size:
+                x[begin:end] -= (self.right[front] @ beyond).reshape(-1, size, columns)
+        out = np.empty_like(x)
+        out[tree.order] = x
+        return out.reshape(loads.shape)
+
+    def compliance(self, loads: Any) -> Float[np.ndarray, "m"]:
+        """``diag(F^T K^-1 F)`` for sparse loads F (n, m), each column only along its own paths."""
+        return self._half(loads, coupled=False)
+
+    def coupling(self, loads: Any) -> Float[np.ndarray, "m m"]:
+        """``F^T K^-1 F`` for sparse loads F (n, m)."""
+        return self._half(loads, coupled=True)
+
+    def _part(self, front: int) -> tuple[int, int, Int[np.ndarray, "_"]]:
+        tree = self.tree
+        outside = tree.border[tree.offset[front] : tree.offset[front + 1]]
+        return int(tree.first[front]), int(tree.first[front + 1]), outside
+
+    @one_blas_thread()
+    def _half(self, loads: Any, *, coupled: bool) -> Float[np.ndarray, "..."]:
+        from scipy.sparse import csc_array
+
+        if not self.definite:
+            raise InputError("Factor.compliance", "the matrix is not positive definite", remedy="use solve")
+        tree, size = self.tree, self.freedoms
+        loads = csc_array(loads)
+        count = loads.shape[1]
+        dofs = (tree.order[:, None] * size + np.arange(size)).ravel()
+        if coupled:
+            out = np.zeros((count, count))
+            self._forward(loads[dofs], np.arange(count), out)
+            return out
+        out = np.zeros(count)
+        # Columns that start in the same corner of the tree share most of their path.
+        lead = np.full(count, tree.order.size)
+        columns = np.repeat(np.arange(count), np.diff(loads.indptr))
+        np.minimum.at(lead, columns, tree.place[loads.indices // size])
+        ranked = np.argsort(lead, kind="stable")
+        for begin in range(0, count, BLOCK_COLUMNS):
+            some = ranked[begin : begin + BLOCK_COLUMNS]
+            self._forward(loads[:, some][dofs], some, out)
+        return out
+
+    def _forward(self, loads: Any, names: Int[np.ndarray, "m"], out: Float[np.ndarray, "..."]) -> None:
+        """Add ``(L^-1 F)^2``, or the products of its columns, of permuted loads to ``out``."""
+        from scipy.linalg.blas import dtrsm
+
+        tree, size = self.tree, self.freedoms
+        by_row = loads.tocsr()
+        position = np.empty(loads.shape[1], dtype=np.int64)
+        carried: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        for front in range(tree.fronts):
+            begin, end = int(tree.first[front]) * size, int(tree.first[front + 1]) * size
+            a, b = by_row.indptr[begin], by_row.indptr[end]
+            kids = [child for child in tree.children[front] if child in carried]
+            if a == b and not kids:
+                continue
+            sets = [carried[child][0] for child in kids]
+            columns = (
+                sets[0]
+                if len(sets) == 1 and a == b
+                else np.unique(np.concatenate([*sets, by_row.indices[a:b]]))
+            )
+            position[columns] = np.arange(columns.size)
+            outside = size * int(tree.offset[front + 1] - tree.offset[front])
+            top = np.zeros((end - begin, columns.size), order="F")
+            bottom = np.zeros((outside, columns.size), order="F")
+            if b > a:
+                rows = np.repeat(np.arange(end - begin), np.diff(by_row.indptr[begin : end + 1]))
+                np.add.at(top, (rows, position[by_row.indices[a:b]]), by_row.data[a:b])
+            for child in kids:
+                its_columns, values = carried.pop(child)
+                local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
+                kernels.add_rows(top, bottom, values, local, position[its_columns], size)
+            top = dtrsm(1.0, self.pivots[front], top, lower=1, overwrite_b=1)
+            if out.ndim == 1:
+                out[names[columns]] += np.einsum("ij,ij->j", top, top)
+            else:
+                out[np.ix_(names[columns], names[columns])] += top.T @ top
+            if outside:
+                bottom -= self.below[front] @ top
+                carried[front] = columns, bottom
+
+
+@one_blas_thread()
+def factorise(
+    tree: FrontTree,
+    matrices: Float[np.ndarray, "e s s"],
+    diagonal: Float[np.ndarray, "v k"] | None = None,
+    *,
+    definite: bool = True,
+    symmetric: bool = True,
+) -> Factor:
+    """Factor the sum of element matrices.
+
+    Parameters
+    ----------
+    tree
+        Of the elements that ``matrices`` belong to.
+    matrices
+        Element matrices; freedoms of a node are neighbours.
+    diagonal
+        Added to the diagonal, by node and freedom: springs, and something positive for freedoms
+        without any element.
+    definite
+        Take ``L L^T``. Otherwise block elimination, which needs no definite matrix.
+    symmetric
+        Only without ``definite``: whether the element matrices are symmetric.
+
+    Raises
+    ------
+    InputError
+        ``definite``, but the matrix is not: a mechanism, or nothing holds the object.
+    """
+    from scipy.linalg.blas import dgemm, dsyrk, dtrsm
+    from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
+
+    size = matrices.shape[1] // (tree.element_local[0].shape[1] if tree.element_local else 1)
+    full = not definite
+    pivots: list[Any] = []
+    below: list[np.ndarray] = []
+    right: list[np.ndarray] = []
+    updates: dict[int, np.ndarray] = {}
+    sign = 1
+    empty = np.zeros((0, 0), order="F")
+    for front in range(tree.fronts):
+        begin, end = int(tree.first[front]), int(tree.first[front + 1])
+        inside = size * (end - begin)
+        outside = size * int(tree.offset[front + 1] - tree.offset[front])
+        f11 = np.zeros((inside, inside), order="F")
+        f21 = np.zeros((outside, inside), order="F")
+        f22 = np.zeros((outside, outside), order="F")
+        f12 = np.zeros((inside, outside), order="F") if full else empty
+        kernels.add_elements(
+            f11, f21, f22, f12, matrices, tree.elements[front], tree.element_local[front], size, full
+        )
+        for child in tree.children[front]:
+            local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
+            kernels.add_blocks(f11, f21, f22, f12, updates.pop(child), local, size, full)
+        if diagonal is not None:
+            f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
+        if definite:
+            lower, info = dpotrf(f11, lower=1, overwrite_a=1, clean=0)
+            if info:
+                node = int(tree.order[begin + max(info - 1, 0) // size]) if info > 0 else -1
+                raise InputError(
+                    "shell model",
+                    f"the stiffness is not positive definite at vertex {node}",
+                    remedy="clamp more vertices, or look for a loose or flat part of the mesh there",
+                )
+            pivots.append(lower)
+            if outside:
+                f21 = dtrsm(1.0, lower, f21, side=1, lower=1, trans_a=1, overwrite_b=1)
+                updates[front] = dsyrk(-1.0, f21, beta=1.0, c=f22, lower=1, overwrite_c=1)
+        else:
+            lu, swaps, info = dgetrf(f11, overwrite_a=1)
+            if info > 0:
+                # An exact zero pivot: at a limit point. A tiny one keeps the direction it stands for.
+                lu[info - 1, info - 1] = 1e-14 * np.abs(lu).max() or 1.0
+            negative = np.count_nonzero(np.diagonal(lu) < 0) + np.count_nonzero(swaps != np.arange(inside))
+            sign *= -1 if negative % 2 else 1
+            pivots.append((lu, swaps))
+            if outside:
+                solved = dgetrs(lu, swaps, f12, overwrite_b=0)[0]
+                updates[front] = dgemm(-1.0, f21, solved, beta=1.0, c=f22, overwrite_c=1)
+                right.append(solved)
+            else:
+                right.append(f12)
+        below.append(f21)
+    return Factor(tree, size, definite, sign, tuple(pivots), tuple(below), tuple(right))
+
+
+def sparse_matrix(
+    matrices: Float[np.ndarray, "e s s"],
+    elements: Int[np.ndarray, "e corners"],
+    nodes: int,
+    diagonal: Float[np.ndarray, "v k"] | None = None,
+    keep: Bool[np.ndarray, "n"] | None = None,
+) -> Any:
+    """The sum of element matrices as a scipy CSC array, for other solvers."""
+    from scipy.sparse import coo_array, diags_array
+
+    size = matrices.shape[1] // elements.shape[1]
+    dofs = (np.asarray(elements)[:, :, None] * size + np.arange(size)).reshape(len(elements), -1)
+    rows = np.repeat(dofs, dofs.shape[1], axis=1).ravel()
+    columns = np.tile(dofs, (1, dofs.shape[1])).ravel()
+    total = coo_array((matrices.ravel(), (rows, columns)), shape=(nodes * size,) * 2).tocsc()
+    if diagonal is not None:
+        total = (total + diags_array(diagonal.ravel())).tocsc()
+    if keep is not None:
+        total = total[keep][:, keep].tocsc()
+    return total

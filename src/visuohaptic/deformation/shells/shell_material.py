@@ -1,0 +1,103 @@
+"""What a wall is made of: elastic constants with their spread (Alt 2016, Sec. 2.2.4, Table 2.1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from ...core.errors import InputError
+from ...core.objects import Estimate, Material
+
+__all__ = ["MATERIALS", "IsotropicMaterial", "material"]
+
+
+@dataclass(frozen=True, slots=True)
+class IsotropicMaterial:
+    """A homogeneous linear elastic material."""
+
+    youngs_modulus_Pa: float  #: E, stress per strain along one axis
+    poisson_ratio: float  #: nu, contraction across per extension along
+    name: str = "unknown"
+
+    def __post_init__(self) -> None:
+        if not 0 < self.youngs_modulus_Pa < float("inf"):
+            raise InputError(
+                "material", f"found {self.youngs_modulus_Pa} Pa, expected > 0", field="youngs_modulus_Pa"
+            )
+        if not -1 < self.poisson_ratio < 0.5:
+            raise InputError(
+                "material",
+                f"found {self.poisson_ratio}, expected more than -1 and less than 0.5",
+                field="poisson_ratio",
+                remedy="for rubber take 0.49",
+            )
+
+    @property
+    def lame_Pa(self) -> tuple[float, float]:
+        """Lambda and mu of 3D elasticity [Pa] (Alt 2016, Eq. (2.2))."""
+        young, nu = self.youngs_modulus_Pa, self.poisson_ratio
+        return young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
+
+    @classmethod
+    def of(cls, found: Material | IsotropicMaterial | str) -> IsotropicMaterial:
+        """The best estimates of a material, or of one of the library by its name."""
+        if isinstance(found, IsotropicMaterial):
+            return found
+        if isinstance(found, str):
+            found = material(found)
+        if found.youngs_modulus_Pa is None or found.poisson_ratio is None:
+            raise InputError(
+                f"material {found.name}",
+                "has no Young's modulus or no Poisson's ratio",
+                remedy=f"give both, or take one of {', '.join(MATERIALS)}",
+            )
+        return cls(found.youngs_modulus_Pa.value, found.poisson_ratio.value, found.name)
+
+
+def _entry(
+    name: str, low_GPa: float, high_GPa: float, poisson: float, density: float, spread: float = 0.02
+) -> Material:
+    # The ranges of Table 2.1 are taken as two standard deviations to either side.
+    youngs = Estimate(0.5e9 * (low_GPa + high_GPa), 0.25e9 * (high_GPa - low_GPa))
+    return Material(name, youngs, Estimate(poisson, spread), Estimate(density, 0.02 * density))
+
+
+#: Young's modulus from Table 2.1 where it is listed there, otherwise from common data sheets;
+#: Poisson's ratio and density from common data sheets. One number in Table 2.1: 5 % to either side.
+MATERIALS = MappingProxyType(
+    {
+        entry.name: entry
+        for entry in (
+            _entry("rubber", 0.01, 0.1, 0.49, 1100, 0.004),
+            _entry("LDPE", 0.11, 0.45, 0.45, 920),
+            _entry("HDPE", 0.76, 0.84, 0.42, 950),
+            _entry("PP", 1.5, 2.0, 0.40, 905),
+            _entry("PET", 2.0, 2.7, 0.38, 1380),
+            _entry("PS", 3.0, 3.5, 0.34, 1050),
+            _entry("PVC", 2.4, 4.1, 0.38, 1380),
+            _entry("paperboard", 2.0, 5.0, 0.30, 750, 0.05),
+            _entry("aluminium", 66.0, 72.0, 0.33, 2700),
+            _entry("copper", 111.0, 123.0, 0.34, 8930),
+            _entry("glass", 60.0, 75.0, 0.22, 2500),
+            _entry("tinplate", 195.0, 211.0, 0.30, 7850),
+            _entry("spring steel", 201.0, 211.0, 0.29, 7850),
+        )
+    }
+)
+
+
+def material(name: str) -> Material:
+    """A material of the library, by its name in any case.
+
+    >>> material("pet").poisson_ratio.value
+    0.38
+
+    Raises
+    ------
+    InputError
+        With the names there are.
+    """
+    for known, entry in MATERIALS.items():
+        if known.lower() == name.strip().lower():
+            return entry
+    raise InputError("material", f"found {name!r}, expected one of {', '.join(MATERIALS)}")

@@ -1,0 +1,170 @@
+"""Stiffness of every surface point under a dual-tip pinch (Alt 2016, Secs. 6.1.4, 6.1.6).
+
+Two opposing tips press a point and the point across the height axis towards each other. The
+compliance of one pinch is ``c = f^T K^-1 f`` for the load f of 1 N on both tips: it is the
+distance by which the tips approach per newton. The stiffness is force by deformation of one tip,
+``k = 2 / c`` (the mean of the two tips, which is what a gripper feels that is free to centre).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from .shell import ShellMesh, ShellModel
+
+__all__ = ["DualTips", "dual_tip_compliance", "dual_tip_map", "opposing_points", "tip_loads"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DualTips:
+    """Pairs of opposing contacts; "second" may lie inside a face."""
+
+    first: Int[np.ndarray, "m"]  #: vertex of the first tip
+    second: Int[np.ndarray, "m 3"]  #: corners of the face opposite
+    weights: Float[np.ndarray, "m 3"]  #: barycentric place of the second tip, sums to 1
+    direction: Float[np.ndarray, "m 3"]  #: unit vector of the first tip's force, onto the second tip
+    valid: Bool[np.ndarray, "m"]  #: there is something opposite
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+
+def opposing_points(
+    mesh: ShellMesh,
+    vertices: Int[np.ndarray, "m"] | None = None,
+    *,
+    axis_point_m: tuple[float, float] | None = None,
+) -> DualTips:
+    """The point across the height axis z of each vertex, at the same height.
+
+    Parameters
+    ----------
+    mesh
+        Object with z as height axis.
+    vertices
+        First tips; all vertices by default.
+    axis_point_m
+        x and y of the axis; the middle of the bounding box by default.
+
+    Notes
+    -----
+    The outermost crossing of the horizontal ray from the vertex through the axis is taken. A
+    vertex on the axis, or without wall opposite, is marked invalid.
+    """
+    points, faces = mesh.vertices_m, mesh.faces
+    first = np.arange(len(points)) if vertices is None else np.asarray(vertices, dtype=np.int64)
+    if axis_point_m is None:
+        used = points[np.unique(faces)]
+        axis = 0.5 * (used[:, :2].min(axis=0) + used[:, :2].max(axis=0))
+    else:
+        axis = np.asarray(axis_point_m, dtype=float)
+    from . import _pinch_kernels as kernels
+
+    face, weights, direction = kernels.across(points, faces, first, axis)
+    valid = face >= 0
+    corners = faces[np.maximum(face, 0)]
+    # A crossing at a vertex or on an edge is on it: no load spills over by rounding, and pairs of
+    # vertices are recognised.
+    weights[weights < 1e-6] = 0.0
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)
+    return DualTips(first, corners, weights, direction, valid)
+
+
+def tip_loads(nodes: int, tips: DualTips, vertices_m: Float[np.ndarray, "v 3"] | None = None) -> Any:
+    """Loads of 1 N on both tips as a sparse (6 nodes, m) array; columns of invalid pairs are empty.
+
+    Shared out linearly over the corners of its face, a force inside one is a force on a patch, and the
+    wall seems stiffer by percents than under a point. With ``vertices_m`` it is shared out by the cubic
+    that the corners' rotations bend the face to, see :func:`bent_loads`.
+    """
+    from scipy.sparse import coo_array
+
+    count = len(tips)
+    column = np.arange(count)
+    first = np.zeros((count, 1, 6))
+    first[:, 0, :3] = tips.direction
+    second = bent_loads(tips, vertices_m)
+    rows, columns, values = [], [], []
+    for corners, load in ((tips.first[:, None], first), (tips.second, -second)):
+        use = tips.valid[:, None, None] & (load != 0)
+        rows.append((corners[:, :, None] * 6 + np.arange(6))[use])
+        columns.append(np.broadcast_to(column[:, None, None], load.shape)[use])
+        values.append(load[use])
+    entries = np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))
+    return coo_array(entries, shape=(6 * nodes, count)).tocsc()
+
+
+def bent_loads(
+    tips: DualTips, vertices_m: Float[np.ndarray, "v 3"] | None = None
+) -> Float[np.ndarray, "m 3 6"]:
+    """Forces and moments on the corners of the second tips' faces, for 1 N along ``direction``.
+
+    Across the face the displacement is the cubic of Bazeley, Cheung, Irons and Zienkiewicz (1965),
+    ``w = sum N_i w_i + sum_ij (L_i^2 L_j + L_1 L_2 L_3 / 2) dw_i . (x_j - x_i)`` with
+    ``N_i = L_i + sum_j (L_i^2 L_j - L_i L_j^2)``: on the edges it is that of the element. In the face
+    it is linear, as everywhere without ``vertices_m``.
+    """
+    fraction = tips.weights
+    out = np.zeros((len(tips), 3, 6))
+    out[..., :3] = fraction[..., None] * tips.direction[:, None]
+    if vertices_m is None:
+        return out
+    corners = vertices_m[tips.second]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    across = np.einsum("mi,mi->m", normal, tips.direction)
+    product = 0.5 * fraction.prod(axis=1)
+    for i in range(3):
+        for j in ((i + 1) % 3, (i + 2) % 3):
+            li, lj = fraction[:, i], fraction[:, j]
+            out[:, i, :3] += (across * (li * li * lj - li * lj * lj))[:, None] * normal
+            # The slope along s of a corner that turns by omega: n . (omega x s) = omega . (s x n).
+            arm = np.cross(corners[:, j] - corners[:, i], normal)
+            out[:, i, 3:] += (across * (li * li * lj + product))[:, None] * arm
+    return out
+
+
+def dual_tip_compliance(model: ShellModel, tips: DualTips) -> Float[np.ndarray, "m"]:
+    """Approach of the two tips per newton [m/N], NaN where a pair is not valid."""
+    loads = _held_rows_removed(model, tip_loads(model.nodes, tips, model.mesh.vertices_m))
+    return np.where(tips.valid, model.factor().compliance(loads), np.nan)
+
+
+def dual_tip_map(
+    model: ShellModel, tips: DualTips | None = None, *, axis_point_m: tuple[float, float] | None = None
+) -> Float[np.ndarray, "m"]:
+    """Stiffness [N/m] of every surface point, exact, from one factorisation.
+
+    Vertices that face each other are one pinch and are computed once. The value is infinite where
+    both tips are on what is held, NaN where there is nothing opposite.
+    """
+    if tips is None:
+        tips = opposing_points(model.mesh, axis_point_m=axis_point_m)
+    if not tips.valid.any():
+        raise InputError(
+            "dual_tip_map",
+            "no point has a wall across the height axis",
+            remedy="turn the object so that z is its height axis",
+        )
+    only = tips.weights.max(axis=1) == 1
+    other = np.where(only, tips.second[np.arange(len(tips)), tips.weights.argmax(axis=1)], -1)
+    low = np.where(only, np.minimum(tips.first, other), tips.first)
+    high = np.where(only, np.maximum(tips.first, other), -1)
+    _, chosen, inverse = np.unique(low * (model.nodes + 1) + high + 1, return_index=True, return_inverse=True)
+    some = DualTips(*(getattr(tips, name)[chosen] for name in DualTips.__slots__))
+    compliance = dual_tip_compliance(model, some)[inverse]
+    with np.errstate(divide="ignore"):
+        return np.where(tips.valid, 2.0 / compliance, np.nan)
+
+
+def _held_rows_removed(model: ShellModel, loads: Any) -> Any:
+    from scipy.sparse import diags_array
+
+    out = (diags_array(model.free.astype(float)) @ loads).tocsc()
+    out.eliminate_zeros()
+    return out

@@ -1,0 +1,129 @@
+"""The order of the story, and its parts that can be told alone."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..core.errors import InputError
+from ..simulation.faults import FaultKind
+from . import drive_chapters as drive
+from . import hand_chapters as hand
+from . import office_chapters as way
+from . import probe_chapters as probe
+from . import touch_chapters as touch
+from .story import Chapter, Mission, Story, tell
+
+if TYPE_CHECKING:
+    from ..viewer.page import LivePage
+
+__all__ = ["CHAPTERS", "PARTS", "run_mission"]
+
+CHAPTERS: tuple[Chapter, ...] = (
+    Chapter("map", "The platform maps its way with the laser", (), way.map_the_way, way.map_given),
+    Chapter("door", "Today the door is blocked", ("map",), way.find_the_door_blocked, way.door_given),
+    Chapter(
+        "foam",
+        "It touches what stands there, and tags it",
+        ("door",),
+        touch.explore_obstacles,
+        touch.tags_given,
+    ),
+    Chapter(
+        "drive",
+        "It plans with the tags, pushes and arrives",
+        ("map", "foam"),
+        drive.drive_to_the_table,
+        drive.at_the_table,
+    ),
+    Chapter(
+        "beam",
+        "At the table the probe's beam sensor is zeroed",
+        ("drive",),
+        probe.zero_the_beam,
+        probe.beam_given,
+    ),
+    Chapter("glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass),
+    Chapter(
+        "probe",
+        "The probe completes the bottle",
+        ("glass", "beam"),
+        probe.complete_the_bottle,
+        probe.outline_given,
+    ),
+    Chapter("squeeze", "The gripper squeezes: class and state", ("probe",), hand.recognise_the_bottle),
+    Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
+)
+
+#: Parts of the story -> their chapters.
+PARTS: dict[str, tuple[str, ...]] = {
+    "foam": ("foam",),
+    "beam": ("beam",),
+    "navigate": ("map", "door", "drive"),
+    "glass": ("glass", "probe"),
+    "bottle": ("squeeze", "grasp"),
+}
+
+log = logging.getLogger(__name__)
+
+
+def run_mission(
+    folder: Path | str,
+    *,
+    part: str | None = None,
+    seed: int = 1,
+    say: Callable[[str], None] = log.info,
+    page: LivePage | None = None,
+    fault: FaultKind | None = None,
+    chapters: tuple[str, ...] | None = None,
+    quick: bool = False,
+) -> Story:
+    """Tell the story, or a part of it.
+
+    Parameters
+    ----------
+    folder
+        Receives the recordings of sensors and chapters.
+    part
+        One of ``PARTS``; the whole story without. What earlier chapters would have
+        learnt is then filled in from the simulated world, and said so.
+    seed
+        Of everything random: order of the things, noise, bottle, state.
+    say
+        Receives the lines of the story.
+    page
+        Shows it live.
+    fault
+        Something that goes wrong.
+    chapters
+        Names, instead of a part.
+    quick
+        Fewer frames and views: for tests.
+
+    Examples
+    --------
+    >>> story = run_mission("results/bottle", part="bottle")  # doctest: +SKIP
+    >>> story.summary()  # doctest: +SKIP
+    'all 2 chapters done'
+    """
+    if part is not None and part not in PARTS:
+        raise InputError("mission", f"found {part!r}, expected one of {', '.join(PARTS)}", field="part")
+    names = chapters or (PARTS[part] if part is not None else tuple(one.name for one in CHAPTERS))
+    known = {one.name for one in CHAPTERS}
+    if unknown := [name for name in names if name not in known]:
+        raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
+    told = tuple(one for one in CHAPTERS if one.name in names)
+    wanted = {need for one in told for need in one.needs} - set(names)
+    # What is needed by what is given comes first.
+    wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
+    given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
+    mission = Mission(
+        seed, Path(folder), say, page, fault, obstacles=1 if part == "foam" or quick else 3, quick=quick
+    )
+    return tell(mission, told, given)
+
+
+#: What a given chapter itself builds on, as far as it is not filled in by it.
+CHAPTERS_NEED: dict[str, tuple[str, ...]] = {"door": ("map",), "foam": ("map",)}

@@ -1,0 +1,329 @@
+"""At the table: the beam sensor is zeroed, the camera circles, and the probe completes what is transparent."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.camera.frame import Frame
+from ..core.camera.pose import Pose
+from ..core.measurement import Reason, Wrench
+from ..io.depth.depth_sequence import DepthFrame
+from ..simulation.tabletop.arm import SimulatedArm
+from ..simulation.tabletop.depth_camera import DepthCamera
+from ..simulation.tabletop.glass_scenes import disturb_pose
+from ..simulation.tabletop.probe_cell import ProbeCell
+from ..tasks.manipulation.complete import CompleteSettings, complete_by_touch
+from .bottle import PLACE, TableBottle, around_the_table, table_bottle
+from .story import ChapterResult, Measure, Mission, Picture, done, failed
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..reconstruction.completion.surface_completion import Completion
+    from ..reconstruction.mesh import SurfaceMesh
+
+__all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
+
+#: Space of interest on the table [m], and its voxels.
+LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
+#: The stop rule of the completion [m], and how many lines are probed at most.
+BOUND_M, TOUCHES = 0.0015, 10
+#: Above this expected error the outline is not used.
+DOUBT_M = 0.010
+#: Height above the table under which nothing is probed: the tip is a few millimetres thick [m].
+FLOOR_M = 0.008
+#: Slices of the completed outline [m], and how far from the axis it is looked for.
+SLICE_M, REACH_M = 0.008, 0.065
+#: Faces of a wall look down by no more than this: the fusion closes a label's lower edge.
+UNDER = 0.3
+
+
+def set_the_table(mission: Mission) -> TableBottle:
+    """Put the bottle onto the simulated table."""
+    if mission.bottle is None:
+        mission.bottle = table_bottle(mission.rng(20))
+    return mission.bottle
+
+
+def zero_the_beam(mission: Mission) -> ChapterResult:
+    """The camera looks at the rod: at rest for the zero, then under known loads."""
+    from ..rigs.virtual_beam import VirtualBeam
+
+    rng = mission.rng(21)
+    virtual = VirtualBeam()
+    renderer = virtual.renderer()
+    rest, count = (8, 3) if mission.quick else (20, 12)
+    with virtual.sensor(mission.folder / "beam") as sensor:
+        sensor.zero(virtual.frames(np.zeros((rest, 6)), rng, start_s=-1.0, renderer=renderer))
+        loads = np.zeros((count, 6))
+        loads[:, :3] = rng.uniform(-1.0, 1.0, (count, 3)) * (2.0, 1.5, 1.5)
+        rows, sigmas, picture = [], [], None
+        for frame, load in zip(virtual.frames(loads, rng, renderer=renderer), loads, strict=True):
+            wrench = sensor.read(frame).reading.wrench
+            picture = frame.image
+            if wrench.valid:
+                rows.append((load[:3], wrench.force_N))
+                sigmas.append(np.sqrt(np.diag(wrench.covariance)[:3]))
+    if len(rows) < max(2, count // 2):
+        return failed(f"{len(rows)} of {count} loads could be read")
+    true, read = (np.array(part) for part in zip(*rows, strict=True))
+    sigma = np.array(sigmas)
+    error = read - true
+    # What a probe feels is the force along the rod's axis and across it: the worst axis counts.
+    mission.known.probe_sigma_N = float(np.sqrt(np.mean(sigma**2, axis=0)).max())
+    mission.known.probe_compliance_m_per_N = 1.0 / virtual.beam.spring_N_per_m
+    worst = float(np.max(np.abs(error) / sigma))
+    rms = float(np.sqrt(np.mean(error**2)))
+    parts = [
+        Measure("rms error of a force's component [N]", rms, 0.0),
+        Measure("declared standard deviation [N]", mission.known.probe_sigma_N, None),
+        Measure("worst error by declared deviation", worst, None),
+        Picture(
+            _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
+        ),
+    ]
+    if picture is not None:
+        parts.append(
+            Picture(picture, "The last frame: the reference print at the clamp, two more along the rod")
+        )
+    mission.say(f"  {len(rows)} loads of up to 2.5 N read with an rms error of {1e3 * rms:.0f} mN")
+    return done(
+        f"the probe's force is known to {1e3 * mission.known.probe_sigma_N:.0f} mN by its own account",
+        worst < 4.5,
+        *parts,
+    )
+
+
+def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.6, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for axis, name in enumerate("XYZ"):
+        axes.errorbar(
+            true[:, axis], read[:, axis], 2 * sigma[:, axis], fmt="o", ms=4, capsize=2, label=f"$F_{name}$"
+        )
+    low, high = float(true.min()) - 0.2, float(true.max()) + 0.2
+    axes.plot([low, high], [low, high], color="0.5", lw=0.8)
+    axes.set(xlabel="applied [N]", ylabel="read, with two sigma [N]")
+    axes.legend()
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def beam_given(mission: Mission) -> None:
+    """The noise and the spring of the data sheet."""
+    mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N = 0.03, 1.0 / 500.0
+
+
+def find_the_glass(mission: Mission) -> ChapterResult:
+    """Depth views around the table: fuse what is opaque, find what is not."""
+    from ..reconstruction.fusion.volume import SpaceGrid
+    from ..reconstruction.pipeline import reconstruct
+
+    bottle, rng = set_the_table(mission), mission.rng(22)
+    camera = DepthCamera.kinect(240)
+    frames = []
+    for index, pose in enumerate(around_the_table(30 if mission.quick else 60, rng)):
+        depth = camera.render(bottle.scene, pose, rng)
+        told = disturb_pose(pose, rng, 0.0005, 0.001)
+        frames.append(DepthFrame(0.1 * index, depth, None, told, camera.camera, index))
+    mission.say(f"  {len(frames)} views; fusing, and looking for contradictions between them")
+    found = reconstruct(frames, grid=SpaceGrid.around(LOW, HIGH, VOXEL_M))
+    picture = _depth(frames[0].depth_m)
+    if not found.regions:
+        return failed("no view contradicts another: nothing transparent was found", picture)
+    region = found.regions[0]
+    centre = region.centroid_m
+    mission.say(
+        f"  {len(found.regions)} transparent part, the largest {1e3 * region.size_m[2]:.0f} mm high around "
+        f"({1e3 * centre[0]:.0f}, {1e3 * centre[1]:.0f}, {1e3 * centre[2]:.0f}) mm"
+    )
+    mission.scan = found
+    off = math.hypot(centre[0] - bottle.foot_m[0], centre[1] - bottle.foot_m[1])
+    return done(
+        f"{len(found.regions)} transparent part was found among {len(frames)} views",
+        off < 0.02,
+        Measure("its middle off the bottle's axis by [m]", off, 0.0),
+        Measure("transparent parts", len(found.regions), 1),
+        picture,
+    )
+
+
+def _depth(depth_m: Float[np.ndarray, "h w"]) -> Picture:
+    import cv2
+
+    near, far = 0.5, 1.4
+    grey = np.where(np.isfinite(depth_m), 255 * np.clip((far - depth_m) / (far - near), 0.05, 1.0), 0)
+    large = cv2.resize(grey.astype(np.uint8), None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
+    coloured = cv2.applyColorMap(large, cv2.COLORMAP_VIRIDIS)
+    coloured[large == 0] = 0
+    return Picture(coloured, "One depth view: near is bright; black is where the sensor says nothing")
+
+
+def complete_the_bottle(mission: Mission) -> ChapterResult:
+    """Probe where the surface is known least, until it is known, and measure the outline."""
+    from ..reconstruction.completion.hole_region import HoleRegion
+    from ..reconstruction.completion.surface_completion import Completion
+
+    known, bottle = mission.known, set_the_table(mission)
+    found = mission.scan
+    assert found is not None
+    assert known.probe_sigma_N is not None
+    assert known.probe_compliance_m_per_N is not None
+    region = found.regions[0]
+    centre = region.centroid_m[:2]
+    completion = Completion(
+        near_axis(found.surface, centre, REACH_M),
+        HoleRegion.of_points(region.hull_m, region.score),
+        T_visual_haptic=PLACE.inverse(),
+    )
+    surface = completion.visual
+    before_m = completion.expected_error_m()
+    rng = mission.rng(23)
+    arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
+    cell = ProbeCell(
+        arm,
+        bottle.probed(),
+        rng,
+        T_base_bottle=bottle.T_base_bottle,
+        stiffness_N_per_m=1.0 / known.probe_compliance_m_per_N,
+        force_sigma_N=known.probe_sigma_N,
+    )
+
+    sigma_N = known.probe_sigma_N
+
+    def feel(frame: Frame) -> Wrench:
+        covariance = np.eye(6) * sigma_N**2
+        return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), covariance)
+
+    top = float(surface.vertices_m[:, 2].max())
+    settings = CompleteSettings(
+        bound_m=BOUND_M,
+        touches=4 if mission.quick else TOUCHES,
+        touch_N=max(0.4, 8 * known.probe_sigma_N),
+        blocked_N=max(1.0, 16 * known.probe_sigma_N),
+        top_m=top,
+        floor_m=FLOOR_M,
+        compliance_m_per_N=known.probe_compliance_m_per_N,
+        sigma_m=0.0005 + known.probe_sigma_N * known.probe_compliance_m_per_N,
+    )
+    touched = complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=PLACE)
+    contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
+    mission.say(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
+    if len(contacts) < 3:
+        return failed(f"{touched.ending.outcome}: {touched.ending.why}; {len(contacts)} contacts are too few")
+    if not (touched.ending.success or touched.ending.outcome == "touches_used"):
+        return failed(f"{touched.ending.outcome}: {touched.ending.why}")
+    outline = outline_of(completion)
+    foot = completion.axis_m
+    known.outline_m, known.bottle_at_m = outline, np.asarray(foot)
+    rms_m, height_off_m = _off(outline, bottle)
+    start_m = _off(outline_of_mesh(surface, foot), bottle)[0]
+    if touched.error_m > DOUBT_M:
+        return failed(
+            f"after {len(contacts)} contacts the outline is still expected to be {1e3 * touched.error_m:.1f} mm off"
+        )
+    # The claim is the expected error: twice of it is what it may be off by.
+    right = rms_m < max(0.004, 2 * touched.error_m) and abs(height_off_m) < 0.01
+    return done(
+        f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
+        f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * touched.error_m:.1f} mm",
+        right,
+        Measure("expected error of the missing part, before touching [m]", before_m, None),
+        Measure("expected error of the missing part, after [m]", touched.error_m, None),
+        Measure("rms error of the outline's radius [m]", rms_m, 0.0),
+        Measure("the same of what was only seen [m]", start_m, 0.0),
+        Measure("height [m]", float(outline[-1, 1]), bottle.height_m),
+        Picture(
+            _outline_figure(outline, bottle, outline_of_mesh(surface, foot), _radial(contacts, foot)),
+            "Outline of the bottle: what the camera saw, what the probe touched, what came of it, and the truth",
+        ),
+    )
+
+
+def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:
+    points = PLACE.inverse().apply(np.array(contacts))
+    return np.column_stack([np.hypot(*(points[:, :2] - foot_m).T), points[:, 2]])
+
+
+def near_axis(surface: SurfaceMesh, centre_m: np.ndarray, reach_m: float) -> SurfaceMesh:
+    """The walls and the lid of what is about an upright axis, above the table."""
+    middle = surface.vertices_m[surface.faces].mean(axis=1)
+    chosen = (np.hypot(*(middle[:, :2] - centre_m).T) < reach_m) & (middle[:, 2] > 0.004)
+    return surface.submesh(np.flatnonzero(chosen & (surface.face_normals[:, 2] > -UNDER)))
+
+
+def outline_of(completion: Completion) -> Float[np.ndarray, "k 2"]:
+    """Radius by height of the completed object, from the table up."""
+    return outline_of_mesh(near_axis(completion.completed(), completion.axis_m, REACH_M), completion.axis_m)
+
+
+def outline_of_mesh(mesh: SurfaceMesh, foot_m: np.ndarray) -> Float[np.ndarray, "k 2"]:
+    """Median radius of slices; heights without points are left to interpolation."""
+    points = mesh.vertices_m[np.unique(mesh.faces)]
+    rho = np.hypot(*(points[:, :2] - foot_m).T)
+    kept = rho < REACH_M
+    points, rho = points[kept], rho[kept]
+    top = float(np.quantile(points[:, 2], 0.999))
+    rows = []
+    for z in np.arange(0.5 * SLICE_M, top, SLICE_M):
+        # The top's own surface lies inside the rim and is no wall.
+        near = (np.abs(points[:, 2] - z) < 0.5 * SLICE_M) & (points[:, 2] < top - 0.003)
+        if np.count_nonzero(near) >= 6:
+            rows.append((float(np.median(rho[near])), float(z)))
+    if len(rows) < 3:
+        return np.array([[0.03, 0.0], [0.03, top]])
+    outline = np.array(rows)
+    return np.vstack([[outline[0, 0], 0.0], outline, [outline[-1, 0], top]])
+
+
+def _off(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> tuple[float, float]:
+    """Root mean square error of the radius over the height, and the error of the height."""
+    z = np.linspace(0.01, 0.9 * bottle.height_m, 60)
+    told = np.interp(z, outline[:, 1], outline[:, 0])
+    true = np.interp(z, bottle.outline_m[:, 1], bottle.outline_m[:, 0])
+    return float(np.sqrt(np.mean((told - true) ** 2))), float(outline[-1, 1]) - bottle.height_m
+
+
+def _outline_figure(
+    outline: np.ndarray, bottle: TableBottle, seen: np.ndarray, contacts: Float[np.ndarray, "n 2"]
+) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5.0, 5.6), layout="constrained")
+    axes = figure.subplots()
+    for side in (1, -1):
+        first = side == 1
+        axes.plot(
+            side * 1e3 * bottle.outline_m[:, 0],
+            1e3 * bottle.outline_m[:, 1],
+            "k",
+            lw=0.9,
+            label="truth" if first else None,
+        )
+        axes.plot(
+            side * 1e3 * outline[:, 0],
+            1e3 * outline[:, 1],
+            color="C0",
+            lw=2,
+            label="completed" if first else None,
+        )
+    axes.plot(1e3 * seen[:, 0], 1e3 * seen[:, 1], ".", color="C7", label="seen")
+    axes.plot(1e3 * contacts[:, 0], 1e3 * contacts[:, 1], "o", color="C1", label="touched")
+    axes.set(xlabel="from the axis [mm]", ylabel="height [mm]", aspect="equal")
+    axes.legend(loc="center", fontsize=8)
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def outline_given(mission: Mission) -> None:
+    """The outline as a completion would give it: the truth, off by half a millimetre."""
+    bottle = set_the_table(mission)
+    off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))
+    mission.known.outline_m = bottle.outline_m + np.column_stack([off, np.zeros(len(off))])
+    mission.known.bottle_at_m = np.array(bottle.foot_m) + 5e-4

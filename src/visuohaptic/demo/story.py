@@ -1,0 +1,240 @@
+"""Chapters of the mission: what each needs, what it found, why it failed, and whether its claim is true.
+
+A chapter is a function of the :class:`Mission` that writes what it learnt into
+``mission.known`` and returns a :class:`ChapterResult`. It never claims more than it
+knows: its ``outcome`` and ``reason`` come from the robot's side alone, ``right`` from
+a comparison with the simulated world that the robot never sees.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..core.errors import InputError, VisuohapticError
+from ..io.maps.occupancy_map import OccupancyMap
+from ..simulation.faults import FaultKind
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from ..core.objects import HapticTag
+    from ..deformation.shapes.container import ContainerDescription
+    from ..navigation.problem.planning_problem import MovableObject
+    from ..reconstruction.pipeline import Reconstruction
+    from ..simulation.mobile.office import ApproachPath
+    from ..simulation.tabletop.kitchen import KitchenTable
+    from ..tasks.manipulation.squeeze_task import SqueezeCurve
+    from ..viewer.page import LivePage
+    from .bottle import TableBottle
+
+__all__ = ["Chapter", "ChapterResult", "Known", "Measure", "Mission", "Outcome", "Picture", "Story", "tell"]
+
+log = logging.getLogger(__name__)
+
+
+class Outcome(StrEnum):
+    """Of a chapter."""
+
+    DONE = "done"
+    FAILED = "failed"
+    SKIPPED = "skipped"  #: a chapter that it needs has not given what it needs
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A number beside the truth."""
+
+    what: str  #: with unit
+    ours: float | bool | str | None
+    truth: float | bool | str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """A figure or an annotated frame for the report."""
+
+    content: Figure | UInt8[np.ndarray, "rows columns *colour"]
+    caption: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChapterResult:
+    """How a chapter ended."""
+
+    outcome: Outcome
+    reason: str  #: one sentence with the numbers that decided it
+    right: bool | None = None  #: whether what is claimed is true; None where nothing is claimed
+    measures: tuple[Measure, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    name: str = ""
+    title: str = ""
+    duration_s: float = 0.0  #: of computing
+
+    @property
+    def done(self) -> bool:
+        """Whether the story may go on from here."""
+        return self.outcome is Outcome.DONE
+
+    @property
+    def wrong_claim(self) -> bool:
+        """Said to be done, and not true."""
+        return self.done and self.right is False
+
+
+@dataclass(slots=True)
+class Known:
+    """What the robot knows; every part is written by one chapter."""
+
+    map: OccupancyMap | None = None  #: of the first round
+    map_now: OccupancyMap | None = None  #: with what stands in the door today
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: where it believes to be
+    obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each thing in the door
+    objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
+    arrived: bool = False  #: at the table
+    probe_sigma_N: float | None = None  #: of the beam sensor's force
+    probe_compliance_m_per_N: float | None = None
+    bottle_at_m: Float[np.ndarray, "2"] | None = None  #: foot of its axis on the table
+    outline_m: Float[np.ndarray, "k 2"] | None = None  #: radius and height of the completed bottle
+    curves: tuple[SqueezeCurve, ...] = ()
+    class_name: str = ""
+    class_model: ContainerDescription | None = None  #: of the recognised class, as large as the outline
+    wall_factor: float = 1.0
+    state: str = ""
+
+
+@dataclass(slots=True)
+class Mission:
+    """Settings, the simulated world, and what is known so far."""
+
+    seed: int
+    folder: Path
+    say: Callable[[str], None] = log.info
+    page: LivePage | None = None
+    fault: FaultKind | None = None
+    obstacles: int = 3  #: to touch; a chapter alone takes one
+    quick: bool = False  #: fewer views and frames: for tests
+    known: Known = field(default_factory=Known)
+    paths: tuple[ApproachPath, ...] = ()  #: the things in the door as they truly are
+    placed: dict[str, tuple[float, float, float]] = field(default_factory=dict)  #: where they truly are now
+    bottle: TableBottle | None = None  #: the one on the table
+    kitchen: KitchenTable | None = None  #: arm, gripper and the bottle between its fingers
+    scan: Reconstruction | None = None  #: what the camera saw of the table
+    tags: dict[str, HapticTag] = field(default_factory=dict)
+
+    def rng(self, part: int) -> np.random.Generator:
+        """Chance of one part of the world: a chapter left out doesn't move another's dice."""
+        return np.random.default_rng([self.seed, part])
+
+
+#: A chapter's work.
+Work = Callable[[Mission], ChapterResult]
+
+
+@dataclass(frozen=True, slots=True)
+class Chapter:
+    """One chapter: its name, headline, what it needs, and who does it."""
+
+    name: str
+    title: str
+    needs: tuple[str, ...]
+    work: Work
+    without: Callable[[Mission], None] | None = None  #: fills in what it would have learnt, when left out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Story:
+    """The whole run."""
+
+    chapters: tuple[ChapterResult, ...]
+    mission: Mission
+    duration_s: float
+
+    @property
+    def complete(self) -> bool:
+        """Every chapter done."""
+        return all(one.done for one in self.chapters)
+
+    @property
+    def wrong_claims(self) -> tuple[str, ...]:
+        """Chapters that say they are done, and are not."""
+        return tuple(one.name for one in self.chapters if one.wrong_claim)
+
+    def summary(self) -> str:
+        """One line."""
+        if self.complete:
+            return f"all {len(self.chapters)} chapters done"
+        failed = next(one for one in self.chapters if not one.done)
+        return f"ended in chapter {failed.name}: {failed.reason}"
+
+
+def tell(mission: Mission, chapters: Sequence[Chapter], given: Sequence[Chapter] = ()) -> Story:
+    """Run chapters in order; one whose needs were not met is skipped with the reason.
+
+    Parameters
+    ----------
+    given
+        Chapters that are left out: what they would have learnt is filled in from the simulated world.
+    """
+    begin = time.monotonic()
+    mission.folder.mkdir(parents=True, exist_ok=True)
+    ended: dict[str, ChapterResult] = {}
+    for one in given:
+        if one.without is None:
+            raise InputError("mission", f"chapter {one.name} can't be left out")
+        one.without(mission)
+        mission.say(f"given, not measured: {one.title.lower()}")
+    left_out = {one.name for one in given}
+    for number, chapter in enumerate(chapters, 1):
+        mission.say("")
+        mission.say(f"{number}/{len(chapters)}  {chapter.title}")
+        missing = next(
+            (name for name in chapter.needs if name not in left_out and not _ended(ended, name)), None
+        )
+        started = time.monotonic()
+        if missing is not None:
+            result = ChapterResult(Outcome.SKIPPED, f"it needs what chapter {missing} was to find out")
+        else:
+            result = _attempt(chapter, mission)
+        spent = time.monotonic() - started
+        result = replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
+        ended[chapter.name] = result
+        mission.say(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
+    return Story(tuple(ended.values()), mission, time.monotonic() - begin)
+
+
+def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
+    return name in ended and ended[name].done
+
+
+def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
+    """A chapter that raises one of our own errors has failed with that reason; anything else is a mistake."""
+    try:
+        return chapter.work(mission)
+    except VisuohapticError as error:
+        log.debug("chapter %s", chapter.name, exc_info=True)
+        return ChapterResult(Outcome.FAILED, str(error))
+
+
+def done(reason: str, right: bool, *parts: Any) -> ChapterResult:
+    """A chapter that ended well; parts are measures and pictures in any order."""
+    return _result(Outcome.DONE, reason, right, parts)
+
+
+def failed(reason: str, *parts: Any) -> ChapterResult:
+    """A chapter that ended with a reason."""
+    return _result(Outcome.FAILED, reason, None, parts)
+
+
+def _result(outcome: Outcome, reason: str, right: bool | None, parts: Sequence[Any]) -> ChapterResult:
+    measures = tuple(part for part in parts if isinstance(part, Measure))
+    pictures = tuple(part for part in parts if isinstance(part, Picture))
+    return ChapterResult(outcome, reason, right, measures, pictures)

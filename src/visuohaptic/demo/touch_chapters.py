@@ -1,0 +1,224 @@
+"""The platform touches what stands in the door, and every push becomes a haptic tag."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.objects import Estimate, HapticTag, Primitive, PrimitiveKind
+from ..core.robots import BaseState, FrameSource
+from ..io.maps.occupancy_map import OccupancyMap
+from ..navigation.problem.planning_problem import MovableObject
+from ..simulation.faults import FaultyFrames, frame_faults
+from ..tasks.mobile.explore import ExploreSettings
+from .office_chapters import ROBOT, approach_to, set_the_door
+from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
+from .story import ChapterResult, Measure, Mission, Picture, done, failed
+
+__all__ = ["explore_obstacles", "footprint", "map_with", "tag_is_right", "tags_given"]
+
+#: Friction that is told must be true within this share, or this many of its standard deviations.
+SHARE, SIGMAS = 0.12, 3.0
+#: Distance from the platform's centre to the origin of the foam's frame F, x ahead [m].
+FRONT_M = ROBOT.radius_m
+EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4)
+#: A shorter drive and a shorter push: for tests.
+QUICK = replace(
+    SLOWLY, approach_m_s=0.05, push_m_s=0.04, search_m=0.3, push_m=0.035, halt_s=0.3, back_off_m=0.02
+)
+
+
+def explore_obstacles(mission: Mission) -> ChapterResult:
+    """Drive at each, push, and take down friction, shape and whether it moves."""
+    known = mission.known
+    grid = known.map_now
+    assert grid is not None
+    paths = []
+    for group in known.obstacle_points_m:
+        # Driven at where the laser has seen it; what stands there is the world's business.
+        x, y = float(group[:, 0].min()), float(group[:, 1].mean())
+        true = min(mission.paths, key=lambda path: abs(path.obstacle.y_m - y))
+        paths.append(approach_to(true.obstacle, x, y))
+    if mission.obstacles < len(paths):
+        movable = sorted(paths, key=lambda path: path.obstacle.mass_kg if path.obstacle.movable else math.inf)
+        paths = movable[: mission.obstacles]
+    found = run_demo(
+        mission.folder / "touch",
+        seed=mission.seed,
+        say=lambda line: mission.say(f"  {line}" if line else ""),
+        page=mission.page,
+        scene=(grid, paths),
+        explore=_settings(mission),
+        through=lambda source: _through(mission, source),
+    )
+    objects, rights, measures = [], [], []
+    for group, one in zip(known.obstacle_points_m, found.objects, strict=False):
+        mission.placed[one.name] = one.end_pose
+        told = HapticTag() if one.exploration.fit_state is None else one.tag
+        ready = told.fixed is not None
+        mission.tags[one.name] = told
+        outline = footprint(one, group)
+        objects.append(MovableObject(one.name, outline, told if ready else None))
+        if ready:
+            rights.append(tag_is_right(one))
+        measures += _against_truth(one)
+        mission.say(f"  {one.name}: {_told(told) if ready else one.exploration.outcome.value}")
+    known.objects = tuple(objects)
+    tagged = sum(item.tag is not None for item in objects)
+    parts = (*measures, *_pictures(mission, found.objects, found))
+    if not tagged:
+        why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
+        return failed(f"nothing could be tagged: {why}", *parts)
+    rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
+    return done(f"{tagged} of {len(objects)} things were pushed and tagged{rest}", all(rights), *parts)
+
+
+def _settings(mission: Mission) -> ExploreSettings:
+    return QUICK if mission.quick else EXPLORE
+
+
+def _through(mission: Mission, source: FrameSource) -> FrameSource:
+    if mission.fault is None:
+        return source
+    at_s = float(mission.rng(7).uniform(1.0, 6.0))
+    return FaultyFrames(source, frame_faults(mission.fault, at_s), mission.rng(8))
+
+
+def footprint(one: DemoObject, seen_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "p 2"]:
+    """Outline on the floor after the push, map frame, from the shape that the foam has felt.
+
+    Behind the face that was touched nobody has looked: a thing is taken to be as deep as it is wide.
+    Without a shape it is the box of the laser's points, moved on as far as it was pushed.
+    """
+    state, shape = one.exploration.fit_state, one.tag.primitive
+    if state is not None and shape is not None:
+        corners = _corners(shape)
+        if corners is not None:
+            c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
+            ahead = corners + np.array([FRONT_M, 0.0])
+            return ahead @ np.array([[c, s], [-s, c]]) + (state.x_m, state.y_m)
+    (x0, y0), (x1, y1) = seen_m.min(axis=0), seen_m.max(axis=0)
+    width = max(float(y1 - y0), 0.05)
+    moved = 0.0 if state is None else max(0.0, _foam_x(state) - float(x0))
+    x0, x1 = float(x0) + moved, float(x0) + moved + width
+    return np.array([[x0, y0], [x1, y0], [x1, y0 + width], [x0, y0 + width]])
+
+
+def _foam_x(state: BaseState) -> float:
+    return state.x_m + FRONT_M * math.cos(state.heading_rad)
+
+
+def _corners(shape: Primitive) -> Float[np.ndarray, "p 2"] | None:
+    """Outline in frame F; ``None`` for shapes without an end."""
+    values = np.asarray(shape.parameters, dtype=float)
+    if shape.kind is PrimitiveKind.CIRCLE and 0.01 < values[2] < 0.4:
+        angle = np.arange(16) * math.pi / 8
+        return values[:2] + values[2] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if shape.kind is PrimitiveKind.SEGMENT:
+        a, b = values[:2], values[2:4]
+        along = b - a
+        width = float(np.hypot(*along))
+        if not 0.01 < width < 0.8:
+            return None
+        across = np.array([-along[1], along[0]])
+        across *= np.sign(across[0]) if across[0] else 1.0  # away from the platform
+        return np.array([a, b, b + across, a + across])
+    return None
+
+
+def tag_is_right(one: DemoObject) -> bool:
+    """Whether what the tag says is true of the obstacle."""
+    tag, true = one.tag, one.path.obstacle
+    if bool(tag.fixed) == true.movable:
+        return False
+    if not true.movable:
+        return True
+    told = tag.static_friction_N
+    return told is None or abs(told.value - true.static_friction_N) <= max(
+        SHARE * true.static_friction_N, SIGMAS * told.sigma
+    )
+
+
+def _told(tag: HapticTag) -> str:
+    from ..report.run_tables import primitive_text, tag_text
+
+    return f"{tag_text(tag)}; {primitive_text(tag.primitive) or 'no shape'}"
+
+
+def _against_truth(one: DemoObject) -> list[Measure]:
+    true, tag = one.path.obstacle, one.tag
+    rows = [Measure(f"{one.name}: fixed", tag.fixed, not true.movable)]
+    if true.movable:
+        for what, told, value in (
+            ("static", tag.static_friction_N, true.static_friction_N),
+            ("dynamic", tag.dynamic_friction_N, true.dynamic_friction_N),
+        ):
+            rows.append(Measure(f"{one.name}: {what} friction [N]", told.value if told else None, value))
+    from .push_demo_report import error_figures
+
+    error = error_figures(one).get("rms error [N]")
+    if error is not None:
+        rows.append(Measure(f"{one.name}: rms error of the force [N]", error, 0.0))
+    return rows
+
+
+def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Picture]:
+    from .push_demo_report import annotated_push, force_of_push
+
+    found = []
+    for one in objects:
+        picture = annotated_push(result, one, split=False)
+        if picture is not None:
+            found.append(
+                Picture(
+                    picture,
+                    f"{one.name}: what the camera sees at the largest force, and what is read from it",
+                )
+            )
+        if not any(sample.truth_N > 0.05 for sample in one.samples):
+            continue
+        found.append(
+            Picture(
+                force_of_push(one), f"{one.name}: force over time with two sigma, the truth, and the events"
+            )
+        )
+    return found
+
+
+def tags_given(mission: Mission) -> None:
+    """Tags as a push would have given them: the truth, off by a few per cent."""
+    if not mission.paths:
+        set_the_door(mission)
+    rng = mission.rng(9)
+    objects = []
+    for path in mission.paths:
+        true = path.obstacle
+        outline = true.outlines[0].moved(*mission.placed[true.name]).polygon_m(math.pi / 8)
+        tag = HapticTag(fixed=not true.movable, explored=1, failed=0)
+        if true.movable:
+            off = 1.0 + 0.03 * float(rng.standard_normal())
+            tag = HapticTag(
+                static_friction_N=Estimate(off * true.static_friction_N, 0.05 * true.static_friction_N),
+                dynamic_friction_N=Estimate(off * true.dynamic_friction_N, 0.05 * true.dynamic_friction_N),
+                fixed=False,
+                explored=1,
+                failed=0,
+            )
+        mission.tags[true.name] = tag
+        objects.append(MovableObject(true.name, outline, tag))
+    mission.known.objects = tuple(objects)
+
+
+def map_with(grid: OccupancyMap, objects: tuple[MovableObject, ...]) -> OccupancyMap:
+    """The first round's map with the footprints of the things where they are now."""
+    from ..navigation.planning.search_domain import fill_cells, grid_from_world
+
+    filled = np.zeros(grid.shape, dtype=bool)
+    for item in objects:
+        fill_cells(filled, grid_from_world(grid, item.footprint_m))
+    cells = grid.cells.copy()
+    cells[filled] = 100
+    return OccupancyMap(cells, grid.resolution_m, grid.origin)

@@ -1,0 +1,5 @@
+"""Depth images, depth sequences and camera trajectories in and out."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

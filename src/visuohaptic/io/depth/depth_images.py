@@ -1,0 +1,121 @@
+"""Pictures of depth: 16-bit PNG and OpenEXR, with scale, invalid values and the F200's rotated bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, UInt16
+
+from ...core.errors import InputError
+from ...core.files import MAX_IMAGE_BYTES, atomic_path, decode_image, image_size, read_bytes
+from ._exr import decode_exr
+
+__all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
+
+#: Kinds of file that are read.
+DEPTH_SUFFIXES = (".png", ".exr")
+
+
+@dataclass(frozen=True, slots=True)
+class DepthEncoding:
+    """How the numbers of a picture become metres: ``depth_m = value * scale_m``."""
+
+    scale_m: float = 0.001  #: metres of one unit of the file
+    bit_rotation: int = 0  #: the file's 16-bit words are rotated left by so many bits (RealSense F200: 3)
+    invalid: tuple[int, ...] = (0, 65535)  #: values that mean "nothing measured", after the rotation
+    min_m: float = 0.05  #: nearer is nothing a depth camera measures
+    max_m: float = 20.0  #: farther neither
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.scale_m) and self.scale_m > 0):
+            raise InputError("DepthEncoding", f"found {self.scale_m}, expected > 0", field="scale_m")
+        if not 0 <= self.bit_rotation < 16:
+            raise InputError(
+                "DepthEncoding", f"found {self.bit_rotation}, expected 0 to 15", field="bit_rotation"
+            )
+        if not 0 <= self.min_m < self.max_m:
+            raise InputError(
+                "DepthEncoding",
+                f"found {self.min_m} and {self.max_m}, expected 0 <= min < max",
+                field="min_m",
+            )
+
+
+def read_depth(
+    path: Path | str, encoding: DepthEncoding, *, size: tuple[int, int] | None = None
+) -> Float[np.ndarray, "rows columns"]:
+    """Depth along the optical axis [m], float32; what was not measured is NaN.
+
+    The file is checked to be whole first (of PNG every checksum): a decoder
+    for photographs would fill what is missing with zeros.
+
+    Parameters
+    ----------
+    size
+        Width and height that the picture must have [px].
+
+    Raises
+    ------
+    InputError
+        The file is missing, of another kind or size, damaged, or hardly any
+        of its depths lies in the range of the encoding.
+    """
+    path = Path(path)
+    data = read_bytes(path, MAX_IMAGE_BYTES)
+    if data[:4] == b"v/1\x01":
+        values = decode_exr(data, str(path))
+        invalid = ~np.isfinite(values) | (values <= 0)
+    else:
+        words = _png_words(path, data, size)
+        if turn := encoding.bit_rotation:
+            words = (words >> turn) | (words << (16 - turn))
+        invalid = np.isin(words, np.array(encoding.invalid, dtype=np.int64)) | (words == 0)
+        values = words.astype(np.float32)
+    _check_size(path, values.shape[1], values.shape[0], size)
+    depth = values * np.float32(encoding.scale_m)
+    depth[invalid] = np.nan
+    with np.errstate(invalid="ignore"):
+        outside = (depth < encoding.min_m) | (depth > encoding.max_m)
+    measured = depth.size - int(invalid.sum())
+    if measured and outside.sum() > 0.9 * measured:
+        middle = float(np.median(depth[~invalid]))
+        raise InputError(
+            path,
+            f"its median depth is {middle:.3g} m, expected {encoding.min_m} to {encoding.max_m} m",
+            remedy=f"check depth_scale_m ({encoding.scale_m:g}) and bit_rotation ({encoding.bit_rotation})",
+        )
+    depth[outside] = np.nan
+    return depth
+
+
+def _png_words(path: Path, data: bytes, size: tuple[int, int] | None) -> UInt16[np.ndarray, "rows columns"]:
+    if data[:8] != b"\x89PNG\r\n\x1a\n":
+        raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR picture")
+    width, height = image_size(data, path)
+    _check_size(path, width, height, size)
+    if len(data) < 26 or (data[24], data[25]) != (16, 0):
+        raise InputError(path, "is no PNG of one 16-bit channel", remedy="depth pictures are 16-bit grey")
+    words = decode_image(data, path, "unchanged")
+    if words.dtype != np.uint16 or words.ndim != 2:
+        raise InputError(path, "is a damaged PNG: it cannot be decoded")
+    return words
+
+
+def _check_size(path: Path, width: int, height: int, size: tuple[int, int] | None) -> None:
+    if size is not None and (width, height) != size:
+        raise InputError(
+            path, f"has {width} x {height}, expected {size[0]} x {size[1]} of the camera", field="size"
+        )
+
+
+def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], scale_m: float = 0.001) -> None:
+    """Write depth as a 16-bit PNG; what is NaN or does not fit becomes 0."""
+    import cv2
+
+    with np.errstate(invalid="ignore"):
+        units = np.rint(np.asarray(depth_m, dtype=np.float64) / scale_m)
+        units = np.where((units > 0) & (units < 65535), units, 0).astype(np.uint16)
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(cv2.imencode(".png", units)[1].tobytes())

@@ -1,0 +1,322 @@
+"""Makes a sequence folder from the layouts in which others publish depth sequences.
+
+``arm``
+    ``camera.json`` (width, height, fx, fy, cx, cy, depth_unit_m), ``depth/k.png``,
+    ``color/k.jpg``, ``base_T_cam.txt`` with lines ``k`` and 16 numbers.
+``apc``
+    ``cam.info.txt`` (labelled matrices), ``frame-NNNNNN.depth.png`` with rotated
+    bits of 0.1 mm, aligned to ``frame-NNNNNN.color.png``.
+``cleargrasp``
+    ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
+    views without poses, every one of a scene of its own.
+``plain``
+    Pictures of depth beside a ``camera.yaml`` and a file of poses that are named.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.files import MAX_IMAGE_BYTES, image_size, load_yaml_model, read_bytes, save_yaml
+from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
+from .depth_sequence import _matched, _pictures
+from .poses import StampedPose, read_poses, write_poses
+
+__all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
+
+_log = logging.getLogger(__name__)
+
+LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
+#: Time between two pictures that have none [s].
+_PERIOD_S = 1.0 / 30.0
+_NUMBER = re.compile(r"(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedSequence:
+    """What was written."""
+
+    folder: Path
+    layout: str
+    frames: int
+    skipped: list[str] = field(default_factory=list)  #: one line for each picture left out
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """A foreign folder, understood."""
+
+    sensor: str
+    camera: Camera
+    encoding: DepthEncoding
+    pictures: list[tuple[Path, Path | None, StampedPose]]  #: depth, colour, pose
+
+
+class _CameraJson(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    camera: str = "depth camera"
+    width: int = Field(gt=0)
+    height: int = Field(gt=0)
+    fx: FiniteFloat
+    fy: FiniteFloat
+    cx: FiniteFloat
+    cy: FiniteFloat
+    depth_unit_m: FiniteFloat = Field(gt=0)
+
+    def to_camera(self) -> Camera:
+        matrix = np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+        return Camera(self.width, self.height, matrix, name=self.camera)
+
+
+class _ClearGraspYaml(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    camera_name: str = "depth camera"
+    xres: int = Field(gt=0)
+    yres: int = Field(gt=0)
+    fx: FiniteFloat
+    fy: FiniteFloat
+    cx: FiniteFloat
+    cy: FiniteFloat
+
+
+def import_sequence(
+    source: Path | str,
+    target: Path | str,
+    *,
+    layout: str = "auto",
+    kind: str = "transparent",
+    camera: Path | str | None = None,
+    poses: Path | str | None = None,
+    depth_scale_m: float | None = None,
+    bit_rotation: int = 0,
+) -> ImportedSequence:
+    """Write a sequence folder from a foreign one.
+
+    Depth is written as plain 16-bit PNG; colour is copied. Pictures that
+    cannot be read or have no pose are left out and told.
+
+    Parameters
+    ----------
+    layout
+        One of :data:`LAYOUTS`, or ``auto`` to tell it from the files.
+    kind
+        Of the ClearGrasp pairs: ``transparent`` or ``opaque``.
+    camera, poses, depth_scale_m, bit_rotation
+        Of a plain folder: ``camera_info`` file, file of poses, metres of one
+        unit, and the F200's rotation of bits.
+
+    Raises
+    ------
+    InputError
+        The source is of no such layout, nothing of it can be read, or the
+        target is there already.
+    """
+    source, target = Path(source), Path(target)
+    if not source.is_dir():
+        raise InputError(source, "is no folder")
+    if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
+        raise InputError(target, "is not empty", remedy="name a new folder")
+    chosen = _layout_of(source, camera) if layout == "auto" else layout
+    if chosen == "arm":
+        found = _arm(source)
+    elif chosen == "apc":
+        found = _apc(source)
+    elif chosen == "cleargrasp":
+        found = _cleargrasp(source, kind)
+    elif chosen == "plain":
+        found = _plain(source, camera, poses, depth_scale_m, bit_rotation)
+    else:
+        raise InputError("layout", f"found {layout!r}, expected auto, {', '.join(LAYOUTS)}")
+    return _write(found, target, chosen)
+
+
+def _layout_of(source: Path, camera: Path | str | None) -> str:
+    if camera is not None:
+        return "plain"
+    if (source / "camera.json").is_file():
+        return "arm"
+    if (source / "cam.info.txt").is_file():
+        return "apc"
+    if (source / "camera_intrinsics.yaml").is_file():
+        return "cleargrasp"
+    raise InputError(
+        source,
+        "has no camera.json, cam.info.txt or camera_intrinsics.yaml",
+        remedy="name camera, poses and depth scale of a plain folder",
+    )
+
+
+def _arm(source: Path) -> _Layout:
+    path = source / "camera.json"
+    try:
+        info = _CameraJson.model_validate(json.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (ValueError, ValidationError, RecursionError) as error:
+        raise InputError(path, f"is no camera.json: {str(error).splitlines()[0]}") from error
+    table = source / "base_T_cam.txt"
+    poses = read_poses(table)
+    numbers = np.loadtxt(table, usecols=0, dtype=np.float64, ndmin=1)
+    by_number = {int(number): pose for number, pose in zip(numbers, poses, strict=True)}
+    pictures = []
+    for path in _pictures(source / "depth", set(DEPTH_SUFFIXES)):
+        match = _NUMBER.search(path.stem)
+        pose = by_number.get(int(match[1])) if match else None
+        pose = pose or StampedPose(np.nan, None, f"{table.name} has no pose of it")
+        pictures.append((path, _beside(source / "color", path.stem), pose))
+    return _Layout(info.camera, info.to_camera(), DepthEncoding(info.depth_unit_m), pictures)
+
+
+def _beside(folder: Path, stem: str) -> Path | None:
+    found = (folder / (stem + suffix) for suffix in (".png", ".jpg", ".jpeg"))
+    return next((path for path in found if path.is_file()), None)
+
+
+def _labelled_matrices(path: Path) -> dict[str, Float[np.ndarray, "rows columns"]]:
+    """Matrices of a text file, each under the comment line above it."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(path, f"cannot be read ({type(error).__name__})") from error
+    found: dict[str, list[list[float]]] = {}
+    label = ""
+    for number, line in enumerate(lines, start=1):
+        if line.startswith("#"):
+            label = line[1:].strip()
+        elif line.strip():
+            try:
+                found.setdefault(label, []).append([float(word) for word in line.split()])
+            except ValueError as error:
+                raise InputError(
+                    path, f"found {line[:60]!r}, expected numbers", field=f"line {number}"
+                ) from error
+    matrices = {}
+    for label, rows in found.items():
+        if len({len(row) for row in rows}) != 1:
+            raise InputError(path, f"the rows of {label!r} have different lengths")
+        matrices[label] = np.array(rows)
+    return matrices
+
+
+def _apc(source: Path) -> _Layout:
+    path = source / "cam.info.txt"
+    matrices = _labelled_matrices(path)
+    intrinsic = next((m for label, m in matrices.items() if label.startswith("Color camera intrinsic")), None)
+    if intrinsic is None or intrinsic.shape != (3, 3):
+        raise InputError(path, "has no 3 x 3 color camera intrinsic matrix")
+    camera: Camera | None = None
+    pictures: list[tuple[Path, Path | None, StampedPose]] = []
+    for depth in _pictures(source, {".png"}):
+        if not depth.name.endswith(".depth.png"):
+            continue
+        name = depth.name.removesuffix(".depth.png")
+        matrix = next((m for label, m in matrices.items() if label.endswith(f"for {name}")), None)
+        color = source / f"{name}.color.png"
+        if camera is None:
+            camera = _camera_of(depth, intrinsic)
+        if matrix is None or matrix.shape != (4, 4):
+            stamped = StampedPose(np.nan, None, f"{path.name} has no pose of {name}")
+        else:
+            stamped = _pose_of_text(matrix, name)
+        pictures.append((depth, color if color.is_file() else None, stamped))
+    if camera is None:
+        raise InputError(source, "has no frame-NNNNNN.depth.png")
+    return _Layout("Intel RealSense F200", camera, DepthEncoding(1e-4, bit_rotation=3), pictures)
+
+
+def _pose_of_text(matrix: Float[np.ndarray, "4 4"], name: str) -> StampedPose:
+    from .poses import _matrix
+
+    found = _matrix(matrix, name)
+    return StampedPose(np.nan, found.pose, found.problem)
+
+
+def _camera_of(picture: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
+    width, height = image_size(read_bytes(picture, MAX_IMAGE_BYTES), picture)
+    return Camera(width, height, intrinsic, name="color")
+
+
+def _cleargrasp(source: Path, kind: str) -> _Layout:
+    if kind not in ("transparent", "opaque"):
+        raise InputError("kind", f"found {kind!r}, expected transparent or opaque")
+    info = load_yaml_model(source / "camera_intrinsics.yaml", _ClearGraspYaml)
+    matrix = np.array([[info.fx, 0, info.cx], [0, info.fy, info.cy], [0, 0, 1.0]])
+    camera = Camera(info.xres, info.yres, matrix, name=info.camera_name)
+    pictures: list[tuple[Path, Path | None, StampedPose]] = []
+    for path in _pictures(source, {".exr"}):
+        if f"-{kind}-depth-img" in path.stem:
+            color = path.with_name(path.stem.replace("depth-img", "rgb-img") + ".jpg")
+            pictures.append((path, color if color.is_file() else None, StampedPose(np.nan, Pose.identity())))
+    return _Layout(info.camera_name, camera, DepthEncoding(1.0), pictures)
+
+
+def _plain(
+    source: Path,
+    camera: Path | str | None,
+    poses: Path | str | None,
+    depth_scale_m: float | None,
+    bit_rotation: int,
+) -> _Layout:
+    if camera is None or poses is None or depth_scale_m is None:
+        raise InputError(source, "a plain folder needs camera, poses and depth_scale_m")
+    folder = source / "depth" if (source / "depth").is_dir() else source
+    paths = _pictures(folder, set(DEPTH_SUFFIXES))
+    stamped = _matched(source, paths, read_poses(poses)) if paths else []
+    colors = [_beside(source / "color", path.stem) for path in paths]
+    pictures = list(zip(paths, colors, stamped, strict=True))
+    return _Layout("unknown", Camera.load(camera), DepthEncoding(depth_scale_m, bit_rotation), pictures)
+
+
+def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
+    if not found.pictures:
+        raise InputError(target, f"the source has no depth pictures of the layout {layout!r}")
+    # 0.1 mm reaches 6.5 m in 16 bit; what is coarser stays as it is.
+    scale_m = 1e-4 if found.encoding.scale_m == 1.0 else found.encoding.scale_m
+    skipped: list[str] = []
+    poses: list[tuple[float, Pose]] = []
+    for index, (depth_m, color, stamped) in enumerate(_readable(found, skipped)):
+        if not poses:
+            (target / "depth").mkdir(parents=True, exist_ok=True)
+        assert stamped.pose is not None
+        write_depth(target / "depth" / f"{index:06d}.png", depth_m, scale_m)
+        if color is not None:
+            (target / "color").mkdir(exist_ok=True)
+            shutil.copyfile(color, target / "color" / f"{index:06d}{color.suffix}")
+        time_s = stamped.t_s if np.isfinite(stamped.t_s) else index * _PERIOD_S
+        poses.append((time_s, stamped.pose))
+    if not poses:
+        raise InputError(target, f"not one picture of the source can be used; the first: {skipped[0]}")
+    found.camera.save(target / "camera.yaml")
+    write_poses(target / "poses.txt", poses)
+    description = {"sensor": found.sensor, "depth_scale_m": scale_m, "camera": "camera.yaml"}
+    save_yaml(target / "sequence.yaml", description)
+    return ImportedSequence(target, layout, len(poses), skipped)
+
+
+def _readable(
+    found: _Layout, skipped: list[str]
+) -> Iterator[tuple[Float[np.ndarray, "rows columns"], Path | None, StampedPose]]:
+    size = (found.camera.width, found.camera.height)
+    for path, color, stamped in found.pictures:
+        try:
+            if stamped.pose is None:
+                raise InputError(path, stamped.problem)
+            depth_m = read_depth(path, found.encoding, size=size)
+        except InputError as error:
+            _log.warning("picture left out: %s", error)
+            skipped.append(str(error))
+            continue
+        yield depth_m, color, stamped

@@ -1,0 +1,228 @@
+"""Live depth cameras: RealSense and Orbbec by their makers' packages, where these are installed.
+
+Both deliver the depth registered to the colour picture, so that one camera
+model holds for both. Neither knows where it is: poses come from a tracker.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, InputError, MissingExtraError
+from ...core.resources import Closing
+from .depth_sequence import DepthFrame
+
+__all__ = ["DepthPicture", "LiveDepthSource", "OrbbecSource", "RealSenseSource"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthPicture:
+    """Depth and colour of one moment."""
+
+    depth_m: Float32[np.ndarray, "rows columns"]  #: along the optical axis [m]; NaN: not measured
+    color: UInt8[np.ndarray, "rows columns 3"]  #: blue, green, red, registered
+    t_s: float  #: in the camera's clock [s]
+    index: int  #: number of the frame; a gap means that frames were lost, where the camera counts them
+
+    def posed(self, T_world_camera: Pose, camera: Camera) -> DepthFrame:
+        """The view as fusion and detection take it."""
+        return DepthFrame(self.t_s, self.depth_m, self.color, T_world_camera, camera, self.index)
+
+
+class LiveDepthSource(Closing):
+    """Frames of a live depth camera; implements :class:`visuohaptic.core.robots.FrameSource` with its colour pictures.
+
+    Parameters
+    ----------
+    width, height
+        Of the pictures [px].
+    rate_Hz
+        Pictures per second.
+    timeout_s
+        A picture is waited for this long [s].
+
+    Raises
+    ------
+    MissingExtraError
+        The maker's package is not installed.
+    DeviceError
+        There is no such camera, or it does not offer these pictures.
+    """
+
+    #: Module of the maker's package, and the extra that has it.
+    module = ""
+    extra = ""
+
+    def __init__(
+        self, *, width: int = 640, height: int = 480, rate_Hz: float = 30.0, timeout_s: float = 2.0
+    ) -> None:
+        if min(width, height) < 1 or not rate_Hz > 0 or not timeout_s > 0:
+            raise InputError(
+                type(self).__name__,
+                f"found {width} x {height} at {rate_Hz} Hz, {timeout_s} s, expected numbers > 0",
+            )
+        try:
+            self._driver: Any = import_module(self.module)
+        except ImportError as error:
+            raise MissingExtraError(self.module, self.extra, type(self).__name__) from error
+        self._timeout_ms = max(1, round(1e3 * timeout_s))
+        self._open = True
+        try:
+            self._camera = self._start(width, height, round(rate_Hz))
+        except Exception as error:
+            raise DeviceError(
+                f"{type(self).__name__} cannot be started ({error}); check its cable"
+            ) from error
+
+    @abstractmethod
+    def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
+        """Open the device; its model."""
+
+    @abstractmethod
+    def _wait(self) -> DepthPicture | None:
+        """The next picture; None without one in time, or without depth or colour."""
+
+    @abstractmethod
+    def _stop(self) -> None:
+        """Release the device."""
+
+    @property
+    def camera(self) -> Camera:
+        """The model of the pictures."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a live camera has no end."""
+        return None
+
+    def read(self) -> DepthPicture:
+        """Wait for the next picture.
+
+        Raises
+        ------
+        DeviceError
+            None came in time, or the camera is closed or lost.
+        """
+        if not self._open:
+            raise DeviceError("the camera is closed")
+        # Makers' packages raise what they like when a cable is pulled.
+        try:
+            found = self._wait()
+        except Exception as error:
+            raise DeviceError(f"the camera is lost ({error}); check its cable") from error
+        if found is None:
+            raise DeviceError(f"no frame for {self._timeout_ms} ms; check cable and power of the camera")
+        return found
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Colour pictures until the source is closed."""
+        while self._open:
+            found = self.read()
+            yield Frame(found.color, found.t_s, found.index)
+
+    def close(self) -> None:
+        """Release the device; harmless when repeated."""
+        if self._open:
+            self._open = False
+            self._stop()
+
+
+class RealSenseSource(LiveDepthSource):
+    """A RealSense camera by ``pyrealsense2``; parameters as of :class:`LiveDepthSource`."""
+
+    module, extra = "pyrealsense2", "realsense"
+
+    def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
+        rs = self._driver
+        self._pipeline, config = rs.pipeline(), rs.config()
+        config.enable_stream(rs.stream.depth, width, height, rs.format.z16, rate_Hz)
+        config.enable_stream(rs.stream.color, width, height, rs.format.bgr8, rate_Hz)
+        profile = self._pipeline.start(config)
+        self._scale_m = np.float32(profile.get_device().first_depth_sensor().get_depth_scale())
+        self._align = rs.align(rs.stream.color)
+        found = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
+        return _pinhole(found.width, found.height, found.fx, found.fy, found.ppx, found.ppy)
+
+    def _wait(self) -> DepthPicture | None:
+        frames = self._align.process(self._pipeline.wait_for_frames(self._timeout_ms))
+        depth, color = frames.get_depth_frame(), frames.get_color_frame()
+        if not depth or not color:
+            return None
+        return DepthPicture(
+            _metres(np.asanyarray(depth.get_data()), self._scale_m),
+            np.array(color.get_data(), dtype=np.uint8),
+            1e-3 * float(depth.get_timestamp()),
+            int(depth.get_frame_number()),
+        )
+
+    def _stop(self) -> None:
+        self._pipeline.stop()
+
+
+class OrbbecSource(LiveDepthSource):
+    """An Orbbec camera by ``pyorbbecsdk2`` (module ``pyorbbecsdk``); parameters as of :class:`LiveDepthSource`."""
+
+    module, extra = "pyorbbecsdk", "orbbec"
+
+    def _start(self, width: int, height: int, rate_Hz: int) -> Camera:
+        ob = self._driver
+        self._pipeline, config = ob.Pipeline(), ob.Config()
+        for sensor, kind in (
+            (ob.OBSensorType.DEPTH_SENSOR, ob.OBFormat.Y16),
+            (ob.OBSensorType.COLOR_SENSOR, ob.OBFormat.RGB),
+        ):
+            offered = self._pipeline.get_stream_profile_list(sensor)
+            config.enable_stream(offered.get_video_stream_profile(width, height, kind, rate_Hz))
+        config.set_frame_aggregate_output_mode(ob.OBFrameAggregateOutputMode.FULL_FRAME_REQUIRE)
+        self._pipeline.enable_frame_sync()
+        self._pipeline.start(config)
+        self._count = -1
+        self._align = ob.AlignFilter(align_to_stream=ob.OBStreamType.COLOR_STREAM)
+        found = self._pipeline.get_camera_param().rgb_intrinsic
+        return _pinhole(found.width, found.height, found.fx, found.fy, found.cx, found.cy)
+
+    def _wait(self) -> DepthPicture | None:
+        frames = self._pipeline.wait_for_frames(self._timeout_ms)
+        if frames is None:
+            return None
+        frames = self._align.process(frames).as_frame_set()
+        depth, color = frames.get_depth_frame(), frames.get_color_frame()
+        if depth is None or color is None:
+            return None
+        self._count += 1
+        shape = (depth.get_height(), depth.get_width())
+        # The maker's scale is in millimetres.
+        scale_m = np.float32(1e-3 * depth.get_depth_scale())
+        rgb = np.frombuffer(color.get_data(), np.uint8).reshape(color.get_height(), color.get_width(), 3)
+        return DepthPicture(
+            _metres(np.frombuffer(depth.get_data(), np.uint16).reshape(shape), scale_m),
+            np.ascontiguousarray(rgb[..., ::-1]),
+            # Some models have no clock of their own and tell 0.
+            1e-3 * float(depth.get_timestamp() or depth.get_system_timestamp()),
+            self._count,
+        )
+
+    def _stop(self) -> None:
+        self._pipeline.stop()
+
+
+def _pinhole(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Camera:
+    return Camera(int(width), int(height), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]))
+
+
+def _metres(raw: np.ndarray, scale_m: np.float32) -> Float32[np.ndarray, "rows columns"]:
+    """Words of the camera in metres; 0 is not measured."""
+    depth_m = raw.astype(np.float32) * scale_m
+    depth_m[raw == 0] = np.nan
+    return depth_m

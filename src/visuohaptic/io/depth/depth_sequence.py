@@ -1,0 +1,264 @@
+"""A folder of depth pictures with the camera's poses.
+
+=================  ====================================================================
+``sequence.yaml``  ``sensor``, ``depth_scale_m``, ``camera: camera.yaml``; see
+                   :class:`SequenceFile` for what is optional
+``camera.yaml``    ROS ``camera_info``
+``depth/``         16-bit PNG or EXR, in order of name
+``color/``         optional, registered to the depth, same names or same count
+``poses.txt``      TUM text (``t tx ty tz qx qy qz qw``), camera to world
+=================  ====================================================================
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.files import load_yaml_model, read_image
+from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth
+from .poses import StampedPose, interpolate_pose, read_poses
+
+__all__ = ["DepthFrame", "DepthSequence", "SequenceFile"]
+
+_log = logging.getLogger(__name__)
+
+_COLOR_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp"}
+_SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
+_NUMBER = re.compile(r"(\d+)\D*$")
+#: A camera that steps farther than this many depths between frames sees nothing twice: wrong unit.
+_STEP_PER_DEPTH = 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthFrame:
+    """One view of a depth camera."""
+
+    t_s: float  #: time [s]
+    depth_m: Float32[np.ndarray, "rows columns"]  #: along the optical axis [m]; NaN: not measured
+    color: UInt8[np.ndarray, "rows columns 3"] | None  #: blue, green, red; registered to the depth
+    T_world_camera: Pose
+    camera: Camera
+    index: int = 0  #: number of the frame in its sequence
+
+    def __post_init__(self) -> None:
+        expected = (self.camera.height, self.camera.width)
+        if self.depth_m.shape != expected or self.depth_m.dtype != np.float32:
+            raise InputError(
+                "DepthFrame",
+                f"found {self.depth_m.dtype} of shape {self.depth_m.shape}, expected float32 {expected}",
+                field="depth_m",
+            )
+        if self.color is not None and (self.color.shape != (*expected, 3) or self.color.dtype != np.uint8):
+            raise InputError(
+                "DepthFrame",
+                f"found {self.color.dtype} of shape {self.color.shape}, expected uint8 {(*expected, 3)}",
+                field="color",
+            )
+
+
+class SequenceFile(BaseModel):
+    """Fields of ``sequence.yaml``."""
+
+    model_config = ConfigDict(extra="forbid")
+    sensor: Annotated[str, Field(max_length=200)] = "unknown"
+    depth_scale_m: Annotated[FiniteFloat, Field(gt=0)]  #: metres of one unit
+    camera: str = "camera.yaml"
+    depth: str = "depth"  #: folder of the depth pictures
+    color: str = "color"  #: folder of the colour pictures
+    poses: str = "poses.txt"  #: TUM text, 4 x 4 text or MCAP
+    poses_topic: str | None = None  #: of an MCAP file
+    bit_rotation: Annotated[int, Field(ge=0, lt=16)] = 0  #: RealSense F200: 3
+    invalid: Annotated[list[int], Field(max_length=16)] = [0, 65535]  #: values that mean "not measured"
+    min_depth_m: Annotated[FiniteFloat, Field(ge=0)] = 0.05
+    max_depth_m: Annotated[FiniteFloat, Field(gt=0)] = 20.0
+
+
+class DepthSequence:
+    """Views of a depth camera from a folder; iterates over :class:`DepthFrame`.
+
+    Frames that cannot be used (unreadable, of another size, without pose, out
+    of range) are left out; ``skipped`` counts them by cause and ``problems``
+    has one line for each, both of the last iteration.
+
+    Raises
+    ------
+    InputError
+        The folder has no such files, or they cannot belong together.
+
+    Examples
+    --------
+    >>> for frame in DepthSequence("scan"):  # doctest: +SKIP
+    ...     volume.integrate(frame)
+    """
+
+    def __init__(self, folder: Path | str) -> None:
+        self.folder = Path(folder)
+        info = load_yaml_model(self.folder / "sequence.yaml", SequenceFile)
+        self.sensor = info.sensor
+        self.camera = Camera.load(self._inside(info.camera, "camera"))
+        self.encoding = DepthEncoding(
+            info.depth_scale_m, info.bit_rotation, tuple(info.invalid), info.min_depth_m, info.max_depth_m
+        )
+        self._paths = _pictures(self._inside(info.depth, "depth"), set(DEPTH_SUFFIXES))
+        if not self._paths:
+            raise InputError(self.folder / info.depth, "has no depth pictures (.png, .exr)")
+        colors = self._inside(info.color, "color")
+        self._colors = {path.stem: path for path in _pictures(colors, _COLOR_SUFFIXES)}
+        self._color_list = list(self._colors.values())
+        poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
+        #: Time and pose of each picture; a pose that is missing says why.
+        self.stamped: list[StampedPose] = _matched(self.folder, self._paths, poses)
+        #: Pictures that have a pose and are not there, where the names tell.
+        self.missing = 0 if _timed(self._paths) else len(poses) - len(self._paths)
+        self._check_steps()
+        self.skipped: Counter[str] = Counter()  #: frames left out, by cause
+        self.problems: list[str] = []  #: one line for each frame left out
+
+    def _inside(self, name: str, field: str) -> Path:
+        """A path of the description; it may not lead out of the folder."""
+        path = self.folder / name
+        if "\0" in name or not path.resolve().is_relative_to(self.folder.resolve()):
+            raise InputError(
+                self.folder / "sequence.yaml",
+                f"found {name!r}, expected a path inside the folder",
+                field=field,
+            )
+        return path
+
+    def _check_steps(self) -> None:
+        """Refuse poses in another unit than the depth."""
+        places = np.array([stamped.pose.translation_m for stamped in self.stamped if stamped.pose])
+        if len(places) < 2:
+            return
+        step_m = float(np.median(np.linalg.norm(np.diff(places, axis=0), axis=1)))
+        for path in self._paths[:3]:
+            try:
+                depths = self._read(path)
+            except InputError:
+                continue
+            valid = depths[np.isfinite(depths)]
+            if not valid.size:
+                continue
+            depth_m = float(np.median(valid))
+            if step_m > _STEP_PER_DEPTH * depth_m:
+                raise InputError(
+                    self.folder,
+                    f"the camera moves {step_m:.3g} m between frames and sees things at {depth_m:.3g} m",
+                    remedy="check that poses are in metres, and depth_scale_m",
+                )
+            return
+
+    def _read(self, path: Path) -> Float32[np.ndarray, "rows columns"]:
+        return read_depth(path, self.encoding, size=(self.camera.width, self.camera.height))
+
+    def __len__(self) -> int:
+        return len(self._paths)
+
+    @property
+    def times_s(self) -> Float[np.ndarray, "n"]:
+        """Time of every picture [s]; the number of the frame where the poses have no times."""
+        return np.array(
+            [stamped.t_s if np.isfinite(stamped.t_s) else k for k, stamped in enumerate(self.stamped)],
+            dtype=np.float64,
+        )
+
+    def __iter__(self) -> Iterator[DepthFrame]:
+        """Usable frames in order of name, from the first one every time.
+
+        Raises
+        ------
+        InputError
+            Not one frame can be used; the message has the first cause.
+        """
+        self.skipped, self.problems = Counter(), []
+        delivered = 0
+        times_s = self.times_s
+        for index, (path, stamped) in enumerate(zip(self._paths, self.stamped, strict=True)):
+            if stamped.pose is None:
+                self._skip("no pose", f"{path.name}: {stamped.problem}")
+                continue
+            try:
+                depth_m = self._read(path)
+            except InputError as error:
+                self._skip("wrong size" if error.field == "size" else "unreadable", str(error))
+                continue
+            if np.isnan(depth_m).all():
+                self._skip("empty", f"{path.name}: not one depth is valid")
+                continue
+            delivered += 1
+            color = self._color(path, index)
+            yield DepthFrame(float(times_s[index]), depth_m, color, stamped.pose, self.camera, index)
+        if not delivered:
+            raise InputError(
+                self.folder, f"none of {len(self._paths)} frames can be used; the first: {self.problems[0]}"
+            )
+
+    def _skip(self, cause: str, problem: str) -> None:
+        self.skipped[cause] += 1
+        self.problems.append(problem)
+        _log.warning("frame left out: %s", problem)
+
+    def _color(self, path: Path, index: int) -> UInt8[np.ndarray, "rows columns 3"] | None:
+        found = self._colors.get(path.stem)
+        if found is None and len(self._color_list) == len(self._paths):
+            found = self._color_list[index]
+        if found is None:
+            return None
+        try:
+            image = read_image(found)
+        except InputError as error:
+            _log.warning("colour left out: %s", error)
+            return None
+        if image.shape[:2] != (self.camera.height, self.camera.width):
+            _log.warning("colour left out: %s has another size than the depth", found)
+            return None
+        return image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    parts = re.split(r"(\d+)", path.stem)
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
+
+
+def _pictures(folder: Path, suffixes: set[str]) -> list[Path]:
+    if not folder.is_dir():
+        return []
+    found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
+    return sorted(found, key=_natural)
+
+
+def _timed(paths: list[Path]) -> list[float]:
+    """Times at the end of the names [s]; empty when one has none."""
+    matches = [_SECONDS.search(path.stem) for path in paths]
+    return [float(match[1]) for match in matches if match] if all(matches) else []
+
+
+def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[StampedPose]:
+    """The pose of each picture: by time in its name, by count, or by its number where pictures are lost."""
+    timed = sorted((stamped for stamped in poses if np.isfinite(stamped.t_s)), key=lambda s: s.t_s)
+    if (seconds := _timed(paths)) and timed:
+        return [StampedPose(time_s, *interpolate_pose(timed, time_s)) for time_s in seconds]
+    if len(paths) == len(poses):
+        return poses
+    numbers = [int(match[1]) for path in paths if (match := _NUMBER.search(path.stem))]
+    if len(numbers) == len(paths) and max(numbers) - min(numbers) + 1 == len(poses) > len(paths):
+        _log.warning("%s: %d of %d depth pictures are missing", folder, len(poses) - len(paths), len(poses))
+        return [poses[number - min(numbers)] for number in numbers]
+    raise InputError(
+        folder,
+        f"has {len(paths)} depth pictures and {len(poses)} poses, expected one pose for each picture",
+        remedy="or name the pictures by their time in seconds",
+    )

@@ -1,0 +1,194 @@
+"""Poses of a moving camera: TUM text, 4 x 4 matrices as text, MCAP."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.files import read_head, read_text, write_text
+
+__all__ = ["StampedPose", "interpolate_pose", "read_poses", "write_poses"]
+
+#: Text files larger than this are no lists of poses [bytes].
+_MAX_FILE_BYTES = 1 << 28
+#: Matrices whose entries are off by less are rounded text, and are made orthonormal.
+_ROUNDING = 1e-3
+_POSE_TYPES = (
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/PoseWithCovarianceStamped",
+    "geometry_msgs/msg/TransformStamped",
+    "nav_msgs/msg/Odometry",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StampedPose:
+    """A pose as a file has it; one that cannot be used says why."""
+
+    t_s: float  #: time [s]; NaN where the file has none
+    pose: Pose | None  #: ``T_world_camera``
+    problem: str = ""  #: why there is no pose
+
+
+def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
+    """Camera-to-world poses of a file, in its order.
+
+    Lines of eight numbers are TUM (``t tx ty tz qx qy qz qw``); of 16 or 12 a
+    matrix by rows; of 17 the same behind a number; of four a row of a matrix
+    (Redwood's logs, with a header of three numbers, are such a file). ``#``
+    begins a comment. An MCAP file gives its stamped poses, transforms or
+    odometry. A line whose numbers are not finite or no rigid motion is kept
+    with its problem, so that the others keep their place.
+
+    Raises
+    ------
+    InputError
+        The file is missing, of no such kind, or has no line of poses.
+    """
+    path = Path(path)
+    if read_head(path, 8) == b"\x89MCAP0\r\n":
+        return _from_mcap(path, topic)
+    text = read_text(path, _MAX_FILE_BYTES)
+    found = list(_from_rows(path, _rows(path, text)))
+    if not found:
+        raise InputError(path, "has no poses, expected lines of t tx ty tz qx qy qz qw")
+    return found
+
+
+def _rows(path: Path, text: str) -> Iterator[tuple[int, list[float]]]:
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.partition("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            yield number, [float(word) for word in words]
+        except ValueError as error:
+            raise InputError(
+                path, f"found {line[:60]!r}, expected numbers", field=f"line {number}"
+            ) from error
+
+
+def _from_rows(path: Path, rows: Iterator[tuple[int, list[float]]]) -> Iterator[StampedPose]:
+    for number, row in rows:
+        where = f"line {number}"
+        if len(row) == 8:
+            yield _tum(row, where)
+        elif len(row) in (12, 16, 17):
+            numbers = row[1:] if len(row) == 17 else row
+            yield _matrix(np.array(numbers).reshape(-1, 4), where)
+        elif len(row) == 4:
+            block = [row]
+            for _ in range(3):
+                more = next(rows, (number, []))[1]
+                if len(more) != 4:
+                    raise InputError(path, "has an incomplete 4 x 4 matrix", field=where)
+                block.append(more)
+            yield _matrix(np.array(block), where)
+        elif len(row) != 3:
+            raise InputError(
+                path, f"found {len(row)} numbers, expected 8 (TUM), 4, 12 or 16 (matrix)", field=where
+            )
+
+
+def _tum(row: Sequence[float], where: str) -> StampedPose:
+    time_s, position, quaternion = row[0], row[1:4], np.array(row[4:])
+    if not np.isfinite(row).all():
+        return StampedPose(time_s, None, f"{where} is not finite")
+    if not abs(np.linalg.norm(quaternion) - 1.0) < 0.01:
+        return StampedPose(
+            time_s, None, f"{where} has a quaternion of length {np.linalg.norm(quaternion):.3g}"
+        )
+    return StampedPose(time_s, Pose.from_quaternion(quaternion, position))
+
+
+def _matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
+    if not np.isfinite(matrix).all():
+        return StampedPose(np.nan, None, f"{where} is not finite")
+    if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
+        return StampedPose(np.nan, None, f"{where} is no rigid motion: its last row is not 0 0 0 1")
+    rotation = matrix[:3, :3]
+    left, _, right = np.linalg.svd(rotation)
+    nearest = left @ right
+    if np.abs(nearest - rotation).max() > _ROUNDING or np.linalg.det(nearest) < 0:
+        return StampedPose(np.nan, None, f"{where} is no rigid motion: its rotation is not orthonormal")
+    return StampedPose(np.nan, Pose(nearest, matrix[:3, 3]))
+
+
+def _from_mcap(path: Path, topic: str | None) -> list[StampedPose]:
+    from ..ros.mcap_records import McapFile
+
+    file = McapFile(path)
+    found: list[StampedPose] = []
+    topics: set[str] = set()
+    for message in file.messages({topic} if topic else None):
+        if message.datatype not in _POSE_TYPES:
+            continue
+        topics.add(message.topic)
+        if len(topics) > 1:
+            raise InputError(path, f"has poses on {', '.join(sorted(topics))}", remedy="name one topic")
+        found.append(_from_message(file.decode(message), message.datatype, message.log_time_ns))
+    if not found:
+        raise InputError(path, f"has no poses on {topic or 'any topic'}, expected {_POSE_TYPES[0]}")
+    return sorted(found, key=lambda stamped: stamped.t_s)
+
+
+def _from_message(message: Any, datatype: str, log_time_ns: int) -> StampedPose:
+    stamp = message.header.stamp
+    time_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else log_time_ns * 1e-9
+    if datatype.endswith("TransformStamped"):
+        position, turn = message.transform.translation, message.transform.rotation
+    else:
+        pose = message.pose if datatype.endswith("/PoseStamped") else message.pose.pose
+        position, turn = pose.position, pose.orientation
+    row = [time_s, position.x, position.y, position.z, turn.x, turn.y, turn.z, turn.w]
+    return _tum([float(value) for value in row], f"the message at {time_s:.3f} s")
+
+
+def interpolate_pose(
+    poses: Sequence[StampedPose], t_s: float, *, max_gap_s: float = 0.1
+) -> tuple[Pose | None, str]:
+    """Pose at a time, between the two usable poses around it, and why there is none.
+
+    Parameters
+    ----------
+    poses
+        In order of time.
+    max_gap_s
+        Poses farther apart than this are not joined; a pose so near that the
+        time's own rounding (1 ms) explains it is taken as it is.
+    """
+    from scipy.spatial.transform import Rotation, Slerp
+
+    times = np.array([stamped.t_s if stamped.pose else np.nan for stamped in poses])
+    usable = np.flatnonzero(np.isfinite(times))
+    if not len(usable):
+        return None, "there is no pose"
+    near = usable[np.argmin(np.abs(times[usable] - t_s))]
+    if abs(times[near] - t_s) <= 1e-3:
+        return poses[near].pose, ""
+    after = int(np.searchsorted(times[usable], t_s))
+    if after in (0, len(usable)) or times[usable[after]] - times[usable[after - 1]] > max_gap_s:
+        return None, f"no pose within {max_gap_s} s of {t_s:.3f} s"
+    first, second = poses[usable[after - 1]], poses[usable[after]]
+    assert first.pose is not None
+    assert second.pose is not None
+    fraction = (t_s - first.t_s) / (second.t_s - first.t_s)
+    turn = Slerp([0.0, 1.0], Rotation.from_matrix([first.pose.rotation, second.pose.rotation]))(fraction)
+    place = (1 - fraction) * first.pose.translation_m + fraction * second.pose.translation_m
+    return Pose(turn.as_matrix(), place), ""
+
+
+def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
+    """Write poses as TUM text: ``t tx ty tz qx qy qz qw``, camera to world."""
+    lines = ["# t_s tx_m ty_m tz_m qx qy qz qw, camera to world"]
+    for time_s, pose in poses:
+        numbers = [*pose.translation_m, *pose.quaternion_xyzw]
+        lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9g}" for number in numbers))
+    write_text(path, "\n".join(lines) + "\n")

@@ -1,0 +1,5 @@
+"""Frames of a video, an image folder, a live camera or an MCAP recording."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,10 @@
+from .frames import open_source as open_source
+from .live import CameraBackend as CameraBackend
+from .live import CameraSettings as CameraSettings
+from .live import FoundCamera as FoundCamera
+from .live import LiveSource as LiveSource
+from .live import find_cameras as find_cameras
+from .live import open_camera as open_camera
+from .mcap_frames import McapSource as McapSource
+from .mcap_frames import camera_from_message as camera_from_message
+from .video import VideoSource as VideoSource

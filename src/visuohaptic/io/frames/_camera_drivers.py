@@ -1,0 +1,192 @@
+"""Drivers of live cameras: pupil-labs-uvc, and OpenCV where that is not installed."""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ...core.errors import DeviceError
+from .live import CameraBackend, CameraSettings, FoundCamera, time_s
+
+_log = logging.getLogger(__name__)
+
+
+def _uvc() -> Any:
+    try:
+        import uvc
+    except ImportError:
+        return None
+    return uvc
+
+
+def find() -> list[FoundCamera]:
+    """Cameras by UVC, or by the system's video devices."""
+    uvc = _uvc()
+    if uvc is not None:
+        devices = uvc.device_list() or []
+        return [
+            FoundCamera(f"uvc:{number}", str(device.get("name", "")), str(device.get("uid", "")))
+            for number, device in enumerate(devices)
+        ]
+    found = []
+    for entry in sorted(Path("/sys/class/video4linux").glob("video*"), key=lambda e: int(e.name[5:])):
+        try:
+            name = (entry / "name").read_text().strip()
+            # A camera's metadata nodes carry a number above 0 and deliver no images.
+            if (entry / "index").read_text().strip() != "0":
+                continue
+        except OSError:
+            continue
+        found.append(FoundCamera(f"camera:{entry.name[5:]}", name, str(entry.resolve())))
+    return found
+
+
+def _listed(found: Sequence[FoundCamera]) -> str:
+    return ", ".join(f"{camera.address} {camera.name!r}" for camera in found) or "none"
+
+
+def choose(which: str, settings: CameraSettings, *, uvc_only: bool) -> CameraBackend:
+    """The best driver for a camera given by number or part of its name."""
+    uvc = _uvc()
+    if uvc is not None:
+        return UvcBackend(uvc, which, settings)
+    if uvc_only:
+        _log.warning("pupil-labs-uvc is not installed: OpenCV reads the camera, time stamps are less exact")
+    if not which.isdigit():
+        found = find()
+        match = [c for c in found if which.lower() in c.name.lower()]
+        if not match:
+            raise DeviceError(f"no camera named {which!r}; found: {_listed(found)}")
+        which = match[0].address.partition(":")[2]
+    return OpenCvBackend(int(which), settings)
+
+
+class UvcBackend:
+    """A UVC camera by libuvc: fixed focus and exposure, hardware time stamps."""
+
+    def __init__(self, uvc: Any, which: str, settings: CameraSettings) -> None:
+        self._uvc, self._which, self._settings = uvc, which, settings
+        self._capture: Any = None
+        self._offset_s: float | None = None
+
+    def open(self) -> None:
+        devices = self._uvc.device_list() or []
+        match = [d for n, d in enumerate(devices) if str(n) == self._which or d.get("uid") == self._which]
+        if not match and not self._which.isdigit():
+            match = [d for d in devices if self._which.lower() in str(d.get("name", "")).lower()]
+        if not match:
+            found = [FoundCamera(f"uvc:{n}", str(d.get("name", "")), "") for n, d in enumerate(devices)]
+            raise DeviceError(f"no camera uvc:{self._which}; found: {_listed(found)}")
+        try:
+            self._capture = self._uvc.Capture(match[0]["uid"])
+            self._set_mode()
+            self._set_controls()
+        except (RuntimeError, OSError, ValueError) as error:
+            self.close()
+            raise DeviceError(f"camera uvc:{self._which} cannot be opened ({error})") from error
+        self._offset_s = None
+
+    def _set_mode(self) -> None:
+        asked = self._settings
+        modes = [
+            mode
+            for mode in self._capture.available_modes
+            if asked.width in (None, mode.width) and asked.height in (None, mode.height)
+        ]
+        if not modes:
+            listed = ", ".join(f"{m.width} x {m.height} @ {m.fps}" for m in self._capture.available_modes)
+            raise DeviceError(f"the camera has no mode {asked.width} x {asked.height}; it has {listed}")
+        rate = asked.rate_Hz or 30.0
+        self._capture.frame_mode = min(modes, key=lambda m: (abs(m.fps - rate), -m.width * m.height))
+
+    def _set_controls(self) -> None:
+        controls = {control.display_name: control for control in self._capture.controls}
+
+        def put(name: str, value: float) -> None:
+            if name in controls:
+                controls[name].value = round(value)
+            else:
+                _log.warning("the camera has no control %r", name)
+
+        if self._settings.exposure_s is not None:
+            put("Auto Exposure Mode", 1)  # manual
+            put("Absolute Exposure Time", self._settings.exposure_s * 1e4)  # in 0.1 ms
+        if self._settings.focus is not None:
+            put("Auto Focus", 0)
+            put("Absolute Focus", self._settings.focus)
+
+    def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
+        try:
+            frame = self._capture.get_frame(timeout=1.0)
+            image = np.array(frame.gray if self._settings.grey else frame.bgr)
+        except Exception as error:
+            # The library's own errors (StreamError, InitError) are not all of one family.
+            raise DeviceError(f"camera uvc:{self._which} is silent ({error})") from error
+        if self._offset_s is None:
+            # Its stamps run steadily, but from a start of their own.
+            self._offset_s = time_s() - float(frame.timestamp)
+        return image, float(frame.timestamp) + self._offset_s
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.close()
+            self._capture = None
+
+
+class OpenCvBackend:
+    """Any camera of the system; stamped when the image arrives, which is later than its exposure."""
+
+    def __init__(self, number: int, settings: CameraSettings) -> None:
+        self._number, self._settings = number, settings
+        self._capture: Any = None
+
+    def open(self) -> None:
+        import cv2
+
+        capture = cv2.VideoCapture(self._number)
+        if not capture.isOpened():
+            capture.release()
+            raise DeviceError(f"no camera camera:{self._number}; found: {_listed(find())}")
+        asked = self._settings
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+        wanted = [
+            (cv2.CAP_PROP_FRAME_WIDTH, asked.width, "width"),
+            (cv2.CAP_PROP_FRAME_HEIGHT, asked.height, "height"),
+            (cv2.CAP_PROP_FPS, asked.rate_Hz, "rate"),
+        ]
+        if asked.exposure_s is not None:
+            # 1 is manual and the unit 0.1 ms in Video4Linux, which OpenCV passes through.
+            wanted += [
+                (cv2.CAP_PROP_AUTO_EXPOSURE, 1, "manual exposure"),
+                (cv2.CAP_PROP_EXPOSURE, asked.exposure_s * 1e4, "exposure"),
+            ]
+        if asked.focus is not None:
+            wanted += [(cv2.CAP_PROP_AUTOFOCUS, 0, "fixed focus"), (cv2.CAP_PROP_FOCUS, asked.focus, "focus")]
+        for key, value, name in wanted:
+            if value is not None and not capture.set(key, float(value)):
+                _log.warning("camera:%d does not take %s %s", self._number, re.sub("_", " ", name), value)
+        self._capture = capture
+
+    def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
+        import cv2
+
+        if self._capture is None or not self._capture.grab():
+            raise DeviceError(f"camera:{self._number} is silent")
+        t_s = time_s()
+        good, image = self._capture.retrieve()
+        if not good:
+            raise DeviceError(f"camera:{self._number} has sent a damaged image")
+        if self._settings.grey and image.ndim == 3:
+            image = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        return image, t_s
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+            self._capture = None

@@ -1,0 +1,90 @@
+"""One call that opens any source of frames."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from ...core.camera.model import Camera
+from ...core.errors import InputError
+from ...core.files import read_head
+from ...core.robots import FrameSource
+from ..image_folder import ImageFolderSource
+from .live import open_camera
+from .mcap_frames import McapSource
+from .video import VideoSource
+
+__all__ = ["open_source"]
+
+_LIVE = re.compile(r"^(uvc|camera):(.+)$")
+_TOPIC = re.compile(r"^(.+\.mcap(?:\.part)?):(/.*)$")
+
+
+def open_source(
+    source: str | Path,
+    *,
+    camera: Camera | None = None,
+    start_s: float = 0.0,
+    stop_s: float = float("inf"),
+    rate_Hz: float | None = None,
+    grey: bool = False,
+) -> FrameSource:
+    """Open frames of any kind; the kind is read from the text and from the file itself.
+
+    Parameters
+    ----------
+    source
+        - a folder of images (times: ``times.csv``, file names, or ``rate_Hz``)
+        - ``run.mcap`` or ``run.mcap:/camera/image``, ROS 2 images
+        - ``camera:0`` or ``camera:NAME``, a live camera by number or part of its name;
+          ``uvc:0`` warns where the precise driver is missing
+        - any other file: a video
+    camera
+        Model of the camera; the images must have its size.
+    start_s, stop_s
+        Part of a recording, counted from its first frame [s]; not for live cameras.
+    rate_Hz
+        Rate of an image folder without times; rate that is asked of a live camera.
+    grey
+        Deliver grey images, which is faster where colour is not needed.
+
+    Raises
+    ------
+    InputError
+        With one line: which file, what was found, what was expected.
+    DeviceError
+        The live camera is not there.
+
+    Examples
+    --------
+    >>> with open_source("run.mcap") as source:  # doctest: +SKIP
+    ...     for frame in source:
+    ...         print(frame.t_s, frame.image.shape)
+    """
+    text = str(source)
+    live = _LIVE.match(text)
+    if live:
+        if start_s > 0 or stop_s != float("inf"):
+            raise InputError(text, "is live: start and stop are for recordings only")
+        return open_camera(live[2], uvc_only=live[1] == "uvc", camera=camera, rate_Hz=rate_Hz, grey=grey)
+    topic = _TOPIC.match(text)
+    path = Path(topic[1] if topic else text)
+    if path.is_dir():
+        return ImageFolderSource(
+            path, camera=camera, rate_Hz=rate_Hz, start_s=start_s, stop_s=stop_s, grey=grey
+        )
+    try:
+        head = read_head(path, 8)
+    except InputError as error:
+        raise InputError(
+            text,
+            error.problem,
+            remedy="expected a video, a folder of images, file.mcap[:/topic] or camera:0",
+        ) from error
+    if not head:
+        raise InputError(text, "is empty")
+    if head.startswith(b"\x89MCAP") or topic or path.suffix == ".mcap":
+        return McapSource(
+            path, topic[2] if topic else None, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey
+        )
+    return VideoSource(path, camera=camera, start_s=start_s, stop_s=stop_s, grey=grey)

@@ -1,0 +1,269 @@
+"""Live cameras: fixed focus and exposure, newest frame first, reconnection."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.errors import DeviceError, InputError, StaleFrameError
+from ...core.resources import Closing
+
+__all__ = ["CameraBackend", "CameraSettings", "FoundCamera", "LiveSource", "find_cameras", "open_camera"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraSettings:
+    """What is asked of a live camera; ``None`` leaves a property as it is."""
+
+    width: int | None = None  #: [px]
+    height: int | None = None  #: [px]
+    rate_Hz: float | None = None
+    exposure_s: float | None = None  #: fixed exposure time; automatic exposure is switched off
+    focus: float | None = None  #: fixed focus in the camera's own steps; autofocus is switched off
+    grey: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class FoundCamera:
+    """A camera that is connected."""
+
+    address: str  #: what :func:`visuohaptic.io.frames.open_source` takes
+    name: str
+    uid: str
+
+
+class CameraBackend(Protocol):
+    """What a driver must offer."""
+
+    def open(self) -> None:
+        """Open the device and set its properties; :class:`DeviceError` if it is not there."""
+
+    def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
+        """Wait for the next image; returns it with its time [s]. :class:`DeviceError` when it is lost."""
+
+    def close(self) -> None:
+        """Release the device; harmless when repeated."""
+
+
+class LiveSource(Closing):
+    """Frames of a live camera; implements :class:`visuohaptic.core.robots.FrameSource`.
+
+    A thread takes every image from the driver, so that the newest one is never
+    behind a queue of old ones. Frames that the reader is too slow for leave a
+    gap in ``Frame.index``, and so does a reconnection.
+
+    Parameters
+    ----------
+    backend
+        The driver.
+    camera
+        Model of the camera, if known; images of another size are refused.
+    reconnect_s
+        A lost device is looked for this long [s] before reading fails.
+    clock
+        Time [s] that the driver stamps with; seconds since the epoch.
+    """
+
+    def __init__(
+        self,
+        backend: CameraBackend,
+        *,
+        camera: Camera | None = None,
+        reconnect_s: float = 10.0,
+        clock: Callable[[], float] | None = None,
+    ) -> None:
+        self._backend = backend
+        self._camera = camera
+        self._reconnect_s = reconnect_s
+        self._clock = clock or time_s
+        self._new = threading.Condition()
+        self._frame: Frame | None = None
+        self._problem: Exception | None = None
+        self._running = True
+        self._next_index = 0
+        self._last_read = -1
+        self.reconnections = 0  #: how often the device was lost and found again
+        backend.open()
+        self._thread = threading.Thread(target=self._run, name="camera", daemon=True)
+        self._thread.start()
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model where it is known."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """``None``: a live camera has no end."""
+        return None
+
+    def read(self, timeout_s: float = 2.0) -> Frame:
+        """Wait for a frame newer than all that were read before.
+
+        Raises
+        ------
+        DeviceError
+            No frame came in time, or the device is lost.
+        """
+        with self._new:
+            before = self._last_read
+            until = time.monotonic() + timeout_s
+            while self._running and self._problem is None:
+                if self._frame is not None and self._frame.index > before:
+                    self._last_read = self._frame.index
+                    return self._frame
+                left = until - time.monotonic()
+                if left <= 0 or not self._new.wait(left):
+                    break
+            self._raise_problem()
+        raise DeviceError(f"no frame for {timeout_s} s; check cable and power of the camera")
+
+    def read_latest(self, max_age_ms: float = 100.0) -> Frame:
+        """The newest frame, at once.
+
+        Raises
+        ------
+        StaleFrameError
+            There is none yet, or it is older than ``max_age_ms``.
+        DeviceError
+            The device is lost.
+        """
+        with self._new:
+            self._raise_problem()
+            frame = self._frame
+        if frame is None:
+            raise StaleFrameError("the camera has delivered no frame yet; wait with read()")
+        age_ms = (self._clock() - frame.t_s) * 1e3
+        if age_ms > max_age_ms:
+            raise StaleFrameError(f"the newest frame is {age_ms:.0f} ms old, allowed are {max_age_ms:.0f} ms")
+        return frame
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames until the source is closed; lost devices raise :class:`DeviceError`."""
+        while self._running:
+            try:
+                # Longer than a reconnection may take: while it runs, the source is silent.
+                yield self.read(self._reconnect_s + 5.0)
+            except DeviceError:
+                if self._closed():
+                    return
+                raise
+
+    def close(self) -> None:
+        """Stop the thread and release the device; harmless when repeated."""
+        with self._new:
+            self._running = False
+            self._new.notify_all()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(timeout=5.0)
+        self._backend.close()
+
+    def _closed(self) -> bool:
+        return not self._running
+
+    def _raise_problem(self) -> None:
+        if self._problem is not None:
+            raise DeviceError(str(self._problem)) from self._problem
+        if not self._running:
+            raise DeviceError("the camera is closed")
+
+    def _run(self) -> None:
+        while self._running:
+            try:
+                image, t_s = self._backend.read()
+                self._deliver(image, t_s)
+            except DeviceError as error:
+                if self._running and not self._reconnect(error):
+                    return
+            except Exception as error:  # noqa: BLE001 - the reader gets it, in its own thread
+                self._fail(error)
+                return
+
+    def _deliver(self, image: UInt8[np.ndarray, "rows columns *colour"], t_s: float) -> None:
+        if self._camera and image.shape[:2] != (self._camera.height, self._camera.width):
+            raise InputError(
+                "live camera",
+                f"found images of {image.shape[1]} x {image.shape[0]}, expected {self._camera.width} x "
+                f"{self._camera.height} of the camera {self._camera.name!r}",
+            )
+        with self._new:
+            self._frame = Frame(image, t_s, self._next_index)
+            self._next_index += 1
+            self._new.notify_all()
+
+    def _reconnect(self, error: DeviceError) -> bool:
+        """Look for the device with growing pauses."""
+        _log.warning("camera lost (%s), looking for it for %.0f s", error, self._reconnect_s)
+        until = time.monotonic() + self._reconnect_s
+        pause = 0.05
+        problem: Exception = error
+        while self._running and time.monotonic() < until:
+            try:
+                self._backend.close()
+                self._backend.open()
+            except DeviceError as again:
+                problem = again
+                with self._new:  # ends early when the source is closed
+                    self._new.wait_for(lambda: not self._running, pause)
+                pause = min(2 * pause, 1.0)
+                continue
+            self.reconnections += 1
+            self._next_index += 1  # at least one frame is missing
+            return True
+        if self._running:
+            self._fail(problem)
+        return False
+
+    def _fail(self, problem: Exception) -> None:
+        with self._new:
+            self._problem = problem
+            self._new.notify_all()
+
+
+def time_s() -> float:
+    """Seconds since the epoch that never jump: the steady clock, set once by the wall clock."""
+    return _EPOCH_S + time.monotonic()
+
+
+_EPOCH_S = time.time() - time.monotonic()
+
+
+def find_cameras() -> list[FoundCamera]:
+    """Cameras that are connected; an empty list when there are none."""
+    from . import _camera_drivers
+
+    return _camera_drivers.find()
+
+
+def open_camera(
+    which: str,
+    *,
+    uvc_only: bool = False,
+    camera: Camera | None = None,
+    rate_Hz: float | None = None,
+    grey: bool = False,
+    settings: CameraSettings | None = None,
+) -> LiveSource:
+    """Open a live camera by its number or a part of its name.
+
+    ``uvc_only`` insists on the precise driver (pupil-labs-uvc), which fixes
+    focus and exposure by their UVC controls; otherwise OpenCV is the fallback.
+    """
+    from . import _camera_drivers
+
+    if settings is None:
+        settings = CameraSettings(
+            camera.width if camera else None, camera.height if camera else None, rate_Hz, grey=grey
+        )
+    return LiveSource(_camera_drivers.choose(which, settings, uvc_only=uvc_only), camera=camera)

@@ -1,0 +1,137 @@
+"""Video files as a source of frames, with the exact time of every frame."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Int, UInt8
+
+from ...core.camera.model import Camera
+from ...core.errors import InputError, MissingExtraError
+from ...core.files import MAX_PIXELS
+from ..source import RecordedSource
+
+__all__ = ["VideoSource"]
+
+_log = logging.getLogger(__name__)
+
+
+def _av() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise MissingExtraError("av", "recording", "reading video") from error
+    return av
+
+
+class VideoSource(RecordedSource):
+    """Frames of a video file.
+
+    The time of a frame is its presentation time stamp times the time base of
+    the stream, exact also for a variable frame rate. The list of stamps is
+    read from the packets when the file is opened, without decoding.
+
+    Raises
+    ------
+    InputError
+        The file is missing, no video, cut before its index, or has no frame.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        camera: Camera | None = None,
+        start_s: float = 0.0,
+        stop_s: float = float("inf"),
+        grey: bool = False,
+    ) -> None:
+        self._path = Path(path)
+        self._grey = grey
+        container, stream = self._open()
+        with container:
+            width, height = stream.codec_context.width, stream.codec_context.height
+            if not 0 < width * height <= MAX_PIXELS:
+                raise InputError(
+                    path, f"found {width} x {height}, expected a positive size of at most {MAX_PIXELS} px"
+                )
+            stamps = self._stamps(container, stream)
+            if not stamps:
+                raise InputError(path, "found no frames, expected at least one")
+            self._time_base = stream.time_base
+        self._order = {stamp: place for place, stamp in enumerate(stamps)}
+        self._stamps_list = stamps
+        times = np.array([float(stamp * self._time_base) for stamp in stamps])
+        super().__init__(str(path), times, camera=camera, start_s=start_s, stop_s=stop_s)
+
+    def _open(self) -> tuple[Any, Any]:
+        av = _av()
+        if not self._path.is_file():
+            raise InputError(self._path, "is not a file")
+        try:
+            container = av.open(str(self._path), "r")
+        except (av.error.FFmpegError, OSError, ValueError) as error:
+            raise InputError(
+                self._path, f"is no readable video ({error})", remedy="a cut MP4 has lost its index"
+            ) from error
+        if not container.streams.video:
+            container.close()
+            raise InputError(self._path, "has no video stream")
+        stream = container.streams.video[0]
+        if stream.codec_context is None or stream.time_base is None:
+            container.close()
+            raise InputError(self._path, "its video stream is of no known codec, or has no time base")
+        # The decoder obeys too: a stream may name another size than the container does.
+        stream.codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+        stream.thread_type = "AUTO"
+        return container, stream
+
+    def _stamps(self, container: Any, stream: Any) -> list[int]:
+        """Presentation stamps, ascending."""
+        av = _av()
+        stamps: set[int] = set()
+        try:
+            for packet in container.demux(stream):
+                if packet.pts is not None and packet.size and not packet.is_discard:
+                    stamps.add(packet.pts)
+        except av.error.FFmpegError as error:
+            _log.warning("%s: ends early after %d frames (%s)", self._path, len(stamps), error)
+        return sorted(stamps)
+
+    def _images(
+        self, chosen: Int[np.ndarray, "k"]
+    ) -> Iterator[tuple[int, UInt8[np.ndarray, "rows columns *colour"]]]:
+        av = _av()
+        positions = {self._stamps_list[place]: position for position, place in enumerate(chosen)}
+        last = self._stamps_list[chosen[-1]]
+        container, stream = self._open()
+        with container:
+            if chosen[0] > 0:
+                # To the key frame at or before the first one.
+                container.seek(self._stamps_list[chosen[0]], stream=stream, backward=True, any_frame=False)
+            form = "gray" if self._grey or "gray" in (stream.codec_context.pix_fmt or "") else "bgr24"
+            try:
+                for frame in self._decoded(container, stream, av):
+                    position = positions.get(frame.pts)
+                    if position is None or frame.is_corrupt:
+                        continue
+                    yield position, frame.to_ndarray(format=form)
+                    if frame.pts == last:
+                        return
+            except av.error.FFmpegError as error:
+                _log.warning("%s: ends early (%s)", self._path, error)
+
+    @staticmethod
+    def _decoded(container: Any, stream: Any, av: Any) -> Iterator[Any]:
+        """Decoded frames; a packet that cannot be decoded is left out."""
+        for packet in container.demux(stream):
+            try:
+                frames = packet.decode()
+            except av.error.InvalidDataError as error:
+                _log.warning("packet at stamp %s left out (%s)", packet.pts, error)
+                continue
+            yield from frames

@@ -1,0 +1,131 @@
+"""A folder of images as a source of frames."""
+
+from __future__ import annotations
+
+import csv
+import logging
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ..core.camera.model import Camera
+from ..core.errors import InputError
+from ..core.files import ImageMode, read_image
+from .source import RecordedSource
+
+__all__ = ["ImageFolderSource"]
+
+_log = logging.getLogger(__name__)
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm", ".tif", ".tiff"}
+#: ``left_0012.500.png`` or ``frame_12.5.jpg``: seconds with decimals at the end of the name.
+_SECONDS = re.compile(r"(?:^|[^0-9.])(\d+\.\d+)$")
+
+
+def _natural(name: str) -> list[tuple[int, int, str]]:
+    """Sort key by which ``img10`` comes after ``img9``."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", name)]
+
+
+def _times_from_csv(table: Path, names: list[str]) -> tuple[list[str], list[float]]:
+    """File names and times of ``times.csv`` (columns ``file``, ``t_s``; or only ``t_s``, in order)."""
+    try:
+        with table.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(table, f"cannot be read ({type(error).__name__})") from error
+    if not rows or "t_s" not in rows[0]:
+        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
+        raise InputError(table, f"found {found}, expected columns file, t_s (or t_s alone)")
+    times: list[float] = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            times.append(float(row["t_s"]))
+        except (TypeError, ValueError) as error:
+            raise InputError(
+                table, f"found {row['t_s']!r}, expected seconds", field=f"line {line}, t_s"
+            ) from error
+    if "file" in rows[0]:
+        listed = [str(row["file"]) for row in rows]
+        missing = [name for name in listed if name not in set(names)]
+        if missing:
+            raise InputError(table, f"{missing[0]!r} is not an image of the folder", field="file")
+        return listed, times
+    if len(times) != len(names):
+        raise InputError(table, f"found {len(times)} times, expected {len(names)}, one for each image")
+    return names, times
+
+
+class ImageFolderSource(RecordedSource):
+    """Images of a folder, in natural order of their names.
+
+    Times come from the first of these that there is: ``times.csv`` in the
+    folder (columns ``file`` and ``t_s``), names that end in seconds
+    (``left_12.533.png``), ``rate_Hz``.
+
+    Raises
+    ------
+    InputError
+        There are no images, or no times.
+    """
+
+    def __init__(
+        self,
+        folder: Path | str,
+        *,
+        camera: Camera | None = None,
+        rate_Hz: float | None = None,
+        start_s: float = 0.0,
+        stop_s: float = float("inf"),
+        grey: bool = False,
+    ) -> None:
+        folder = Path(folder)
+        try:
+            names = [entry.name for entry in folder.iterdir() if entry.suffix.lower() in _SUFFIXES]
+        except OSError as error:
+            raise InputError(folder, f"cannot be read ({error.strerror})") from error
+        if not names:
+            raise InputError(folder, f"found no images, expected files with {', '.join(sorted(_SUFFIXES))}")
+        names.sort(key=_natural)
+        names, times = self._times(folder, names, rate_Hz)
+        order = np.argsort(times, kind="stable")
+        self._paths = [folder / names[place] for place in order]
+        self._grey = grey
+        super().__init__(str(folder), times[order], camera=camera, start_s=start_s, stop_s=stop_s)
+
+    @staticmethod
+    def _times(
+        folder: Path, names: list[str], rate_Hz: float | None
+    ) -> tuple[list[str], Float[np.ndarray, "n"]]:
+        table = folder / "times.csv"
+        if table.is_file():
+            names, listed = _times_from_csv(table, names)
+            return names, np.array(listed)
+        matches = [_SECONDS.search(Path(name).stem) for name in names]
+        if all(matches):
+            return names, np.array([float(match[1]) for match in matches if match])
+        if rate_Hz is None:
+            raise InputError(
+                folder,
+                "its images have no times",
+                remedy="add times.csv (columns file, t_s), name the files ..._<seconds>.png, "
+                "or give the frame rate (rate_Hz; --rate-Hz)",
+            )
+        if not (np.isfinite(rate_Hz) and rate_Hz > 0):
+            raise InputError("rate_Hz", f"found {rate_Hz}, expected > 0")
+        return names, np.arange(len(names)) / rate_Hz
+
+    def _images(
+        self, chosen: Int[np.ndarray, "k"]
+    ) -> Iterator[tuple[int, UInt8[np.ndarray, "rows columns *colour"]]]:
+        mode: ImageMode = "grey" if self._grey else "any"
+        for position, place in enumerate(chosen):
+            try:
+                image = read_image(self._paths[place], mode, check_pixels=False)
+            except InputError as error:
+                _log.warning("frame left out: %s", error)
+                continue
+            yield position, image

@@ -1,0 +1,200 @@
+"""Laser scans with the odometry that goes with them: from MCAP, and from and to CSV.
+
+CSV: a line per scan with the columns ``t_s, x_m, y_m, yaw_rad, angle_min_rad,
+angle_step_rad, range_min_m, range_max_m`` and then the distances ``r0, r1, ...``
+[m]; ``inf`` is nothing within range, an empty field no measurement.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.errors import InputError
+from ..core.files import atomic_path
+from ..core.laser_scan import MAX_BEAMS, LaserScan
+
+__all__ = ["OdometryScan", "read_scans", "write_scans"]
+
+#: A scan, and the pose (x, y, yaw) of the scanner by odometry [m, rad].
+OdometryScan = tuple[LaserScan, tuple[float, float, float]]
+
+_COLUMNS = (
+    "t_s",
+    "x_m",
+    "y_m",
+    "yaw_rad",
+    "angle_min_rad",
+    "angle_step_rad",
+    "range_min_m",
+    "range_max_m",
+)
+_SCAN, _ODOMETRY = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry"
+#: An odometry message may be this much older or newer than a scan at the ends of a recording (s).
+_SLACK_S = 0.25
+
+
+def read_scans(
+    path: Path | str, *, scan_topic: str | None = None, odometry_topic: str | None = None
+) -> list[OdometryScan]:
+    """Read scans with their odometry, sorted by time.
+
+    Of an MCAP file the ``sensor_msgs/LaserScan`` and ``nav_msgs/Odometry``
+    messages are taken, and the odometry is interpolated at the scans' stamps;
+    the scanner is taken to be where the odometry's body is.
+
+    Raises
+    ------
+    InputError
+        No such messages or columns, or a value that cannot be used, with its place.
+    """
+    path = Path(path)
+    if path.suffix == ".mcap":
+        return _from_mcap(path, scan_topic, odometry_topic)
+    if path.suffix == ".csv":
+        return _from_csv(path)
+    raise InputError(path, f"found {path.suffix!r}, expected .mcap or .csv")
+
+
+def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
+    """Write scans to a CSV file, whole or not at all."""
+    rows = []
+    for scan, (x, y, yaw) in scans:
+        head = (scan.t_s, x, y, yaw, scan.angle_min_rad, scan.angle_step_rad, scan.range_min_m)
+        ranges = ["" if math.isnan(r) else repr(float(r)) for r in scan.ranges_m]
+        rows.append([*(repr(float(v)) for v in (*head, scan.range_max_m)), *ranges])
+    beams = max((len(row) - len(_COLUMNS) for row in rows), default=0)
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*_COLUMNS, *(f"r{number}" for number in range(beams))])
+        writer.writerows(row + [""] * (beams + len(_COLUMNS) - len(row)) for row in rows)
+
+
+def _from_csv(path: Path) -> list[OdometryScan]:
+    found: list[OdometryScan] = []
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = csv.reader(stream)
+            header = next(rows, [])
+            beams = len(header) - len(_COLUMNS)
+            if tuple(header[: len(_COLUMNS)]) != _COLUMNS or not 1 <= beams <= MAX_BEAMS:
+                raise InputError(
+                    path,
+                    f"found columns {', '.join(header[:9])}, expected {', '.join(_COLUMNS)}, r0, r1, ...",
+                    field="line 1",
+                )
+            for row in rows:
+                if row:
+                    found.append(_csv_row(path, rows.line_num, row, len(header)))
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is no CSV text ({error})") from error
+    if not found:
+        raise InputError(path, "has no scan")
+    return sorted(found, key=lambda pair: pair[0].t_s)
+
+
+def _csv_row(path: Path, line: int, row: Sequence[str], fields: int) -> OdometryScan:
+    if len(row) != fields:
+        raise InputError(path, f"found {len(row)} fields, expected {fields}", field=f"line {line}")
+    try:
+        t_s, x, y, yaw, first, step, low, high = (float(text) for text in row[: len(_COLUMNS)])
+        ranges = np.array([float(text) if text.strip() else math.nan for text in row[len(_COLUMNS) :]])
+    except ValueError as error:
+        raise InputError(path, f"has a field that is no number ({error})", field=f"line {line}") from error
+    if not np.isfinite([x, y, yaw]).all() or (ranges < 0).any():
+        raise InputError(path, "found a pose that is not finite or a distance below 0", field=f"line {line}")
+    try:
+        return LaserScan(t_s, ranges, first, step, low, high), (x, y, yaw)
+    except InputError as error:
+        raise InputError(path, error.problem, field=f"line {line}") from error
+
+
+def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -> list[OdometryScan]:
+    from .ros.mcap_records import McapFile
+
+    file = McapFile(path)
+    scans: list[LaserScan] = []
+    times: list[float] = []
+    poses: list[tuple[float, float, float]] = []
+    topics: dict[str, set[str]] = {_SCAN: set(), _ODOMETRY: set()}
+    wanted = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
+    for message in file.messages():
+        if message.datatype not in topics or wanted[message.datatype] not in (None, message.topic):
+            continue
+        topics[message.datatype].add(message.topic)
+        if len(topics[message.datatype]) > 1:
+            named = ", ".join(sorted(topics[message.datatype]))
+            raise InputError(path, f"has {message.datatype} on {named}", remedy="name one topic")
+        decoded = file.decode(message)
+        if message.datatype == _SCAN:
+            scans.append(_scan(decoded, f"{path}:{message.topic}"))
+        else:
+            times.append(_stamp_s(decoded))
+            poses.append(_planar(decoded.pose.pose, f"{path}:{message.topic}"))
+    for kind, found in ((_SCAN, scans), (_ODOMETRY, poses)):
+        if not found:
+            where = f" on {wanted[kind]}" if wanted[kind] else ""
+            raise InputError(path, f"has no {kind}{where}")
+    return _joined(path, scans, np.array(times), np.array(poses))
+
+
+def _stamp_s(message: Any) -> float:
+    return float(message.header.stamp.sec + message.header.stamp.nanosec * 1e-9)
+
+
+def _scan(message: Any, where: str) -> LaserScan:
+    ranges = np.array(message.ranges, dtype=np.float64)
+    if not 1 <= len(ranges) <= MAX_BEAMS:
+        raise InputError(where, f"found {len(ranges)} beams, expected 1 to {MAX_BEAMS}", field="ranges")
+    # By ROS's convention a distance outside the range of the scanner is no measurement.
+    with np.errstate(invalid="ignore"):
+        ranges[ranges < message.range_min] = np.nan
+        ranges[ranges > message.range_max] = np.inf
+    try:
+        return LaserScan(
+            _stamp_s(message),
+            ranges,
+            float(message.angle_min),
+            float(message.angle_increment),
+            float(message.range_min),
+            float(message.range_max),
+        )
+    except InputError as error:
+        raise InputError(where, error.problem) from error
+
+
+def _planar(pose: Any, where: str) -> tuple[float, float, float]:
+    q = pose.orientation
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+    found = (float(pose.position.x), float(pose.position.y), yaw)
+    if not np.isfinite(found).all():
+        raise InputError(where, f"found {found}, expected finite x, y and yaw", field="pose")
+    return found
+
+
+def _joined(
+    path: Path, scans: list[LaserScan], times_s: Float[np.ndarray, "m"], poses: Float[np.ndarray, "m 3"]
+) -> list[OdometryScan]:
+    order = np.argsort(times_s, kind="stable")
+    times_s, poses = times_s[order], poses[order]
+    yaw = np.unwrap(poses[:, 2])
+    pairs: list[OdometryScan] = []
+    for scan in sorted(scans, key=lambda scan: scan.t_s):
+        if times_s[0] - _SLACK_S <= scan.t_s <= times_s[-1] + _SLACK_S:
+            x, y, angle = (float(np.interp(scan.t_s, times_s, v)) for v in (poses[:, 0], poses[:, 1], yaw))
+            pairs.append((scan, (x, y, angle)))
+    if not pairs:
+        raise InputError(
+            path,
+            f"has scans from {scans[0].t_s:.2f} s and odometry from {times_s[0]:.2f} to {times_s[-1]:.2f} s, "
+            "expected them at the same time",
+        )
+    return pairs

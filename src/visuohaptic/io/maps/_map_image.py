@@ -1,0 +1,144 @@
+"""Pictures of maps: grey levels as whole numbers, and every damaged file refused.
+
+A decoder for photographs fills what is missing with grey; a map must not be
+filled. PGM is read here, PNG, BMP and JPEG by the gate of images.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, UInt
+
+from ...core.errors import InputError
+from ...core.files import MAX_IMAGE_BYTES, MAX_PIXELS, decode_image, image_size, read_bytes
+
+__all__ = ["Picture", "read_picture"]
+
+#: Bytes of text that are turned into numbers at a time.
+_TEXT_BLOCK = 1 << 20
+#: Channels of each netpbm kind that is read.
+_NETPBM = {b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """Brightness of a picture; row 0 is at the bottom."""
+
+    level: UInt[np.ndarray, "rows columns"]  #: sum over the colour channels
+    top: int  #: level of white
+    opaque: Bool[np.ndarray, "rows columns"] | None  #: None: everywhere
+
+
+def read_picture(path: Path) -> Picture:
+    """Read a PGM, PPM, PNG, BMP or JPEG file.
+
+    Raises
+    ------
+    InputError
+        The file is missing, of another kind, too large or damaged.
+    """
+    data = read_bytes(path, MAX_IMAGE_BYTES)
+    width, height = image_size(data, path)
+    picture = _read_netpbm(path, data) if data[:2] in _NETPBM else _read_other(path, data)
+    if picture.level.shape != (height, width):
+        found = picture.level.shape
+        raise InputError(path, f"is damaged: {found[1]} x {found[0]}, header {width} x {height}")
+    opaque = None if picture.opaque is None else picture.opaque[::-1]
+    return Picture(picture.level[::-1], picture.top, opaque)
+
+
+def _read_netpbm(path: Path, data: bytes) -> Picture:
+    """PGM or PPM, text (P2, P3) or binary (P5, P6), 8 or 16 bit, with comments."""
+    kind = data[:2]
+    (width, height, top), place = _netpbm_header(path, data)
+    count = width * height * _NETPBM[kind]
+    if kind in (b"P5", b"P6"):
+        dtype = np.dtype(np.uint8) if top < 256 else np.dtype(">u2")
+        found, expected = len(data) - place - 1, count * dtype.itemsize
+        # A line end behind the pixels does no harm; more means that the header is of another picture.
+        if found < expected or data[place + 1 + expected :].strip():
+            raise InputError(path, f"has {found} bytes of pixels, expected {expected}")
+        values = np.frombuffer(data, dtype=dtype, count=count, offset=place + 1)
+    else:
+        values = _text_pixels(path, data, place, count)
+    if int(values.max()) > top:
+        raise InputError(path, f"has pixels up to {values.max()}, its maxval is {top}")
+    values = values.astype(np.uint8 if top < 256 else np.uint16)
+    if _NETPBM[kind] == 1:
+        return Picture(values.reshape(height, width), top, None)
+    return Picture(values.reshape(height, width, 3).sum(axis=2, dtype=np.uint32), 3 * top, None)
+
+
+def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
+    """Width, height and maxval, and the place behind them."""
+    numbers: list[int] = []
+    place = 2
+    while len(numbers) < 3:
+        while place < len(data) and (data[place : place + 1].isspace() or data[place] == ord("#")):
+            if data[place] == ord("#"):
+                end = data.find(b"\n", place)
+                place = len(data) if end < 0 else end
+            else:
+                place += 1
+        start = place
+        while place < len(data) and data[place : place + 1].isdigit():
+            place += 1
+        if place == start or place - start > 10:
+            raise InputError(path, f"found {data[start : start + 10]!r}, expected a number in the PGM header")
+        numbers.append(int(data[start:place]))
+    width, height, top = numbers
+    if not 1 <= top <= 65535:
+        raise InputError(path, f"found {top}, expected 1 to 65535", field="maxval")
+    if place < len(data) and not data[place : place + 1].isspace():
+        raise InputError(path, f"found {data[place : place + 1]!r} behind the PGM header, expected a space")
+    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
+        raise InputError(path, f"found {width} x {height}, expected at most {MAX_PIXELS} px")
+    return (width, height, top), place
+
+
+def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.ndarray, "count"]:
+    """Whole numbers in text, block by block: the words of a large map would take gigabytes."""
+    if len(data) - place < 2 * count - 1:
+        raise InputError(path, f"has {len(data) - place} bytes of pixels, expected at least {2 * count - 1}")
+    values = np.zeros(count, dtype=np.uint16)
+    done = 0
+    while place < len(data):
+        end = data.find(b"\n", place + _TEXT_BLOCK)
+        end = len(data) if end < 0 else end + 1
+        block = data[place:end]
+        place = end
+        if b"#" in block:
+            block = b"\n".join(line.split(b"#", 1)[0] for line in block.split(b"\n"))
+        words = block.split()
+        try:
+            numbers = np.array(words, dtype=np.int64) if words else np.zeros(0, dtype=np.int64)
+        except (ValueError, OverflowError) as error:
+            raise InputError(path, "has a pixel that is no number") from error
+        if done + len(numbers) > count:
+            raise InputError(path, f"has more than {count} pixels, the size in its header")
+        if len(numbers) and (numbers.min() < 0 or numbers.max() > 65535):
+            raise InputError(
+                path, f"has pixels from {numbers.min()} to {numbers.max()}, expected 0 to its maxval"
+            )
+        values[done : done + len(numbers)] = numbers
+        done += len(numbers)
+    if done < count:
+        raise InputError(path, f"has {done} pixels, expected {count}")
+    return values
+
+
+def _read_other(path: Path, data: bytes) -> Picture:
+    if data[:8] != b"\x89PNG\r\n\x1a\n" and data[:2] not in (b"BM", b"\xff\xd8"):
+        raise InputError(path, f"begins with {data[:4]!r}, expected a PGM, PNG, BMP or JPEG image")
+    image = decode_image(data, path, "unchanged")
+    if image.dtype not in (np.uint8, np.uint16):
+        raise InputError(path, "is not an image of 8 or 16 bit")
+    white = int(np.iinfo(image.dtype).max)
+    if image.ndim == 2:
+        return Picture(image, white, None)
+    opaque = image[..., -1] == white if image.shape[2] in (2, 4) else None
+    colours = image[..., :3] if image.shape[2] >= 3 else image[..., :1]
+    return Picture(colours.sum(axis=2, dtype=np.uint32), white * colours.shape[2], opaque)

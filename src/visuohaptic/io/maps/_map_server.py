@@ -1,0 +1,154 @@
+"""The files of ROS's map_server: a YAML file and a picture."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Int8
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
+
+from ...core.errors import InputError
+from ...core.files import atomic_path, load_yaml_model, save_yaml
+from ._map_image import Picture, read_picture
+from .occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+
+_log = logging.getLogger(__name__)
+
+_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg")
+
+
+def _no_truth_value(value: object) -> object:
+    # pydantic would read "resolution: yes" as 1 m.
+    if isinstance(value, bool):
+        raise ValueError("expected a number")
+    return value
+
+
+_Number = Annotated[FiniteFloat, BeforeValidator(_no_truth_value)]
+
+
+class MapFile(BaseModel):
+    """Fields of the YAML file; fields of other programs are accepted and ignored.
+
+    As in map_server only ``mode`` may be left out: thresholds that were lost
+    with the end of a file would change what is free.
+    """
+
+    model_config = ConfigDict(extra="ignore")
+    image: Annotated[str, Field(min_length=1, max_length=4096)]
+    resolution: Annotated[_Number, Field(ge=1e-4, le=1e3)]
+    origin: Annotated[list[Annotated[_Number, Field(ge=-1e9, le=1e9)]], Field(min_length=3, max_length=3)]
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+    negate: bool
+    occupied_thresh: Annotated[_Number, Field(ge=0, le=1)]
+    free_thresh: Annotated[_Number, Field(ge=0, le=1)]
+
+
+def load(path: Path) -> OccupancyMap:
+    """Read a YAML file and its image."""
+    info = load_yaml_model(path, MapFile)
+    if info.mode != "raw" and not info.free_thresh < info.occupied_thresh:
+        raise InputError(
+            path,
+            f"found {info.free_thresh}, expected less than occupied_thresh {info.occupied_thresh}",
+            field="free_thresh",
+        )
+    picture = read_picture(_image_beside(path, info.image))
+    cells = cells_from_picture(picture, info.mode, info.negate, info.occupied_thresh, info.free_thresh)
+    x, y, yaw = info.origin
+    return OccupancyMap(cells, info.resolution, (x, y, yaw))
+
+
+def _image_beside(path: Path, name: str) -> Path:
+    """The image of a map file, inside its folder."""
+    folder = path.parent
+    named = Path(name.strip().replace("\\", "/"))
+    if named.is_absolute():
+        # A map file must not read any file of the computer; its picture usually moved along with it.
+        named = Path(named.name)
+    target = folder / named
+    try:
+        if not target.resolve().is_relative_to(folder.resolve()):
+            raise InputError(
+                path, f"found {name!r}, expected a file inside the folder of the map", field="image"
+            )
+        if target.is_file():
+            if Path(name.strip()).is_absolute():
+                _log.warning(
+                    "%s: image %s is an absolute path, %s beside the map is used", path, name, target
+                )
+            return target
+        for suffix in _SUFFIXES if target.name else ():
+            other = target.with_suffix(suffix)
+            if other.is_file() and other.resolve().is_relative_to(folder.resolve()):
+                _log.warning("%s: image %s is not there, %s is used", path, name, other.name)
+                return other
+    except InputError:
+        raise
+    except (OSError, ValueError, RuntimeError) as error:  # no name of a file, or links in a circle
+        raise InputError(
+            path, f"found {name[:80]!r}, which cannot be a file ({error})", field="image"
+        ) from error
+    raise InputError(path, f"found {name[:80]!r}, which is not there", field="image")
+
+
+def cells_from_picture(
+    picture: Picture, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
+) -> Int8[np.ndarray, "rows columns"]:
+    """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
+
+    Nav2 averages the transparency of a trinary map into its grey level, by which
+    the unknown cells of a picture with an opaque alpha channel become free;
+    here the alpha channel means the same in every mode. ``negate`` has no
+    meaning in mode raw.
+    """
+    # A picture has few levels and many pixels: the rules are worked out once per level.
+    shade = np.arange(picture.top + 1) / picture.top
+    if mode == "raw":
+        value = np.rint(shade * 255)
+        table = np.where(value <= OCCUPIED, value, UNKNOWN)
+    else:
+        occupancy = shade if negate else 1.0 - shade
+        if mode == "scale":
+            part = (occupancy - free_thresh) / (occupied_thresh - free_thresh)
+            table = np.rint(100 * np.clip(part, 0.0, 1.0))
+        else:
+            table = np.full(shade.shape, float(UNKNOWN))
+        table = np.where(occupancy < free_thresh, FREE, table)
+        table = np.where(occupancy > occupied_thresh, OCCUPIED, table)
+    cells = table.astype(np.int8)[picture.level]
+    if picture.opaque is not None:
+        cells[~picture.opaque] = UNKNOWN
+    return cells
+
+
+def save(grid: OccupancyMap, path: Path) -> None:
+    """Write YAML and PGM, the picture first: a YAML file never names a picture that is not there."""
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(path, "expected a name that ends in .yaml")
+    trinary = bool(np.isin(grid.cells, (UNKNOWN, FREE, OCCUPIED)).all())
+    if trinary:
+        # The grey levels of map_saver.
+        pixels = np.select([grid.occupied, grid.free], [0, 254], 205).astype(np.uint8)
+    else:
+        pixels = np.where(grid.unknown, 255, grid.cells).astype(np.uint8)
+    rows, columns = grid.shape
+    picture = path.with_suffix(".pgm")
+    with atomic_path(picture) as temporary, temporary.open("wb") as stream:
+        stream.write(f"P5\n{columns} {rows}\n255\n".encode())
+        stream.write(np.ascontiguousarray(pixels[::-1]).tobytes())
+    save_yaml(
+        path,
+        {
+            "image": picture.name,
+            "mode": "trinary" if trinary else "raw",
+            "resolution": float(grid.resolution_m),
+            "origin": [float(value) for value in grid.origin],
+            "negate": 0,
+            "occupied_thresh": 0.65,
+            "free_thresh": 0.196,
+        },
+    )

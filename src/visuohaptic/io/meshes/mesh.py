@@ -1,0 +1,156 @@
+"""Triangle meshes from files of others: STL, PLY, OBJ, GLB, DAE; each is distrusted."""
+
+from __future__ import annotations
+
+import io
+import json
+import logging
+import struct
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.errors import InputError, MissingExtraError, VisuohapticError
+from ...core.files import read_bytes
+from ._mesh_diagnosis import diagnose, first_zero_index, missing_lines
+
+__all__ = ["FORMATS", "TriangleMesh", "load_mesh"]
+
+FORMATS = (".stl", ".ply", ".obj", ".glb", ".dae")
+#: Larger files [bytes] and meshes are refused before they fill the memory.
+MAX_BYTES = 256 * 1024 * 1024
+MAX_FACES = 2_000_000
+#: Nested instances multiply what a COLLADA file holds.
+MAX_INSTANCES = 16
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TriangleMesh:
+    """Triangles as they are in a file, in the file's unit; nothing is repaired."""
+
+    vertices: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]
+    source: str
+
+
+def load_mesh(path: Path | str) -> TriangleMesh:
+    """Read all triangles of a file as one mesh.
+
+    Raises
+    ------
+    InputError
+        Not one of the formats, unreadable, empty, too large, or with numbers that are not finite.
+    MissingExtraError
+        The library that reads meshes is not installed.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in FORMATS:
+        raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(FORMATS)}")
+    data = read_bytes(path, MAX_BYTES)
+    if not data:
+        raise InputError(path, "is empty")
+    _distrust(path, kind, data)
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtraError("trimesh", "geometry", "reading meshes") from error
+    # Its readers log a traceback of what they raise anyway.
+    logger = logging.getLogger("trimesh")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore")
+            options = {"skip_materials": True} if kind == ".obj" else {}
+            # From memory: a mesh has no business with other files.
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind[1:], process=False, **options)
+            faces_in_all = sum(
+                len(geometry.faces) for geometry in scene.geometry.values() if hasattr(geometry, "faces")
+            ) * max(1, len(scene.graph.nodes_geometry) // max(1, len(scene.geometry)))
+            if faces_in_all > MAX_FACES:
+                raise InputError(path, f"has {faces_in_all} triangles, expected at most {MAX_FACES}")
+            mesh = scene.to_mesh()
+            vertices, faces = np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64)
+    except VisuohapticError:
+        raise
+    except ImportError as error:
+        raise MissingExtraError("pycollada", "geometry", "reading COLLADA meshes") from error
+    except Exception as error:
+        reason = diagnose(kind, data) or " ".join(str(error).split())[:120] or type(error).__name__
+        raise InputError(path, f"cannot be read as {kind[1:].upper()}: {reason}") from error
+    finally:
+        logger.setLevel(level)
+    if faces.ndim != 2 or not len(faces) or faces.shape[1] != 3 or vertices.ndim != 2:
+        found = diagnose(kind, data)
+        raise InputError(path, "has no triangles" + (f": {found}" if found else ""))
+    if vertices.shape[1:] != (3,):
+        raise InputError(path, f"found vertices of shape {vertices.shape}, expected three coordinates each")
+    if len(faces) > MAX_FACES:
+        raise InputError(path, f"has {len(faces)} triangles, expected at most {MAX_FACES}")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        face = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
+        plain = f"triangle {face} names vertex {faces[face].max()}, expected 0 to {len(vertices) - 1}"
+        raise InputError(path, diagnose(kind, data) or plain)
+    used = vertices[faces.ravel()]
+    if not np.isfinite(used).all() or np.abs(used).max() > 1e9:
+        face = int(np.argmax(~(np.abs(used) <= 1e9).all(axis=1))) // 3
+        raise InputError(path, f"triangle {face} has corners that are not finite numbers below 1e9")
+    return TriangleMesh(vertices, faces, str(path))
+
+
+def _distrust(path: Path, kind: str, data: bytes) -> None:
+    """Refuse files that would unfold to more than they are."""
+    if kind == ".dae":
+        if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
+            raise InputError(path, "defines XML entities, which COLLADA does not need")
+        count = data.count(b"<instance_node")
+        if count > MAX_INSTANCES:
+            raise InputError(path, f"has {count} nested instances, expected at most {MAX_INSTANCES}")
+    if kind == ".obj" and (found := first_zero_index(data)):
+        raise InputError(path, found)
+    if kind == ".ply":
+        _distrust_ply(path, data)
+    if kind == ".glb":
+        _distrust_glb(path, data)
+
+
+def _distrust_ply(path: Path, data: bytes) -> None:
+    head = data[: data.find(b"end_header") + 1][:65536].decode("ascii", "replace")
+    if not head.startswith("ply"):
+        raise InputError(path, "does not start with a PLY header")
+    for line in head.splitlines():
+        words = line.split()
+        if len(words) == 3 and words[0] == "element":
+            count = int(words[2]) if words[2].isdigit() else -1
+            # An element of a binary file has at least one byte, of a text file one line.
+            if not 0 <= count <= len(data):
+                raise InputError(path, f"says {words[2][:20]} {words[1][:20]}, more than the file can hold")
+    # Its reader takes a text file that was cut off for a smaller mesh.
+    if found := missing_lines(data):
+        raise InputError(path, found)
+
+
+def _distrust_glb(path: Path, data: bytes) -> None:
+    if len(data) < 20 or data[:4] != b"glTF":
+        raise InputError(path, "does not start with a GLB header")
+    length = struct.unpack("<I", data[12:16])[0]
+    try:
+        document = json.loads(data[20 : 20 + length])
+        counts = [entry["count"] for entry in document.get("accessors", [])]
+        children = [child for node in document.get("nodes", []) for child in node.get("children", [])]
+    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+        raise InputError(path, f"has no valid glTF document ({type(error).__name__})") from error
+    if any(not isinstance(count, int) or not 0 <= count <= len(data) for count in counts):
+        raise InputError(path, "says more elements than the file can hold", field="accessors")
+    try:
+        repeated = len(children) != len(set(children))
+    except TypeError as error:
+        raise InputError(path, "children are not numbers", field="nodes") from error
+    if repeated:
+        raise InputError(path, "a node has two parents, expected a tree", field="nodes")
+    if len(document.get("nodes", [])) > 10_000:
+        raise InputError(path, f"has {len(document['nodes'])} nodes, expected at most 10000", field="nodes")

@@ -1,0 +1,212 @@
+"""PLY files: surfaces and points with colour and further numbers per vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ...core.errors import InputError
+from ...core.files import atomic_path, read_bytes
+
+__all__ = ["PlyMesh", "read_ply", "write_ply"]
+
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
+    "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_MAX_FILE_BYTES = 1 << 31
+#: A polygon of more corners is damage.
+_MAX_CORNERS = 1000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlyMesh:
+    """What a PLY file holds."""
+
+    vertices_m: Float[np.ndarray, "v 3"]
+    faces: Int[np.ndarray, "f 3"]  #: polygons are cut into fans of triangles
+    colors: UInt8[np.ndarray, "v 3"] | None = None  #: red, green, blue
+    #: Further numbers of each vertex by name, e.g. ``score``.
+    fields: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _Element:
+    name: str
+    count: int
+    #: Name, kind, and kind of the length in front when it is a list.
+    properties: list[tuple[str, str, str]] = field(default_factory=list)
+
+
+def read_ply(path: Path | str) -> PlyMesh:
+    """Read a text or binary PLY file.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, or has vertices without finite x, y, z.
+    """
+    path = Path(path)
+    data = read_bytes(path, _MAX_FILE_BYTES)
+    try:
+        kind, elements, place = _header(path, data)
+        if kind == "ascii":
+            return _assembled(path, _text_body(data[place:], elements))
+        order = "<" if kind == "binary_little_endian" else ">"
+        return _assembled(path, _binary_body(path, data, place, elements, order))
+    except InputError:
+        raise
+    except (ValueError, IndexError, KeyError, OverflowError, MemoryError, TypeError) as error:
+        raise InputError(path, f"is a damaged PLY file ({error})") from error
+
+
+def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
+    end = data.find(b"end_header", 0, 1 << 16)
+    if data[:3] != b"ply" or end < 0:
+        raise InputError(path, "is no PLY file: no header of ply ... end_header")
+    place = data.index(b"\n", end) + 1
+    kind, elements = "", list[_Element]()
+    for line in data[:end].decode("ascii", errors="replace").splitlines()[1:]:
+        words = line.split()
+        if not words or words[0] in ("comment", "obj_info"):
+            continue
+        if words[0] == "format":
+            kind = words[1]
+        elif words[0] == "element":
+            elements.append(_Element(words[1], int(words[2])))
+            if not 0 <= elements[-1].count <= len(data):
+                raise InputError(path, f"found {words[2]} of {words[1]}, more than the file can hold")
+        elif words[0] == "property" and elements:
+            if words[1] == "list":
+                elements[-1].properties.append((words[4], _TYPES[words[3]], _TYPES[words[2]]))
+            else:
+                elements[-1].properties.append((words[2], _TYPES[words[1]], ""))
+    if kind not in ("ascii", "binary_little_endian", "binary_big_endian"):
+        raise InputError(path, f"found format {kind!r}, expected ascii or binary")
+    return kind, elements, place
+
+
+_Columns = dict[str, dict[str, np.ndarray]]
+
+
+def _text_body(data: bytes, elements: list[_Element]) -> _Columns:
+    lines = iter(data.decode("ascii", errors="replace").split("\n"))
+    found: _Columns = {}
+    for element in elements:
+        rows: list[list[str]] = []
+        while len(rows) < element.count:
+            line = next(lines, None)
+            if line is None:
+                raise ValueError(f"{len(rows)} of {element.count} lines of {element.name}")
+            if words := line.split():
+                rows.append(words)
+        if any(length for _, _, length in element.properties):
+            polygons = [row[1 : 1 + int(row[0])] for row in rows]
+            name = element.properties[0][0]
+            found[element.name] = {name: _fans([np.array(p, dtype=np.int64) for p in polygons])}
+        else:
+            table = np.array(rows, dtype=np.float64).reshape(len(rows), -1)
+            found[element.name] = {
+                name: table[:, column] for column, (name, _, _) in enumerate(element.properties)
+            }
+    return found
+
+
+def _binary_body(path: Path, data: bytes, place: int, elements: list[_Element], order: str) -> _Columns:
+    found: _Columns = {}
+    for element in elements:
+        if not any(length for _, _, length in element.properties):
+            kind = np.dtype([(name, order + code) for name, code, _ in element.properties])
+            size = kind.itemsize * element.count
+            if place + size > len(data):
+                raise InputError(path, f"is cut: {len(data) - place} of {size} bytes of its {element.name}")
+            table = np.frombuffer(data, kind, element.count, place)
+            found[element.name] = {name: table[name] for name, _, _ in element.properties}
+            place += size
+        else:
+            values, place = _binary_lists(data, place, element, order)
+            found[element.name] = values
+    return found
+
+
+def _binary_lists(
+    data: bytes, place: int, element: _Element, order: str
+) -> tuple[dict[str, np.ndarray], int]:
+    """Lists: at once where all are triangles, else one by one."""
+    name, code, length = element.properties[0]
+    if len(element.properties) == 1:
+        kind = np.dtype([("n", order + length), ("at", order + code, (3,))])
+        if place + kind.itemsize * element.count <= len(data):
+            table = np.frombuffer(data, kind, element.count, place)
+            if (table["n"] == 3).all():
+                return {name: table["at"].astype(np.int64)}, place + kind.itemsize * element.count
+    polygons = []
+    for _ in range(element.count):
+        for number, (_, code, length) in enumerate(element.properties):
+            count = int(np.frombuffer(data, order + length, 1, place)[0]) if length else 1
+            if not 0 <= count <= _MAX_CORNERS:
+                raise ValueError(f"a list of {count}")
+            place += np.dtype(length).itemsize if length else 0
+            values = np.frombuffer(data, order + code, count, place)
+            place += values.nbytes
+            if number == 0:
+                polygons.append(values.astype(np.int64))
+    return {name: _fans(polygons)}, place
+
+
+def _fans(polygons: list[np.ndarray]) -> Int[np.ndarray, "f 3"]:
+    triangles = [
+        (polygon[0], polygon[k], polygon[k + 1]) for polygon in polygons for k in range(1, len(polygon) - 1)
+    ]
+    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+
+
+def _assembled(path: Path, found: _Columns) -> PlyMesh:
+    vertex = found.get("vertex", {})
+    if not {"x", "y", "z"} <= set(vertex):
+        raise InputError(path, "has no vertices with x, y and z")
+    vertices = np.column_stack([vertex[axis] for axis in "xyz"]).astype(np.float64)
+    if not np.isfinite(vertices).all():
+        raise InputError(path, "has a vertex that is not finite")
+    face = found.get("face", {})
+    faces = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
+    faces = np.zeros((0, 3), np.int64) if faces is None else faces
+    if faces.size and (faces.min() < 0 or faces.max() >= len(vertices)):
+        raise InputError(path, f"has a face of vertex {faces.max()}, expected below {len(vertices)}")
+    colors = None
+    if {"red", "green", "blue"} <= set(vertex):
+        colors = np.column_stack([vertex[name] for name in ("red", "green", "blue")])
+        colors = np.clip(colors, 0, 255).astype(np.uint8)
+    known = {"x", "y", "z", "red", "green", "blue"}
+    fields = {name: np.asarray(values, np.float64) for name, values in vertex.items() if name not in known}
+    return PlyMesh(vertices, faces, colors, fields)
+
+
+def write_ply(path: Path | str, mesh: PlyMesh) -> None:
+    """Write a binary PLY file, whole or not at all; coordinates and further numbers are float32."""
+    columns: list[tuple[str, str, np.ndarray]] = [
+        (axis, "float", mesh.vertices_m[:, k]) for k, axis in enumerate("xyz")
+    ]
+    if mesh.colors is not None:
+        names = ("red", "green", "blue")
+        columns += [(name, "uchar", mesh.colors[:, k]) for k, name in enumerate(names)]
+    columns += [(name, "float", np.asarray(values)) for name, values in mesh.fields.items()]
+    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(mesh.vertices_m)}"]
+    head += [f"property {kind} {name}" for name, kind, _ in columns]
+    if len(mesh.faces):
+        head += [f"element face {len(mesh.faces)}", "property list uchar int vertex_indices"]
+    table = np.zeros(len(mesh.vertices_m), dtype=[(name, "<" + _TYPES[kind]) for name, kind, _ in columns])
+    for name, _, values in columns:
+        table[name] = values
+    faces = np.zeros(len(mesh.faces), dtype=[("n", "u1"), ("at", "<i4", (3,))])
+    faces["n"] = 3
+    faces["at"] = mesh.faces
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        stream.write(("\n".join([*head, "end_header"]) + "\n").encode())
+        stream.write(table.tobytes())
+        stream.write(faces.tobytes())

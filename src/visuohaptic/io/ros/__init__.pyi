@@ -1,0 +1,16 @@
+from .mcap_records import McapDamage as McapDamage
+from .mcap_records import McapFile as McapFile
+from .mcap_records import McapMessage as McapMessage
+from .mcap_records import Topic as Topic
+from .ros_image import decode_raw as decode_raw
+from .ros_messages import camera_info as camera_info
+from .ros_messages import compressed_image as compressed_image
+from .ros_messages import contact_cloud as contact_cloud
+from .ros_messages import diagnostics as diagnostics
+from .ros_messages import force_wrench as force_wrench
+from .ros_messages import header as header
+from .ros_messages import image as image
+from .ros_messages import pose as pose
+from .ros_messages import profile_cloud as profile_cloud
+from .ros_messages import stamp_ns as stamp_ns
+from .ros_messages import wrench as wrench

@@ -1,0 +1,300 @@
+"""MCAP files read record by record, so that a cut or damaged file still gives all that is whole.
+
+The readers of the ``mcap`` package stop at the first problem; a robot that was
+switched off leaves a file without footer and often with half a chunk at its
+end. Layout of the format: https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import logging
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from ...core.errors import InputError, MissingExtraError
+from ...core.files import read_head
+
+__all__ = ["McapDamage", "McapFile", "McapMessage", "Topic"]
+
+_log = logging.getLogger(__name__)
+
+_MAGIC = b"\x89MCAP0\r\n"
+_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _FOOTER = 0x03, 0x04, 0x05, 0x06, 0x02
+
+#: Chunks that claim to be larger than this when unpacked are damaged (bytes).
+MAX_CHUNK_BYTES = 1 << 30
+
+
+class McapMessage(NamedTuple):
+    """One message as it was recorded."""
+
+    topic: str
+    datatype: str  #: ROS 2 name as ``sensor_msgs/msg/Image``; empty without schema
+    log_time_ns: int
+    sequence: int
+    data: bytes  #: CDR
+    channel: int
+    schema: int
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """What a file holds of one topic."""
+
+    name: str
+    datatype: str
+    messages: int
+    bytes: int
+    start_s: float  #: time of the first message by the recorder's clock
+    stop_s: float  #: time of the last message
+
+
+@dataclass(slots=True)
+class McapDamage:
+    """What could not be read; updated while a file is read."""
+
+    cut: bool = False  #: the file ends before its footer
+    lost_bytes: int = 0  #: at the end of a cut file
+    chunks: list[str] = field(default_factory=list)  #: damaged chunks: place and problem
+
+    def __bool__(self) -> bool:
+        return self.cut or bool(self.chunks)
+
+    def __str__(self) -> str:
+        parts = []
+        if self.cut:
+            parts.append(f"the file ends before its footer, {self.lost_bytes} bytes at its end are no record")
+        parts += self.chunks
+        return "; ".join(parts) if parts else "none"
+
+
+@dataclass(frozen=True, slots=True)
+class _Schema:
+    name: str
+    encoding: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    topic: str
+    schema: int
+    encoding: str
+
+
+class McapFile:
+    """Messages of an MCAP file in the order of the file.
+
+    Raises
+    ------
+    InputError
+        The file is missing or does not begin as MCAP.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.damage = McapDamage()
+        self.schemas: dict[int, _Schema] = {}
+        self.channels: dict[int, _Channel] = {}
+        self._decoders: dict[int, Any] = {}
+        head = read_head(self.path, len(_MAGIC))
+        if head != _MAGIC:
+            raise InputError(path, f"begins with {head!r}, expected an MCAP file")
+
+    def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
+        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost."""
+        self.damage = McapDamage()
+        with self.path.open("rb") as stream:
+            size = stream.seek(0, 2)
+            stream.seek(len(_MAGIC))
+            for opcode, body in self._records(stream, size):
+                if opcode == _CHUNK:
+                    yield from self._chunk(body, topics, stream.tell() - len(body))
+                elif opcode in (_SCHEMA, _CHANNEL, _MESSAGE):
+                    yield from self._record(opcode, body, topics)
+        if self.damage:
+            _log.warning("%s is damaged: %s", self.path, self.damage)
+
+    def _records(self, stream: IO[bytes], size: int) -> Iterator[tuple[int, bytes]]:
+        """Records of the file's top level; large ones that nobody needs are skipped unread."""
+        while True:
+            place = stream.tell()
+            head = stream.read(9)
+            if len(head) < 9:
+                self.damage.cut, self.damage.lost_bytes = True, size - place
+                return
+            opcode, length = struct.unpack("<BQ", head)
+            if opcode == _FOOTER:
+                return
+            if length > size - place - 9:
+                self.damage.cut, self.damage.lost_bytes = True, size - place
+                if opcode == _CHUNK:
+                    yield opcode, stream.read()
+                return
+            if opcode in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
+                yield opcode, stream.read(length)
+            else:
+                stream.seek(length, 1)
+
+    def _record(self, opcode: int, body: bytes, topics: set[str] | None) -> Iterator[McapMessage]:
+        try:
+            if opcode == _SCHEMA:
+                (number,) = struct.unpack_from("<H", body)
+                name, place = _text(body, 2)
+                encoding, place = _text(body, place)
+                (length,) = struct.unpack_from("<I", body, place)
+                self.schemas[number] = _Schema(name, encoding, body[place + 4 : place + 4 + length])
+            elif opcode == _CHANNEL:
+                number, schema = struct.unpack_from("<HH", body)
+                topic, place = _text(body, 4)
+                encoding, place = _text(body, place)
+                self.channels[number] = _Channel(topic, schema, encoding)
+            else:
+                number, sequence, log_time, _ = struct.unpack_from("<HIQQ", body)
+                known = self.channels.get(number)
+                if known is None:
+                    self._spoilt(f"a message names channel {number}, which is not defined")
+                elif topics is None or known.topic in topics:
+                    schema_of = self.schemas.get(known.schema)
+                    name = schema_of.name if schema_of else ""
+                    yield McapMessage(known.topic, name, log_time, sequence, body[22:], number, known.schema)
+        except (struct.error, UnicodeDecodeError) as error:
+            self._spoilt(f"a record of kind {opcode} is too short or no text ({error})")
+
+    def _chunk(self, body: bytes, topics: set[str] | None, place: int) -> Iterator[McapMessage]:
+        try:
+            data = self._unpacked(body, place)
+        except (ValueError, struct.error, UnicodeDecodeError) as error:
+            self._spoilt(f"chunk at byte {place}: {error}")
+            return
+        start = 0
+        while start + 9 <= len(data):
+            opcode, length = struct.unpack_from("<BQ", data, start)
+            if start + 9 + length > len(data):
+                break
+            yield from self._record(opcode, data[start + 9 : start + 9 + length], topics)
+            start += 9 + length
+        if start < len(data) and not self.damage.cut:
+            self._spoilt(f"chunk at byte {place}: its last {len(data) - start} bytes are no record")
+
+    def _unpacked(self, body: bytes, place: int) -> bytes:
+        """Records of a chunk; of a chunk cut by the file's end, as much as can be unpacked."""
+        unpacked, checksum = struct.unpack_from("<QI", body, 16)
+        compression, start = _text(body, 28)
+        (length,) = struct.unpack_from("<Q", body, start)
+        if unpacked > MAX_CHUNK_BYTES:
+            raise ValueError(f"claims {unpacked} bytes, allowed are {MAX_CHUNK_BYTES}")
+        packed = body[start + 8 : start + 8 + length]
+        whole = len(packed) == length
+        if not whole and not self.damage.cut:
+            raise ValueError(f"has {len(packed)} of {length} bytes")
+        data = _decompress(compression, packed, unpacked, self.path, whole=whole)
+        if whole and len(data) != unpacked:
+            raise ValueError(f"unpacks to {len(data)} bytes, expected {unpacked}")
+        if whole and checksum and zlib.crc32(data) != checksum:
+            raise ValueError("its checksum is wrong")
+        return data
+
+    def _spoilt(self, problem: str) -> None:
+        # A file of noise must not fill the memory with complaints.
+        if len(self.damage.chunks) < 100:
+            self.damage.chunks.append(problem)
+
+    def topics(self) -> list[Topic]:
+        """Topics with their counts, sorted by name; reads the whole file."""
+        found: dict[tuple[str, str], list[int]] = {}
+        for message in self.messages():
+            entry = found.setdefault(
+                (message.topic, message.datatype), [0, 0, message.log_time_ns, message.log_time_ns]
+            )
+            entry[0] += 1
+            entry[1] += len(message.data)
+            entry[2] = min(entry[2], message.log_time_ns)
+            entry[3] = max(entry[3], message.log_time_ns)
+        return [
+            Topic(name, datatype, count, size, first * 1e-9, last * 1e-9)
+            for (name, datatype), (count, size, first, last) in sorted(found.items())
+        ]
+
+    def decode(self, message: McapMessage) -> Any:
+        """Fields of a ROS 2 message.
+
+        Raises
+        ------
+        InputError
+            It has no ``ros2msg`` schema, or its bytes do not fit the schema.
+        """
+        where = f"{self.path}:{message.topic}"
+        decoder = self._decoders.get(message.channel)
+        try:
+            if decoder is None:
+                decoder = self._decoder(message, where)
+                self._decoders[message.channel] = decoder
+            return decoder(message.data)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(
+                where, f"message at {message.log_time_ns} ns is damaged ({type(error).__name__})"
+            ) from error
+
+    def _decoder(self, message: McapMessage, where: str) -> Any:
+        try:
+            from mcap.records import Schema
+            from mcap_ros2.decoder import DecoderFactory
+        except ImportError as error:
+            raise MissingExtraError("mcap-ros2-support", "recording", "reading MCAP") from error
+        schema = self.schemas.get(message.schema)
+        channel = self.channels[message.channel]
+        if schema is None or schema.encoding != "ros2msg" or channel.encoding != "cdr":
+            found = f"schema {schema.encoding!r}" if schema else "no schema"
+            raise InputError(
+                where, f"found {found} and {channel.encoding!r} messages, expected ros2msg and cdr"
+            )
+        return DecoderFactory().decoder_for(
+            "cdr", Schema(message.schema, schema.data, schema.encoding, schema.name)
+        )
+
+
+def _text(body: bytes, place: int) -> tuple[str, int]:
+    (length,) = struct.unpack_from("<I", body, place)
+    if place + 4 + length > len(body):
+        raise struct.error("text is cut")
+    return body[place + 4 : place + 4 + length].decode("utf-8"), place + 4 + length
+
+
+def _decompress(compression: str, packed: bytes, unpacked: int, path: Path, *, whole: bool) -> bytes:
+    """Unpack at most ``unpacked`` bytes; a bomb is a :class:`ValueError`."""
+    if compression == "":
+        return packed
+    try:
+        if compression == "zstd":
+            import zstandard
+
+            reader = zstandard.ZstdDecompressor().stream_reader(BytesIO(packed), read_across_frames=True)
+            return _read_some(reader, unpacked, zstandard.ZstdError, whole)
+        if compression == "lz4":
+            import lz4.frame
+
+            return _read_some(lz4.frame.open(BytesIO(packed), "rb"), unpacked, RuntimeError, whole)
+    except ImportError as error:
+        raise MissingExtraError(str(error.name), "recording", f"reading {path}") from error
+    raise ValueError(f"compression {compression!r} is not known")
+
+
+def _read_some(stream: IO[bytes], limit: int, problem: type[Exception], whole: bool) -> bytes:
+    parts: list[bytes] = []
+    left = limit + 1  # one more shows that there would be more than was promised
+    try:
+        while left > 0 and (part := stream.read(min(left, 1 << 16))):
+            parts.append(part)
+            left -= len(part)
+    except (problem, EOFError, OSError) as error:
+        if whole:
+            raise ValueError(f"cannot be unpacked ({error})") from error
+    return b"".join(parts)

@@ -1,0 +1,78 @@
+"""ROS image messages from and to arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ...core.errors import InputError
+from ...core.files import MAX_PIXELS
+
+__all__ = ["decode_raw"]
+
+#: ROS encoding -> channels, bytes per channel, and name of OpenCV's conversion to grey or BGR.
+_ENCODINGS: dict[str, tuple[int, int, str]] = {
+    "mono8": (1, 1, ""),
+    "8UC1": (1, 1, ""),
+    "mono16": (1, 2, ""),
+    "16UC1": (1, 2, ""),
+    "bgr8": (3, 1, ""),
+    "8UC3": (3, 1, ""),
+    "rgb8": (3, 1, "COLOR_RGB2BGR"),
+    "bgra8": (4, 1, "COLOR_BGRA2BGR"),
+    "8UC4": (4, 1, "COLOR_BGRA2BGR"),
+    "rgba8": (4, 1, "COLOR_RGBA2BGR"),
+    # ROS names the order of the first row; OpenCV the second row's second and third pixel.
+    "bayer_rggb8": (1, 1, "COLOR_BayerBG2BGR"),
+    "bayer_bggr8": (1, 1, "COLOR_BayerRG2BGR"),
+    "bayer_gbrg8": (1, 1, "COLOR_BayerGR2BGR"),
+    "bayer_grbg8": (1, 1, "COLOR_BayerGB2BGR"),
+}
+
+
+def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *colour"]:
+    """Grey or BGR image, 8 bit, of a ``sensor_msgs/Image``.
+
+    The padding at the end of rows (``step``) is removed; of 16-bit images the
+    upper 8 bits are kept; Bayer patterns are interpolated.
+
+    Raises
+    ------
+    InputError
+        The encoding is not known, or size and data do not fit together.
+    """
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    encoding = str(message.encoding)
+    if encoding not in _ENCODINGS:
+        raise InputError(
+            where, f"found {encoding!r}, expected one of {', '.join(_ENCODINGS)}", field="encoding"
+        )
+    channels, depth, conversion = _ENCODINGS[encoding]
+    if width <= 0 or height <= 0 or width * height > MAX_PIXELS:
+        raise InputError(
+            where, f"found {width} x {height}, expected a positive size of at most {MAX_PIXELS} px"
+        )
+    used = width * channels * depth
+    if step < used:
+        raise InputError(
+            where, f"found {step} bytes a row, expected at least {used} for {encoding}", field="step"
+        )
+    data = np.frombuffer(memoryview(message.data), dtype=np.uint8)
+    # The padding of the last row may be missing.
+    if data.size < step * (height - 1) + used:
+        raise InputError(
+            where, f"found {data.size} bytes, expected {step * height} = {step} x {height}", field="data"
+        )
+    rows = np.lib.stride_tricks.as_strided(data, (height, used), (step, 1), writeable=False)
+    if depth == 2:
+        # The upper byte of each value is its 8-bit reading.
+        rows = rows[:, 0 if message.is_bigendian else 1 :: 2]
+    image = np.ascontiguousarray(rows if channels == 1 else rows.reshape(height, width, channels))
+    if conversion:
+        import cv2
+
+        image = cv2.cvtColor(image, getattr(cv2, conversion))
+    # ``frombuffer`` gives a read-only view of the message: a frame owns its pixels.
+    return image if image.flags.writeable else image.copy()

@@ -1,0 +1,261 @@
+"""Measurements, poses, cameras, maps and images as the fields of standard ROS 2 messages.
+
+Messages are plain dictionaries in the layout of their ROS definition, which
+the CDR writer takes. Stamps come from ``t_s``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.measurement import Contact, ForceProfile, Wrench
+
+__all__ = [
+    "camera_info",
+    "compressed_image",
+    "contact_cloud",
+    "diagnostics",
+    "force_wrench",
+    "header",
+    "image",
+    "pose",
+    "profile_cloud",
+    "stamp_ns",
+    "wrench",
+]
+
+Message = dict[str, Any]
+
+#: ``sensor_msgs/PointField`` code of each type.
+_POINT_TYPES = {"float32": 7, "float64": 8}
+
+
+def stamp_ns(t_s: float) -> int:
+    """Time in nanoseconds; exact to the resolution of a float64 (0.2 us today, seconds since 1970)."""
+    if not (math.isfinite(t_s) and 0 <= t_s < 2**31):
+        raise InputError("t_s", f"found {t_s}, expected 0 to {2**31} s, the range of a ROS stamp")
+    whole = math.floor(t_s)
+    return whole * 1_000_000_000 + round((t_s - whole) * 1e9)
+
+
+def header(t_s: float, frame: str) -> Message:
+    """``std_msgs/Header``."""
+    seconds, nanoseconds = divmod(stamp_ns(t_s), 1_000_000_000)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
+
+
+def _vector(values: Sequence[float] | np.ndarray) -> Message:
+    return {axis: float(value) for axis, value in zip("xyz", values, strict=True)}
+
+
+def wrench(measured: Wrench) -> Message:
+    """``geometry_msgs/WrenchStamped``; NaN where the measurement is not valid.
+
+    The message has no place for validity, so a reader who knows nothing of our
+    diagnostics must not take a number for good.
+    """
+    trust = 1.0 if measured.valid else math.nan
+    return {
+        "header": header(measured.t_s, measured.frame),
+        "wrench": {
+            "force": _vector(np.asarray(measured.force_N) * trust),
+            "torque": _vector(np.asarray(measured.moment_Nm) * trust),
+        },
+    }
+
+
+def force_wrench(profile: ForceProfile, frame: str) -> Message:
+    """``geometry_msgs/WrenchStamped`` of a laminar sensor.
+
+    The force acts on the sensor along -x of its frame (x points away from the
+    robot); as is the custom for contact sensors the message gives its
+    magnitude along +x, the force on the object. NaN where it is not valid.
+    """
+    force = profile.force_N if profile.valid else math.nan
+    return {
+        "header": header(profile.t_s, frame),
+        "wrench": {"force": _vector((force, 0.0, 0.0)), "torque": _vector((0.0, 0.0, 0.0))},
+    }
+
+
+def diagnostics(
+    t_s: float, frame: str, name: str, valid: bool, reason: str, values: Mapping[str, Any]
+) -> Message:
+    """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers also when not valid."""
+    level = 0 if valid else (3 if reason == "stale" else 1)
+    status = {
+        "level": level,
+        "name": name,
+        "message": str(reason),
+        "hardware_id": frame,
+        "values": [{"key": key, "value": _text(value)} for key, value in values.items()],
+    }
+    return {"header": header(t_s, frame), "status": [status]}
+
+
+def _text(value: Any) -> str:
+    return repr(float(value)) if isinstance(value, float | np.floating) else str(value)
+
+
+def _cloud(t_s: float, frame: str, fields: Sequence[tuple[str, str, np.ndarray]]) -> Message:
+    """``sensor_msgs/PointCloud2`` of one row."""
+    layout = np.dtype([(name, "<" + np.dtype(kind).str[1:]) for name, kind, _ in fields])
+    count = len(fields[0][2])
+    data = np.zeros(count, dtype=layout)
+    for name, _, values in fields:
+        data[name] = values
+    return {
+        "header": header(t_s, frame),
+        "height": 1,
+        "width": count,
+        "fields": [
+            {
+                "name": name,
+                "offset": int(layout.fields[name][1]) if layout.fields else 0,
+                "datatype": _POINT_TYPES[kind],
+                "count": 1,
+            }
+            for name, kind, _ in fields
+        ],
+        "is_bigendian": False,
+        "point_step": layout.itemsize,
+        "row_step": layout.itemsize * count,
+        "data": data.tobytes(),
+        "is_dense": all(bool(np.isfinite(values).all()) for _, _, values in fields),
+    }
+
+
+def contact_pressure_Pa(profile: ForceProfile, contact: Contact) -> Float[np.ndarray, "k"]:
+    """Pressure at the points of a contact, read from the profile at the same places along the strip."""
+    count = len(contact.delta_m)
+    slack = 1e-9 + 1e-6 * abs(contact.s_end_m - contact.s_start_m)
+    inside = (profile.s_m >= contact.s_start_m - slack) & (profile.s_m <= contact.s_end_m + slack)
+    if int(inside.sum()) == count:
+        return np.asarray(profile.pressure_Pa)[inside]
+    if not len(profile.s_m):
+        return np.full(count, np.nan)
+    places = np.linspace(contact.s_start_m, contact.s_end_m, count)
+    return np.interp(places, profile.s_m, profile.pressure_Pa)
+
+
+def contact_cloud(profile: ForceProfile, frame: str) -> Message:
+    """``sensor_msgs/PointCloud2`` of all contact points: x, y, z, delta, pressure, sigma, contact.
+
+    Lengths in m, pressure in Pa; ``contact`` counts the regions from 0.
+    """
+    contacts = profile.contacts
+    points = np.concatenate(
+        [np.asarray(c.points_foam_m).reshape(-1, 2) for c in contacts] or [np.zeros((0, 2))]
+    )
+    pressure = [contact_pressure_Pa(profile, contact) for contact in contacts]
+    numbers = [np.full(len(contact.delta_m), place) for place, contact in enumerate(contacts)]
+
+    def joined(parts: list[np.ndarray]) -> np.ndarray:
+        return np.concatenate(parts) if parts else np.zeros(0)
+
+    return _cloud(
+        profile.t_s,
+        frame,
+        [
+            ("x", "float32", points[:, 0]),
+            ("y", "float32", points[:, 1]),
+            ("z", "float32", np.zeros(len(points))),
+            ("delta", "float32", joined([contact.delta_m for contact in contacts])),
+            ("pressure", "float32", joined(pressure)),
+            ("sigma", "float32", joined([contact.point_sigma_m for contact in contacts])),
+            ("contact", "float32", joined(numbers)),
+        ],
+    )
+
+
+def profile_cloud(profile: ForceProfile, frame: str) -> Message:
+    """``sensor_msgs/PointCloud2`` of the whole strip in full precision.
+
+    x = deflection, y = place along the strip, z = 0 for a viewer; then delta,
+    delta_sigma [m], pressure, pressure_sigma [Pa] and valid (0 or 1).
+    """
+    return _cloud(
+        profile.t_s,
+        frame,
+        [
+            ("x", "float32", -np.asarray(profile.delta_m)),
+            ("y", "float32", profile.s_m),
+            ("z", "float32", np.zeros(len(profile.s_m))),
+            ("s", "float64", profile.s_m),
+            ("delta", "float64", profile.delta_m),
+            ("delta_sigma", "float64", profile.delta_sigma_m),
+            ("pressure", "float64", profile.pressure_Pa),
+            ("pressure_sigma", "float64", profile.pressure_sigma_Pa),
+            ("valid", "float64", np.asarray(profile.point_valid, dtype=np.float64)),
+        ],
+    )
+
+
+def pose(target_source: Pose) -> Message:
+    """``geometry_msgs/Pose``."""
+    quaternion = target_source.quaternion_xyzw
+    return {
+        "position": _vector(target_source.translation_m),
+        "orientation": {axis: float(value) for axis, value in zip("xyzw", quaternion, strict=True)},
+    }
+
+
+def camera_info(t_s: float, camera: Camera, frame: str) -> Message:
+    """``sensor_msgs/CameraInfo``; the row delay has no place in it."""
+    distortion = camera.distortion if camera.distortion.size else np.zeros(5)
+    if distortion.size == 4:
+        distortion = np.append(distortion, 0.0)
+    projection = np.hstack([camera.matrix, np.zeros((3, 1))])
+    return {
+        "header": header(t_s, frame),
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": "rational_polynomial" if distortion.size == 8 else "plumb_bob",
+        "d": [float(value) for value in distortion],
+        "k": [float(value) for value in camera.matrix.ravel()],
+        "r": [float(value) for value in np.eye(3).ravel()],
+        "p": [float(value) for value in projection.ravel()],
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False},
+    }
+
+
+def image(t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: str) -> Message:
+    """``sensor_msgs/Image``, ``mono8`` or ``bgr8``."""
+    return {
+        "header": header(t_s, frame),
+        "height": pixels.shape[0],
+        "width": pixels.shape[1],
+        "encoding": "mono8" if pixels.ndim == 2 else "bgr8",
+        "is_bigendian": 0,
+        "step": pixels.shape[1] * (1 if pixels.ndim == 2 else 3),
+        "data": np.ascontiguousarray(pixels).tobytes(),
+    }
+
+
+def compressed_image(
+    t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: str, quality: int | None
+) -> Message:
+    """``sensor_msgs/CompressedImage``: JPEG of a quality 1..100, or lossless PNG for ``None``."""
+    import cv2
+
+    kind = "png" if quality is None else "jpeg"
+    options = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
+    good, data = cv2.imencode("." + kind.replace("jpeg", "jpg"), pixels, options)
+    if not good:
+        raise InputError("frame", f"cannot be written as {kind}")
+    base = "mono8" if pixels.ndim == 2 else "bgr8"
+    return {
+        "header": header(t_s, frame),
+        "format": f"{base}; {kind} compressed {base}",
+        "data": data.tobytes(),
+    }

@@ -1,0 +1,122 @@
+"""Measurements to MCAP with standard ROS 2 messages only, so that any ROS tool opens the file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import IO, Any
+
+from ...core.errors import InputError, MissingExtraError
+from ...core.files import keep_unfinished
+from ...core.resources import Closing
+from ..ros import ros_messages as ros
+from ..ros._ros_definitions import definition
+from .measurement_sink import MeasurementSink
+
+__all__ = ["MeasurementWriter"]
+
+
+class MeasurementWriter(MeasurementSink, Closing):
+    """Writes an MCAP file as it is measured.
+
+    While it is written the file is called ``NAME.mcap.part``; it gets its name
+    when it is closed. Every message is with the operating system when its
+    ``write_...`` returns: after a crash the ``.part`` file still holds all of
+    them, and :class:`McapSource`, ``visuohaptic recording info`` and
+    ``mcap recover`` read it.
+
+    Parameters
+    ----------
+    path
+        File to write; an older one is replaced when this one is closed.
+    frame
+        Name of the sensor's frame of coordinates.
+    chunk_bytes
+        Messages are collected up to this size before they are compressed and
+        written. 0 writes each at once, as it is; 64 kB takes a fraction of the
+        space but may lose the last chunk in a crash.
+
+    Notes
+    -----
+    Topics and types, below the sensor's ``name``:
+
+    ========================== =================================================
+    ``/NAME/wrench``           ``geometry_msgs/WrenchStamped``, NaN when not valid
+    ``/NAME/diagnostics``      ``diagnostic_msgs/DiagnosticArray``: validity, reason, sigmas
+    ``/NAME/contact``          ``sensor_msgs/PointCloud2``: contact contour
+    ``/NAME/profile``          ``sensor_msgs/PointCloud2``: whole strip
+    ``/NAME/event``            ``std_msgs/String``, JSON: kind, t_s, s_m
+    ========================== =================================================
+
+    Examples
+    --------
+    >>> with MeasurementWriter("run.mcap") as writer:  # doctest: +SKIP
+    ...     writer.write_force(profile)
+    """
+
+    def __init__(self, path: Path | str, *, frame: str = "sensor", chunk_bytes: int = 0) -> None:
+        try:
+            from mcap_ros2.writer import Writer
+        except ImportError as error:
+            raise MissingExtraError("mcap-ros2-support", "recording", "writing MCAP") from error
+        if chunk_bytes < 0:
+            raise InputError("chunk_bytes", f"found {chunk_bytes}, expected >= 0")
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + ".part")  #: name until it is closed
+        self.frame = frame
+        if not self.path.parent.is_dir():
+            raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
+        if self.path.is_dir():
+            raise InputError(path, "is a folder, expected a file name")
+        try:
+            keep_unfinished(self.part, self.path)
+            self._stream: IO[bytes] = self.part.open("xb")
+        except OSError as error:
+            raise InputError(path, f"cannot be written ({error.strerror})") from error
+        self._writer: Any = (
+            Writer(self._stream, chunk_size=chunk_bytes) if chunk_bytes else _unchunked(self._stream)
+        )
+        self._schemas: dict[str, Any] = {}
+        self._counts: dict[str, int] = {}
+        self._open = True
+
+    def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
+        """Write the fields of any standard message that this library knows."""
+        if not self._open:
+            raise InputError(self.path, "is closed")
+        if datatype not in self._schemas:
+            self._schemas[datatype] = self._writer.register_msgdef(datatype, definition(datatype))
+        count = self._counts.get(topic, 0)
+        self._writer.write_message(
+            topic, self._schemas[datatype], message, log_time=ros.stamp_ns(t_s), sequence=count
+        )
+        self._stream.flush()
+        self._counts[topic] = count + 1
+
+    def close(self) -> None:
+        """Write the index, and give the file its name; harmless when repeated."""
+        if not self._open:
+            return
+        self._open = False
+        self._writer.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+        self.part.replace(self.path)
+
+
+def _unchunked(stream: IO[bytes]) -> Any:
+    """A writer whose messages stand alone in the file.
+
+    A chunk of one message would do as well, but the index of the chunks is kept until the file is closed: half a
+    kilobyte a message, which is a quarter of a gigabyte in an hour.
+    """
+    from io import BytesIO
+
+    from mcap.writer import Writer as Records
+    from mcap_ros2.writer import Writer
+
+    writer: Any = Writer(BytesIO())  # it has no such choice, and passes on no argument for one
+    writer._writer = Records(stream, use_chunking=False)
+    writer._writer.start(profile="ros2", library="visuohaptic")
+    return writer

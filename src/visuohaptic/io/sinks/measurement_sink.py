@@ -1,0 +1,144 @@
+"""Measurements as topics with standard ROS 2 messages, wherever they go: into a file, or onto the air."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.measurement import Event, ForceProfile, Wrench
+from ..ros import ros_messages as ros
+
+if TYPE_CHECKING:
+    from ..maps.occupancy_map import OccupancyMap
+
+__all__ = ["MeasurementSink"]
+
+
+class MeasurementSink(ABC):
+    """Says which topics and messages a measurement becomes; :meth:`write` takes them."""
+
+    frame: str  #: name of the sensor's frame of coordinates
+
+    @abstractmethod
+    def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
+        """Take the fields of one standard message.
+
+        Parameters
+        ----------
+        topic
+            As ``/foam/wrench``.
+        datatype
+            As ``geometry_msgs/msg/WrenchStamped``.
+        t_s
+            Time of the measurement [s].
+        """
+
+    def write_force(self, profile: ForceProfile, name: str = "foam") -> None:
+        """Force, validity, contact contour and profile of a laminar sensor."""
+        budget = profile.budget
+        values: dict[str, Any] = {
+            "force_N": float(profile.force_N),
+            "force_sigma_N": float(profile.force_sigma_N),
+            "image_N": float(budget.image_N),
+            "calibration_N": float(budget.calibration_N),
+            "model_N": float(budget.model_N),
+            "zero_N": float(budget.zero_N),
+            "contacts": len(profile.contacts),
+        }
+        for place, contact in enumerate(profile.contacts):
+            values[f"contact{place}"] = json.dumps(
+                {
+                    "s_start_m": float(contact.s_start_m),
+                    "s_end_m": float(contact.s_end_m),
+                    "force_N": float(contact.force_N),
+                    "force_sigma_N": float(contact.force_sigma_N),
+                    "valid": bool(contact.valid),
+                    "reason": str(contact.reason),
+                }
+            )
+        t_s, frame = profile.t_s, self.frame
+        self.write(
+            f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", t_s, ros.force_wrench(profile, frame)
+        )
+        self._diagnose(name, t_s, frame, profile.valid, profile.reason, values)
+        self.write(f"/{name}/profile", "sensor_msgs/msg/PointCloud2", t_s, ros.profile_cloud(profile, frame))
+        if profile.contacts:
+            self.write(
+                f"/{name}/contact", "sensor_msgs/msg/PointCloud2", t_s, ros.contact_cloud(profile, frame)
+            )
+
+    def write_wrench(self, wrench: Wrench, name: str = "beam") -> None:
+        """Force and moment with validity and covariance."""
+        names = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+        numbers = np.concatenate([wrench.force_N, wrench.moment_Nm])
+        values: dict[str, Any] = {key: float(value) for key, value in zip(names, numbers, strict=True)}
+        values["covariance"] = json.dumps(np.asarray(wrench.covariance).tolist())
+        self.write(f"/{name}/wrench", "geometry_msgs/msg/WrenchStamped", wrench.t_s, ros.wrench(wrench))
+        self._diagnose(name, wrench.t_s, wrench.frame, wrench.valid, wrench.reason, values)
+
+    def _diagnose(
+        self, name: str, t_s: float, frame: str, valid: bool, reason: str, values: dict[str, Any]
+    ) -> None:
+        message = ros.diagnostics(t_s, frame, name, valid, reason, values)
+        self.write(f"/{name}/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", t_s, message)
+
+    def write_event(self, event: Event, name: str = "foam") -> None:
+        """An event as JSON text; a place that is unknown is left out."""
+        data: dict[str, Any] = {"kind": str(event.kind), "t_s": event.t_s}
+        if np.isfinite(event.s_m):
+            data["s_m"] = event.s_m
+        self.write(f"/{name}/event", "std_msgs/msg/String", event.t_s, {"data": json.dumps(data)})
+
+    def write_frame(
+        self, frame: Frame, name: str = "camera", *, compressed: bool = True, quality: int | None = None
+    ) -> None:
+        """An image: PNG (``quality=None``), JPEG of a quality 1..100, or raw (``compressed=False``)."""
+        if compressed:
+            message = ros.compressed_image(frame.t_s, frame.image, name, quality)
+            self.write(f"/{name}/image/compressed", "sensor_msgs/msg/CompressedImage", frame.t_s, message)
+        else:
+            message = ros.image(frame.t_s, frame.image, name)
+            self.write(f"/{name}/image", "sensor_msgs/msg/Image", frame.t_s, message)
+
+    def write_camera(self, camera: Camera, t_s: float, name: str = "camera") -> None:
+        """The camera's model, beside its images by ROS's convention."""
+        # ``/camera/image`` and ``/camera/camera_info`` are in one namespace; so is image/compressed.
+        self.write(
+            f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", t_s, ros.camera_info(t_s, camera, name)
+        )
+
+    def write_pose(
+        self,
+        T_frame_body: Pose,
+        t_s: float,
+        topic: str = "/pose",
+        *,
+        frame: str = "map",
+        covariance: Float[np.ndarray, "6 6"] | None = None,
+    ) -> None:
+        """A pose, with the covariance of (x, y, z, rotation about x, y, z) [m, rad] where it is known."""
+        head, body = ros.header(t_s, frame), ros.pose(T_frame_body)
+        if covariance is None:
+            self.write(topic, "geometry_msgs/msg/PoseStamped", t_s, {"header": head, "pose": body})
+            return
+        if np.shape(covariance) != (6, 6):
+            raise InputError("covariance", f"found shape {np.shape(covariance)}, expected (6, 6)")
+        flat = [float(value) for value in np.asarray(covariance).ravel()]
+        self.write(
+            topic,
+            "geometry_msgs/msg/PoseWithCovarianceStamped",
+            t_s,
+            {"header": head, "pose": {"pose": body, "covariance": flat}},
+        )
+
+    def write_map(self, grid: OccupancyMap, t_s: float, topic: str = "/map", *, frame: str = "map") -> None:
+        """An occupancy map."""
+        self.write(topic, "nav_msgs/msg/OccupancyGrid", t_s, grid.to_message(t_s, frame))

@@ -1,0 +1,158 @@
+"""What all recorded sources have in common: known times, lost frames, a part of the recording."""
+
+from __future__ import annotations
+
+import logging
+from abc import abstractmethod
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float, Int, UInt8
+
+from ..core.camera.frame import Frame
+from ..core.camera.model import Camera
+from ..core.errors import InputError
+from ..core.resources import Closing
+
+__all__ = ["RecordedSource", "indices_from_times"]
+
+_log = logging.getLogger(__name__)
+
+#: Intervals may differ by this part from a whole number of periods and still count as regular.
+_REGULAR = 0.2
+
+
+def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """Number of each frame as the camera counted it: at a regular rate a missing frame leaves a gap.
+
+    The period is the median interval. When at least nine of ten intervals are
+    whole multiples of it (within 20 %), the index advances by that multiple;
+    otherwise the frame rate is taken as variable and frames count one by one.
+
+    Examples
+    --------
+    >>> indices_from_times(np.array([0.0, 0.1, 0.2, 0.4, 0.5])).tolist()
+    [0, 1, 2, 4, 5]
+    """
+    times = np.asarray(times_s, dtype=np.float64)
+    plain = np.arange(len(times))
+    if len(times) < 4:
+        return plain
+    intervals = np.diff(times)
+    period = float(np.median(intervals))
+    if period <= 0:
+        return plain
+    periods = intervals / period
+    steps = np.maximum(np.rint(periods), 1.0)
+    if np.mean(np.abs(periods - steps) <= _REGULAR * steps) < 0.9:
+        return plain
+    # A gap of more than a minute at 1 kHz is a pause or a jump of the clock; the count stays finite.
+    steps = np.minimum(steps, 1e5)
+    return np.concatenate([[0], np.cumsum(steps).astype(np.int64)])
+
+
+class RecordedSource(Closing):
+    """Frames of a recording; implements :class:`visuohaptic.core.robots.FrameSource`.
+
+    Parameters
+    ----------
+    where
+        Name of the recording for messages.
+    times_s
+        Time of every frame [s], ascending.
+    camera
+        Model of the camera where it is known; its size must be that of the images.
+    start_s, stop_s
+        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+    """
+
+    def __init__(
+        self,
+        where: str,
+        times_s: Float[np.ndarray, "n"],
+        *,
+        camera: Camera | None = None,
+        start_s: float = 0.0,
+        stop_s: float = float("inf"),
+    ) -> None:
+        times = np.asarray(times_s, dtype=np.float64)
+        if not len(times):
+            raise InputError(where, "found no frames, expected at least one")
+        if not np.isfinite(times).all():
+            raise InputError(where, f"frame {int(np.argmin(np.isfinite(times)))} has no finite time")
+        if np.isnan(start_s) or not stop_s > start_s:
+            raise InputError(where, f"found start {start_s} s and stop {stop_s} s, expected start < stop")
+        since = times - times[0]
+        # Half a microsecond: times of a day's clock in float64 are no finer than that.
+        chosen = np.flatnonzero((since >= start_s - 5e-7) & (since < stop_s - 5e-7))
+        if not len(chosen):
+            raise InputError(where, f"has no frame from {start_s} to {stop_s} s; it lasts {since[-1]:.3f} s")
+        self._where = where
+        self._camera = camera
+        self._chosen = chosen
+        self.times_s: Float[np.ndarray, "k"] = times[chosen]  #: of the chosen frames
+        self.indices: Int[np.ndarray, "k"] = indices_from_times(times)[chosen]
+        self.damaged = 0  #: frames that could not be decoded so far
+        self._closed = False
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model where the source knows it."""
+        return self._camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there are."""
+        return len(self._chosen)
+
+    @property
+    def missing(self) -> int:
+        """Frames that the camera lost between the first and the last one, by the gaps in time."""
+        return int(self.indices[-1] - self.indices[0] + 1 - len(self.indices))
+
+    @abstractmethod
+    def _images(
+        self, chosen: Int[np.ndarray, "k"]
+    ) -> Iterator[tuple[int, UInt8[np.ndarray, "rows columns *colour"]]]:
+        """Position within ``chosen`` and image, in order; damaged frames are left out."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Frames in order of time, from the first one every time.
+
+        Raises
+        ------
+        InputError
+            No frame could be decoded, or their size is not the camera's or changes.
+        """
+        if self._closed:
+            raise InputError(self._where, "is closed", remedy="open the source again")
+        self.damaged = 0
+        size: tuple[int, int] | None = None
+        delivered = 0
+        for position, image in self._images(self._chosen):
+            found = (image.shape[1], image.shape[0])
+            if size is None:
+                size = found
+                if self._camera and (self._camera.width, self._camera.height) != found:
+                    raise InputError(
+                        self._where,
+                        f"found images of {found[0]} x {found[1]}, expected {self._camera.width} x "
+                        f"{self._camera.height} of the camera {self._camera.name!r}",
+                    )
+            elif size != found:
+                raise InputError(
+                    self._where,
+                    f"frame {self.indices[position]} has {found[0]} x {found[1]}, expected "
+                    f"{size[0]} x {size[1]} as before",
+                )
+            delivered += 1
+            yield Frame(image, float(self.times_s[position]), int(self.indices[position]))
+        self.damaged = len(self._chosen) - delivered
+        if not delivered:
+            raise InputError(self._where, f"none of {len(self._chosen)} frames could be decoded")
+        if self.damaged:
+            _log.warning("%s: %d of %d frames are damaged", self._where, self.damaged, len(self._chosen))
+
+    def close(self) -> None:
+        """Release the file; harmless when repeated."""
+        self._closed = True

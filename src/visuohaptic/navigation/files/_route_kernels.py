@@ -1,0 +1,124 @@
+"""Straight lines between cells: how near they come to obstacles, and where a path is split to keep off them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ..graph._line_kernels import cost
+from ..pushing._outline_kernels import segment_distance
+
+__all__ = ["chord_clearance", "chord_measures", "split_path"]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _interval(at: float, way: float, centre: float, low: float, high: float) -> tuple[float, float]:
+    """The part of ``low..high`` of a segment that lies within half a cell of a centre, along one axis."""
+    if way == 0.0:
+        return (low, high) if abs(at - centre) <= 0.5 else (1.0, 0.0)
+    first, second = (centre - 0.5 - at) / way, (centre + 0.5 - at) / way
+    return max(low, min(first, second)), min(high, max(first, second))
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _square_distance(y0: float, x0: float, y1: float, x1: float, row: float, column: float) -> float:
+    """Distance of a segment from the square of a cell [cells]; coordinates are those of cell centres."""
+    low, high = _interval(y0, y1 - y0, row, 0.0, 1.0)
+    low, high = _interval(x0, x1 - x0, column, low, high)
+    if low <= high:
+        return 0.0
+    best = min(
+        math.hypot(max(abs(y0 - row) - 0.5, 0.0), max(abs(x0 - column) - 0.5, 0.0)),
+        math.hypot(max(abs(y1 - row) - 0.5, 0.0), max(abs(x1 - column) - 0.5, 0.0)),
+    )
+    for up in (-0.5, 0.5):
+        for right in (-0.5, 0.5):
+            best = min(best, segment_distance(column + right, row + up, x0, y0, x1, y1))
+    return best
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def chord_clearance(
+    distance: np.ndarray, y0: int, x0: int, y1: int, x1: int, limit: float, outside_blocks: bool
+) -> float:
+    """Distance [cells] of the segment between two cell centres from the nearest obstacle's square, at most ``limit``.
+
+    ``distance`` (rows, columns) [cells] from the border of the obstacles' squares, 0 in one of them; only where
+    it allows an obstacle nearer than what is known are squares looked at.
+    """
+    rows, columns = distance.shape
+    count = max(1, int(math.ceil(math.hypot(y1 - y0, x1 - x0))))
+    half = 0.5 * math.hypot(y1 - y0, x1 - x0) / count
+    best = limit
+    for k in range(count):
+        y, x = y0 + (k + 0.5) / count * (y1 - y0), x0 + (k + 0.5) / count * (x1 - x0)
+        row, column = int(math.floor(y + 0.5)), int(math.floor(x + 0.5))
+        off = math.hypot(y - row, x - column) + half
+        if float(distance[row, column]) - off >= best:
+            continue
+        reach = int(math.ceil(best + off + 0.5))
+        for r in range(row - reach, row + reach + 1):
+            for c in range(column - reach, column + reach + 1):
+                if r < 0 or c < 0 or r >= rows or c >= columns:
+                    if not outside_blocks:
+                        continue
+                elif distance[r, c] > 0.0:
+                    continue
+                best = min(best, _square_distance(y0, x0, y1, x1, r, c))
+    return best
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
+    """Places in a path (k, 2) of cells, first and last among them, between which straight lines keep a radius."""
+    count = len(path)
+    cut = np.zeros(count, np.bool_)
+    cut[0] = cut[count - 1] = True
+    stack = np.empty((count + 1, 2), np.int64)
+    stack[0, 0], stack[0, 1] = 0, count - 1
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        begin, end = stack[waiting, 0], stack[waiting, 1]
+        if end - begin < 2:
+            continue
+        y0, x0, y1, x1 = path[begin, 0], path[begin, 1], path[end, 0], path[end, 1]
+        if chord_clearance(distance, y0, x0, y1, x1, radius, outside_blocks) >= radius:
+            continue
+        # The middle, where all cells lie on the line.
+        middle, farthest = (begin + end) // 2, 1e-9
+        for k in range(begin + 1, end):
+            away = segment_distance(path[k, 1], path[k, 0], x0, y0, x1, y1)
+            if away > farthest:
+                middle, farthest = k, away
+        cut[middle] = True
+        stack[waiting, 0], stack[waiting, 1] = begin, middle
+        stack[waiting + 1, 0], stack[waiting + 1, 1] = middle, end
+        waiting += 2
+    return np.flatnonzero(cut)
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def chord_measures(
+    distance: np.ndarray, corners: np.ndarray, speeds: np.ndarray, outside_blocks: bool
+) -> np.ndarray:
+    """Cost [s cells/m], length and clearance [cells] of the straight lines between cells (k, 2), (k - 1, 3).
+
+    ``speeds`` as in Eq. (4.1): (radius [cells], 1 / v_min, 1 / v_max); the cost is summed over steps of at most
+    a cell at the distance of the cell that a step's middle lies in.
+    """
+    measures = np.empty((len(corners) - 1, 3))
+    for k in range(len(corners) - 1):
+        y0, x0, y1, x1 = corners[k, 0], corners[k, 1], corners[k + 1, 0], corners[k + 1, 1]
+        length = math.hypot(y1 - y0, x1 - x0)
+        count = max(1, int(math.ceil(length)))
+        total = 0.0
+        for i in range(count):
+            y, x = y0 + (i + 0.5) / count * (y1 - y0), x0 + (i + 0.5) / count * (x1 - x0)
+            total += cost(float(distance[int(math.floor(y + 0.5)), int(math.floor(x + 0.5))]), speeds)
+        measures[k, 0] = total * length / count
+        measures[k, 1] = length
+        measures[k, 2] = chord_clearance(distance, y0, x0, y1, x1, 3.0 * speeds[0], outside_blocks)
+    return measures

@@ -1,0 +1,76 @@
+"""The joint graph as GeoJSON for the Nav2 route server: nodes, edges, costs, push and door operations."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.files import write_text
+from ..planning.joint_graph import JointGraph
+from .geojson import _feature
+from .route_edges import route_pieces
+
+__all__ = ["save_joint_route_graph"]
+
+
+def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
+    """Write visual and added nodes with edges in both directions.
+
+    Visual edges are split until their straight lines keep the robot's radius, as
+    :func:`~visuohaptic.navigation.files.geojson.save_route_graph` does. Edges of added nodes lead to a task whose
+    local planner drives them: their lines are drawn from node to node and may pass obstacles.
+    An edge into an added node carries the operation of its local planner,
+    triggered on entering; edges that cannot be driven are left out.
+    """
+    grid = joint.regions.layers.map
+    features: list[dict[str, Any]] = []
+    places = [joint.visual.node_m]
+    for node in joint.added:
+        centre = (
+            node.kind.outline_m.mean(axis=0)[None]
+            if node.cell[0] < 0
+            else grid.world_from_cell(np.array([node.cell]))
+        )
+        places.append(centre)
+    route = route_pieces(joint.visual, joint.regions.layers)
+    points = np.concatenate([*places, grid.world_from_cell(route.cells)])
+    by_number = {node.number: node for node in joint.added}
+    for number, (x, y) in enumerate(points):
+        properties: dict[str, Any] = {"id": number, "frame": frame}
+        if number in by_number:
+            kind = by_number[number].kind
+            properties["metadata"] = {"object": kind.id, "planner": kind.planner}
+        features.append(_feature("Point", [float(x), float(y)], properties))
+    number = len(points)
+    ends, costs = joint.edges()
+    visual = len(joint.visual.edges)
+    # Numbers of added nodes come before those of the cells where visual edges are split.
+    pieces = np.where(route.ends < joint.visual.nodes, route.ends, route.ends + len(joint.added))
+    driven = np.where(np.isfinite(costs[route.edge]), route.measures[:, 0], np.inf)
+    ends, costs = np.concatenate([pieces, ends[visual:]]), np.concatenate([driven, costs[visual:]])
+    for (a, b), cost in zip(ends.tolist(), costs.tolist(), strict=True):
+        if not np.isfinite(cost):
+            continue
+        for start, end in ((a, b), (b, a)):
+            properties = {"id": number, "startid": start, "endid": end, "cost": cost, "overridable": True}
+            if end in by_number and by_number[end].task_s > 0:
+                node = by_number[end]
+                properties["operations"] = {
+                    node.kind.planner.replace(" ", "_"): {
+                        "type": node.kind.planner.title().replace(" ", ""),
+                        "trigger": "ON_ENTER",
+                        "metadata": {
+                            "object": node.kind.id,
+                            "seconds": float(node.task_s),
+                            "failure_probability": float(node.kind.failure_probability(joint.robot)),
+                        },
+                    }
+                }
+            line = [[float(v) for v in points[start]], [float(v) for v in points[end]]]
+            features.append(_feature("MultiLineString", [line], properties))
+            number += 1
+    data = {"type": "FeatureCollection", "name": Path(path).stem, "features": features}
+    write_text(path, json.dumps(data, allow_nan=False) + "\n")

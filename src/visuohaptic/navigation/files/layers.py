@@ -1,0 +1,209 @@
+"""Layers of a map as PNG and YAML: distance, cost, regions, confidence, as other programs can open them.
+
+The YAML file has the fields of map_server, so that the picture has its place
+in the world, and below ``layer`` how its grey levels become values::
+
+    value = offset + scale * level        levels 0 .. top
+    no_value = 65535, infinite = 65534, minus_infinite = 65533  (16 bit)
+
+Truth values and whole numbers in a small range come back exactly, floats to
+half a step of 1/65532 of their range; ``exact=True`` keeps every bit of
+float32 and int32 in the four channels of the picture, which then looks like
+noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from ...core.errors import InputError
+from ...core.files import atomic_path, load_yaml_model, read_image, save_yaml
+from ...io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["Layer", "load_layer", "save_layer"]
+
+#: Levels of 16 bit that stand for something else than a number.
+_NAN, _INF, _MINUS_INF, _TOP = 65535, 65534, 65533, 65532
+
+_KINDS = {"bool": np.bool_, "int32": np.int32, "float32": np.float32, "float64": np.float64}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """Values on the grid of a map; row 0 is at the bottom."""
+
+    name: str
+    values: (
+        Float[np.ndarray, "rows columns"] | Int[np.ndarray, "rows columns"] | Bool[np.ndarray, "rows columns"]
+    )
+    resolution_m: float
+    origin: tuple[float, float, float]  #: (x, y, yaw) [m, m, rad] as of :class:`OccupancyMap`
+    unit: str = "1"
+
+
+class _LayerFields(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+    name: str
+    unit: str = "1"
+    kind: Literal["bool", "int32", "float32", "float64"]
+    coding: Literal["linear8", "linear16", "bits32"]
+    offset: FiniteFloat = 0.0
+    scale: FiniteFloat = 1.0
+    no_value: int | None = None
+    infinite: int | None = None
+    minus_infinite: int | None = None
+
+
+class _LayerFile(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    image: Annotated[str, Field(min_length=1, max_length=255)]
+    resolution: Annotated[FiniteFloat, Field(gt=0)]
+    origin: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+    layer: _LayerFields
+
+
+def save_layer(
+    path: Path | str,
+    values: np.ndarray,
+    grid: OccupancyMap,
+    *,
+    name: str = "",
+    unit: str = "1",
+    exact: bool = False,
+) -> None:
+    """Write ``NAME.yaml`` and ``NAME.png`` beside it.
+
+    Parameters
+    ----------
+    path
+        Ends in ``.yaml``.
+    values
+        Truth values, whole numbers within 32 bits, or floats (NaN = no value,
+        infinities are kept), of the shape of ``grid``.
+    grid
+        Where the layer lies.
+    exact
+        Keep every bit, in a picture that only :func:`load_layer` understands.
+
+    Raises
+    ------
+    InputError
+        Another shape than the grid's, or a kind that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(path, "expected a name that ends in .yaml")
+    values = np.asarray(values)
+    if values.shape != grid.shape:
+        raise InputError("values", f"found shape {values.shape}, expected {grid.shape}, the shape of the map")
+    pixels, fields = _coded(values, exact)
+    picture = path.with_suffix(".png")
+    with atomic_path(picture) as temporary:
+        temporary.write_bytes(_png(pixels[::-1]))
+    save_yaml(
+        path,
+        {
+            "image": picture.name,
+            "mode": "scale",
+            "resolution": float(grid.resolution_m),
+            "origin": [float(value) for value in grid.origin],
+            "negate": 1,  # a larger value is brighter
+            "occupied_thresh": 1.0,
+            "free_thresh": 0.0,
+            "layer": {"name": name or path.stem, "unit": unit, **fields},
+        },
+    )
+
+
+def _coded(values: np.ndarray, exact: bool) -> tuple[np.ndarray, dict[str, Any]]:
+    """Pixels and the fields that say how to read them."""
+    if values.dtype == np.bool_:
+        fields = {"kind": "bool", "coding": "linear8", "offset": 0.0, "scale": 1.0 / 255}
+        return np.where(values, 255, 0).astype(np.uint8), fields
+    if np.issubdtype(values.dtype, np.integer):
+        low, high = int(values.min()), int(values.max())
+        if low < -(2**31) or high >= 2**31:
+            raise InputError("values", f"found whole numbers {low} to {high}, expected 32 bits")
+        if exact or high - low > 65535:
+            return _bits(values.astype(np.int32)), {"kind": "int32", "coding": "bits32"}
+        wide = high - low > 255
+        pixels = (values.astype(np.int64) - low).astype(np.uint16 if wide else np.uint8)
+        return pixels, {"kind": "int32", "coding": "linear16" if wide else "linear8", "offset": float(low)}
+    if not np.issubdtype(values.dtype, np.floating):
+        raise InputError("values", f"found {values.dtype}, expected bool, whole numbers or floats")
+    kind = "float32" if values.dtype.itemsize <= 4 else "float64"
+    if exact:
+        return _bits(values.astype(np.float32)), {"kind": "float32", "coding": "bits32"}
+    finite = np.isfinite(values)
+    lowest = float(values[finite].min()) if finite.any() else 0.0
+    highest = float(values[finite].max()) if finite.any() else 0.0
+    scale = (highest - lowest) / _TOP or 1.0
+    level = np.zeros(values.shape)
+    level[finite] = np.rint((values[finite].astype(np.float64) - lowest) / scale)
+    level[np.isnan(values)] = _NAN
+    level[np.isposinf(values)] = _INF
+    level[np.isneginf(values)] = _MINUS_INF
+    fields = {"kind": kind, "coding": "linear16", "offset": lowest, "scale": scale}
+    return level.astype(np.uint16), fields | {
+        "no_value": _NAN,
+        "infinite": _INF,
+        "minus_infinite": _MINUS_INF,
+    }
+
+
+def _bits(values: np.ndarray) -> np.ndarray:
+    little = np.ascontiguousarray(values.astype(values.dtype.newbyteorder("<")))
+    return little.view(np.uint8).reshape(*values.shape, 4)
+
+
+def _png(pixels: np.ndarray) -> bytes:
+    import cv2
+
+    good, data = cv2.imencode(".png", np.ascontiguousarray(pixels))
+    if not good:
+        raise InputError("values", "cannot be written as PNG")
+    return bytes(data.tobytes())
+
+
+def load_layer(path: Path | str) -> Layer:
+    """Read what :func:`save_layer` has written.
+
+    Raises
+    ------
+    InputError
+        Names the file and the field, with what was found and what was expected.
+    """
+    path = Path(path)
+    info = load_yaml_model(path, _LayerFile)
+    if Path(info.image).name != info.image:
+        raise InputError(path, f"found {info.image!r}, expected the name of a file beside it", field="image")
+    picture = path.parent / info.image
+    pixels = read_image(picture, "unchanged")[::-1]
+    layer = info.layer
+    shape, depth = {"linear8": ((), "uint8"), "linear16": ((), "uint16"), "bits32": ((4,), "uint8")}[
+        layer.coding
+    ]
+    if pixels.shape[2:] != shape or str(pixels.dtype) != depth:
+        raise InputError(picture, f"found {pixels.dtype} {pixels.shape}, expected a {layer.coding} picture")
+    kind = _KINDS[layer.kind]
+    values: np.ndarray
+    if layer.coding == "bits32":
+        little = np.dtype(kind).newbyteorder("<")
+        values = np.ascontiguousarray(pixels).view(little)[..., 0].astype(kind)
+    else:
+        raw = layer.offset + layer.scale * pixels.astype(np.float64)
+        codes = ((layer.no_value, np.nan), (layer.infinite, np.inf), (layer.minus_infinite, -np.inf))
+        for code, value in codes:
+            if code is not None:
+                raw[pixels == code] = value
+        values = (raw > 0.5) if layer.kind == "bool" else raw.astype(kind)
+        if layer.kind == "int32":
+            values = np.rint(raw).astype(np.int32)
+    x, y, yaw = info.origin
+    return Layer(layer.name, values, info.resolution, (x, y, yaw), layer.unit)

@@ -1,0 +1,5 @@
+"""Skeleton graph and regions of a map, edited in place, and shortest paths on it (Alt 2016, Sec. 4.2)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

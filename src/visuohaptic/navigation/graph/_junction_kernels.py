@@ -1,0 +1,273 @@
+"""From lines to a raw graph: junction cells that are one decision become one node, lines are led on to it.
+
+Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is told by its two slots and
+its line, and :func:`edge_paths` writes the cells of all edges when somebody asks for them.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ._line_kernels import BITS, cost, longer, measure
+
+__all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def gather_junctions(
+    cell: np.ndarray,
+    masks: np.ndarray,
+    keys: np.ndarray,
+    links: np.ndarray,
+    order: np.ndarray,
+    columns: int,
+    resolution_m: float,
+    speeds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Leader of each slot, the next slot on the way there (-1 for leaders), and that way's measures.
+
+    From the cell with the largest key on, a node takes the junction cells that are linked to
+    it through others, as far as its own clearance (at least the cells that touch it).
+    Measures (slots, 3): length [m], cost [s], clearance [m].
+    """
+    owner = np.full(len(cell), -1, np.int32)
+    parent = np.full(len(cell), -1, np.int32)
+    way = np.zeros((len(cell), 3))
+    joined = np.empty(len(order), np.int32)
+    depth = np.empty(len(order), np.float32)
+    queue = np.empty(len(order) + 1, np.int32)
+    several = 0
+    for slot in order:
+        way[slot, 2] = keys[slot]
+        owner[slot] = slot
+        if BITS[masks[slot]] < 3:
+            continue
+        for j in range(8):
+            other = -2 - links[slot, j]
+            if other >= 0 and BITS[masks[other]] >= 3:
+                owner[slot] = -1  # it may belong to another
+                break
+        if owner[slot] < 0:
+            joined[several] = slot
+            depth[several] = -keys[slot]
+            several += 1
+    # Stable: of equal distances the first cell leads.
+    by_depth = np.argsort(depth[:several], kind="mergesort")
+    for position in range(several):
+        leader = joined[by_depth[position]]
+        if owner[leader] >= 0:
+            continue
+        owner[leader] = leader
+        row, column = cell[leader] // columns, cell[leader] % columns
+        reach = max(float(keys[leader]) / resolution_m, 1.5)
+        queue[0] = leader
+        head, tail = 0, 1
+        while head < tail:
+            here = queue[head]
+            head += 1
+            for j in range(8):
+                other = -2 - links[here, j]
+                if other < 0 or owner[other] >= 0 or BITS[masks[other]] < 3:
+                    continue
+                r, c = cell[other] // columns, cell[other] % columns
+                if (r - row) ** 2 + (c - column) ** 2 > reach * reach:
+                    continue
+                owner[other] = leader
+                parent[other] = here
+                length, seconds = _step(keys[here], keys[other], j, resolution_m, speeds)
+                way[other, 0] = way[here, 0] + length
+                way[other, 1] = way[here, 1] + seconds
+                way[other, 2] = min(way[here, 2], float(keys[other]))
+                queue[tail] = other
+                tail += 1
+    return owner, parent, way
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _step(
+    here: float, there: float, direction: int, resolution_m: float, speeds: np.ndarray
+) -> tuple[float, float]:
+    """Length [m] and cost [s] of a step between neighbours with these distances."""
+    length = resolution_m * (math.sqrt(2.0) if direction & 1 else 1.0)
+    return length, 0.5 * length * (cost(here, speeds) + cost(there, speeds))
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def join_lines(
+    distance: np.ndarray,
+    cell: np.ndarray,
+    masks: np.ndarray,
+    keys: np.ndarray,
+    links: np.ndarray,
+    order: np.ndarray,
+    owner: np.ndarray,
+    parent: np.ndarray,
+    way: np.ndarray,
+    table: np.ndarray,
+    measured: np.ndarray,
+    used: int,
+    resolution_m: float,
+    speeds: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Cells of the nodes (n,), their clearance, ends of the edges (m, 2), their measures (m, 3), and pieces (m, 4).
+
+    A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
+    the slots of a ring are -1. The order does not depend on the numbers of slots and lines.
+    """
+    rings = np.empty(256, np.int32)
+    ring_cells = np.empty(256, np.int32)
+    ring_count = 0
+    for line in range(used):
+        if table[line, 0] == -1:
+            if ring_count == len(rings):
+                rings, ring_cells = longer(rings), longer(ring_cells)
+            rings[ring_count], ring_cells[ring_count] = line, table[line, 1]
+            ring_count += 1
+    # Every edge takes two links; arrays of just that size, because untouched memory is slow memory.
+    taken = 0
+    for slot in order:
+        taken += BITS[masks[slot]]
+    room = taken // 2 + ring_count + 1
+    ends = np.empty((room, 2), np.int32)
+    measures = np.empty((room, 3))
+    pieces = np.empty((room, 4), np.int32)
+    flat_distance = distance.ravel()
+    edges = 0
+    for first in order:
+        for j in range(8):
+            link = links[first, j]
+            if link == -1 or (link >= 0 and link & 1):
+                continue  # nothing, or led on from its other end
+            if link >= 0:
+                line = link >> 1
+                last = table[line, 4]
+                pieces[edges, 2], pieces[edges, 3] = table[line, 2] + 1, table[line, 3] - 1
+                length, seconds, clearance = measured[line, 0], measured[line, 1], measured[line, 2]
+            else:
+                last = -2 - link
+                if cell[last] < cell[first] or parent[last] == first or parent[first] == last:
+                    continue
+                pieces[edges, 2], pieces[edges, 3] = 0, 0
+                length, seconds = _step(keys[first], keys[last], j, resolution_m, speeds)
+                clearance = min(float(keys[first]), float(keys[last]))
+            pieces[edges, 0], pieces[edges, 1] = first, last
+            ends[edges, 0], ends[edges, 1] = owner[first], owner[last]
+            measures[edges, 0] = length + way[first, 0] + way[last, 0]
+            measures[edges, 1] = seconds + way[first, 1] + way[last, 1]
+            measures[edges, 2] = min(clearance, min(way[first, 2], way[last, 2]))
+            edges += 1
+    ring_order = np.argsort(ring_cells[:ring_count])
+    # Nodes in the order of their cells; ``number`` says which one a leader has become.
+    nodes = np.empty(len(order) + ring_count, np.int32)
+    clear = np.empty(len(order) + ring_count, np.float32)
+    number = np.empty(len(cell), np.int32)
+    n, k = 0, 0
+    joined = edges
+    for position in range(len(order) + 1):
+        slot = order[position] if position < len(order) else -1
+        if slot >= 0 and owner[slot] != slot:
+            continue
+        while k < ring_count and (slot < 0 or ring_cells[ring_order[k]] < cell[slot]):
+            line = rings[ring_order[k]]
+            nodes[n], clear[n] = table[line, 1], flat_distance[table[line, 1]]
+            pieces[edges, 0], pieces[edges, 1] = -1, -1
+            pieces[edges, 2], pieces[edges, 3] = table[line, 2], table[line, 3]
+            for side in range(3):
+                measures[edges, side] = measured[line, side]
+            ends[edges, 0] = ends[edges, 1] = n
+            edges += 1
+            n += 1
+            k += 1
+        if slot >= 0:
+            nodes[n], clear[n] = cell[slot], keys[slot]
+            number[slot] = n
+            n += 1
+    for edge in range(joined):
+        ends[edge, 0], ends[edge, 1] = number[ends[edge, 0]], number[ends[edge, 1]]
+    return (
+        nodes[:n].copy(),
+        clear[:n].copy(),
+        ends[:edges].copy(),
+        measures[:edges].copy(),
+        pieces[:edges].copy(),
+    )
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def edge_paths(
+    edge_ways: np.ndarray,
+    ways: np.ndarray,
+    pieces: np.ndarray,
+    cell: np.ndarray,
+    parent: np.ndarray,
+    path: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (flat) of edges from node to node, in CSR form.
+
+    Edge e is made of the half-edges ``ways[edge_ways[e] : edge_ways[e + 1]]`` of the raw graph, 2 r for piece r
+    as it is, 2 r + 1 for piece r backwards.
+    """
+    count = len(edge_ways) - 1
+    start = np.zeros(count + 1, np.int32)
+    out = np.empty(4096, np.int32)
+    size = 0
+    for edge in range(count):
+        begin = size
+        for k in range(edge_ways[edge], edge_ways[edge + 1]):
+            piece = pieces[ways[k] >> 1]
+            inner = piece[3] - piece[2]
+            room = size + inner
+            for side in range(2):
+                here = piece[side]
+                while here != -1:
+                    room += 1
+                    here = parent[here]
+            while room > len(out):
+                out = longer(out)
+            if size > begin:
+                size -= 1  # the cell that two pieces share
+            low = size
+            here = piece[0]
+            while here != -1:
+                out[size] = cell[here]
+                size += 1
+                here = parent[here]
+            _reverse(out, low, size)
+            for position in range(piece[2], piece[3]):
+                out[size] = path[position]
+                size += 1
+            here = piece[1]
+            while here != -1:
+                out[size] = cell[here]
+                size += 1
+                here = parent[here]
+            if ways[k] & 1:
+                _reverse(out, low, size)
+        start[edge + 1] = size
+    return start, out[:size].copy()
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def measure_paths(
+    path_start: np.ndarray, path: np.ndarray, distance: np.ndarray, resolution_m: float, speeds: np.ndarray
+) -> np.ndarray:
+    """Length [m], cost [s] and clearance [m] of each path, (m, 3)."""
+    measures = np.empty((len(path_start) - 1, 3))
+    for k in range(len(path_start) - 1):
+        length, seconds, clearance = measure(
+            path, path_start[k], path_start[k + 1], distance, resolution_m, speeds
+        )
+        measures[k, 0], measures[k, 1], measures[k, 2] = length, seconds, clearance
+    return measures
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _reverse(path: np.ndarray, begin: int, end: int) -> None:
+    low, high = begin, end - 1
+    while low < high:
+        path[low], path[high] = path[high], path[low]
+        low += 1
+        high -= 1

@@ -1,0 +1,275 @@
+"""From lines to decisions: remove stubs, merge what is no decision, label what hangs together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ._search_kernels import half_edges
+
+__all__ = ["keep_edges", "label_components", "prune"]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _onward(node: int, came: int, start: np.ndarray, half: np.ndarray, alive: np.ndarray) -> int:
+    """The half-edge by which a line goes on through a node of degree 2; ``came`` arrives there."""
+    for k in range(start[node], start[node + 1]):
+        if alive[half[k] >> 1] and half[k] != came:
+            return half[k]
+    return -1
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def prune(
+    clearance: np.ndarray, ends: np.ndarray, lengths: np.ndarray, stub_length_m: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Remove stubs, round by round; returns which edges and nodes are left, and the nodes' degree.
+
+    ``clearance`` (n,) of the nodes. An edge (chain of edges through nodes of degree 2) that ends
+    dead goes if it is shorter than ``stub_length_m``; where that is negative, if it reaches
+    less than the clearance of its other end beyond the disc of that clearance, each of its
+    own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
+    """
+    count = len(clearance)
+    start, half = half_edges(count, ends)
+    alive = np.ones(len(ends), np.bool_)
+    stays = np.ones(count, np.bool_)
+    degree = np.zeros(count, np.int32)
+    for node in range(count):
+        degree[node] = start[node + 1] - start[node]
+    going = np.empty(len(ends), np.int32)
+    tips = np.empty(count, np.int32)
+    tip_count = 0
+    for node in range(count):
+        if degree[node] == 1:
+            tips[tip_count] = node
+            tip_count += 1
+    root = np.empty(count, np.int32)
+    while tip_count > 0:
+        gone = 0
+        for k in range(tip_count):
+            tip = tips[k]
+            begin = gone
+            length = 0.0
+            way = _onward(tip, -1, start, half, alive)
+            while True:
+                edge = way >> 1
+                going[gone] = edge
+                gone += 1
+                length += lengths[edge]
+                came = way ^ 1
+                node = ends[edge, came & 1]
+                if degree[node] != 2:
+                    break
+                way = _onward(node, came, start, half, alive)
+            if degree[node] == 1 and (clearance[tip], -tip) > (clearance[node], -node):
+                gone = begin  # a line with two ends is judged from its narrower one
+                continue
+            if stub_length_m >= 0.0:
+                stub = length < stub_length_m
+            else:
+                stub = length - max(0.0, clearance[node] - clearance[tip]) < clearance[node]
+            if not stub:
+                gone = begin
+        if gone == 0:
+            break
+        # Ends that lost a line may be tips now; tips that stayed may belong to longer lines.
+        for k in range(gone):
+            edge = going[k]
+            if alive[edge]:
+                alive[edge] = False
+                for side in range(2):
+                    degree[ends[edge, side]] -= 1
+        for k in range(gone):
+            for side in range(2):
+                node = ends[going[k], side]
+                if degree[node] == 0:
+                    stays[node] = False
+        kept = 0
+        for k in range(tip_count):
+            if degree[tips[k]] == 1:
+                tips[kept] = tips[k]
+                kept += 1
+        tip_count = kept
+        for k in range(gone):
+            for side in range(2):
+                node = ends[going[k], side]
+                if degree[node] == 1:
+                    known = False
+                    for j in range(kept, tip_count):
+                        known |= tips[j] == node
+                    if not known:
+                        tips[tip_count] = node
+                        tip_count += 1
+        _keep_one(going[:gone], ends, clearance, degree, stays, root)
+    return alive, stays, degree
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _keep_one(
+    gone: np.ndarray,
+    ends: np.ndarray,
+    clearance: np.ndarray,
+    degree: np.ndarray,
+    stays: np.ndarray,
+    root: np.ndarray,
+) -> None:
+    """Where a round left nothing of a tree, its inner end stays: stubs of one junction share that.
+
+    ``root`` (n,) int32 is used in between.
+    """
+    # Isolated nodes linked by edges of this round: the component's widest stays, if none has edges left.
+    for edge in gone:
+        for side in range(2):
+            root[ends[edge, side]] = ends[edge, side]
+    for edge in gone:
+        a, b = ends[edge, 0], ends[edge, 1]
+        while root[a] != a:
+            a = root[a]
+        while root[b] != b:
+            b = root[b]
+        if a == b:
+            continue
+        a_lives, b_lives = degree[a] > 0, degree[b] > 0
+        if (a_lives, clearance[a], -a) >= (b_lives, clearance[b], -b):
+            root[b] = a
+        else:
+            root[a] = b
+    for edge in gone:
+        for side in range(2):
+            node = ends[edge, side]
+            if root[node] == node and degree[node] == 0:
+                stays[node] = True
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def keep_edges(
+    cells: np.ndarray,
+    clearance: np.ndarray,
+    ends: np.ndarray,
+    measures: np.ndarray,
+    alive: np.ndarray,
+    stays: np.ndarray,
+    degree: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The graph that is left, lines merged through nodes of degree 2.
+
+    A ring of such nodes keeps its widest. Edges run from the smaller node to the larger. Returns cells of the
+    nodes, ends and measures of the edges, and of which half-edges of the raw graph each is made (CSR form).
+    """
+    count = len(cells)
+    start, half = half_edges(count, ends)
+    number = np.full(count, -1, np.int32)
+    for node in range(count):
+        if stays[node] and degree[node] != 2:
+            number[node] = 0
+    seen = np.zeros(len(ends), np.bool_)
+    # Rings first, to know all nodes before they are numbered.
+    for node in range(count):
+        if number[node] == 0:
+            for k in range(start[node], start[node + 1]):
+                way = half[k]
+                if not alive[way >> 1]:
+                    continue
+                while True:
+                    seen[way >> 1] = True
+                    came = way ^ 1
+                    other = ends[way >> 1, came & 1]
+                    if number[other] == 0:
+                        break
+                    way = _onward(other, came, start, half, alive)
+    for edge in range(len(ends)):
+        if not alive[edge] or seen[edge]:
+            continue
+        way = 2 * edge
+        widest = ends[edge, 0]
+        while not seen[way >> 1]:
+            seen[way >> 1] = True
+            came = way ^ 1
+            other = ends[way >> 1, came & 1]
+            if (clearance[other], -other) > (clearance[widest], -widest):
+                widest = other
+            way = _onward(other, came, start, half, alive)
+        number[widest] = 0
+    total = 0
+    for node in range(count):
+        if number[node] == 0:
+            number[node] = total
+            total += 1
+    out_cells = np.empty(total, np.int32)
+    for node in range(count):
+        if number[node] >= 0:
+            out_cells[number[node]] = cells[node]
+
+    seen[:] = False
+    out_ends = np.empty((len(ends), 2), np.int32)
+    out_measures = np.empty((len(ends), 3))
+    edge_ways = np.zeros(len(ends) + 1, np.int32)
+    ways = np.empty(len(ends), np.int32)
+    edges = 0
+    size = 0
+    for node in range(count):
+        if number[node] < 0:
+            continue
+        for k in range(start[node], start[node + 1]):
+            way = half[k]
+            if not alive[way >> 1] or seen[way >> 1]:
+                continue
+            length, cost, width = 0.0, 0.0, np.inf
+            while True:
+                edge = way >> 1
+                seen[edge] = True
+                length += measures[edge, 0]
+                cost += measures[edge, 1]
+                width = min(width, measures[edge, 2])
+                ways[size] = way
+                size += 1
+                came = way ^ 1
+                other = ends[edge, came & 1]
+                if number[other] >= 0:
+                    break
+                way = _onward(other, came, start, half, alive)
+            out_ends[edges, 0] = number[node]
+            out_ends[edges, 1] = number[other]
+            out_measures[edges, 0] = length
+            out_measures[edges, 1] = cost
+            out_measures[edges, 2] = width
+            edges += 1
+            edge_ways[edges] = size
+    return (
+        out_cells,
+        out_ends[:edges].copy(),
+        out_measures[:edges].copy(),
+        edge_ways[: edges + 1].copy(),
+        ways[:size].copy(),
+    )
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
+    """Component of each node, numbered by their smallest nodes, and how many there are."""
+    root = np.arange(count).astype(np.int32)
+    for edge in range(len(ends)):
+        a, b = ends[edge, 0], ends[edge, 1]
+        while root[a] != a:
+            root[a] = root[root[a]]
+            a = root[a]
+        while root[b] != b:
+            root[b] = root[root[b]]
+            b = root[b]
+        root[max(a, b)] = min(a, b)
+    components = 0
+    for node in range(count):
+        if root[node] == node:
+            root[node] = -1 - components
+            components += 1
+        else:
+            root[node] = root[root[node]] if root[root[node]] < 0 else root[_top(root, node)]
+    return -1 - root, components
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _top(root: np.ndarray, node: int) -> int:
+    while root[node] >= 0:
+        node = root[node]
+    return node

@@ -1,0 +1,196 @@
+"""Distance-ordered homotopic thinning as a function of the distance alone, whole or in a window.
+
+Every reachable cell has a key: its distance, then its index; the keys order all cells. A cell is
+deleted if it is simple (its deletion changes neither components nor holes) and not the end of a
+line, among its neighbours with larger keys and those with smaller keys that were kept. That
+recursion runs from small keys to large ones and has exactly one solution, whatever the order in
+which it is worked out, and a change spreads only upwards from where it was made.
+
+Neighbours are numbered round the cell, from +column through +row: (0, 1), (1, 1), (1, 0), (1, -1),
+(0, -1), (-1, -1), (-1, 0), (-1, 1); bit k of a mask is neighbour k.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+__all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
+
+#: Bit of the marks: the cell is on the skeleton.
+KEPT = np.uint8(1)
+_QUEUED = np.uint8(2)
+
+ROW_STEP = np.array([0, 1, 1, 1, 0, -1, -1, -1], np.int32)
+COLUMN_STEP = np.array([1, 1, 0, -1, -1, -1, 0, 1], np.int32)
+
+
+def _deletable() -> np.ndarray:
+    """Whether a cell with such neighbours is simple and not an end (8-connected cells, 4-connected holes)."""
+    table = np.zeros(256, np.uint8)
+    for mask in range(256):
+        empty = [not mask >> k & 1 for k in range(8)] * 2
+        # Hilditch's crossing number for 8-connected cells.
+        crossings = sum(1 for k in (0, 2, 4, 6) if empty[k] and not (empty[k + 1] and empty[k + 2]))
+        table[mask] = crossings == 1 and bin(mask).count("1") > 1
+    return table
+
+
+def _adjacent() -> np.ndarray:
+    """Neighbours that a cell of a skeleton is linked to, so that links make no loop round nothing.
+
+    A diagonal link is left out where a cell beside both makes the link in two steps, and of
+    the four links round a full 2 x 2 block the one along its lower row. Then cells minus links is
+    the Euler number of the 8-connected set, whether it is thin or not.
+    """
+    table = np.zeros(256, np.uint8)
+    for mask in range(256):
+        has = [bool(mask >> k & 1) for k in range(8)] * 2
+        links = 0
+        for k in (2, 6):
+            links |= has[k] << k
+        for k in (1, 3, 5, 7):
+            links |= (has[k] and not has[k - 1] and not has[k + 1]) << k
+        links |= has[0] and not (has[1] and has[2])
+        links |= (has[4] and not (has[2] and has[3])) << 4
+        table[mask] = links
+    return table
+
+
+_DELETABLE = _deletable()
+#: Mask of neighbours on the skeleton -> mask of those that are linked.
+ADJACENT = _adjacent()
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
+    """Mark the cells that stay if every neighbour with a smaller key goes; returns how many.
+
+    ``distance`` (rows, columns) float32, ``step`` uint16 (0 = not reachable), ``mark`` uint8, filled.
+    """
+    rows, columns = distance.shape
+    masks = np.zeros(columns, np.uint8)
+    one = np.uint8(1)
+    kept = 0
+    for row in range(rows):
+        if row == 0 or row == rows - 1:
+            for column in range(columns):
+                mark[row, column] = 0
+                if step[row, column] != 0 and _DELETABLE[_higher(distance, row, column)] == 0:
+                    mark[row, column] = KEPT
+                    kept += 1
+            continue
+        below, here, above = distance[row - 1], distance[row], distance[row + 1]
+        for column in range(1, columns - 1):
+            d = here[column]
+            bits = np.uint8(here[column + 1] >= d) * one
+            bits |= np.uint8(above[column + 1] >= d) << np.uint8(1)
+            bits |= np.uint8(above[column] >= d) << np.uint8(2)
+            bits |= np.uint8(above[column - 1] >= d) << np.uint8(3)
+            bits |= np.uint8(here[column - 1] > d) << np.uint8(4)
+            bits |= np.uint8(below[column - 1] > d) << np.uint8(5)
+            bits |= np.uint8(below[column] > d) << np.uint8(6)
+            bits |= np.uint8(below[column + 1] > d) << np.uint8(7)
+            masks[column] = bits
+        if columns > 0:
+            masks[0] = _higher(distance, row, 0)
+            masks[columns - 1] = _higher(distance, row, columns - 1)
+        for column in range(columns):
+            keep = step[row, column] != 0 and _DELETABLE[masks[column]] == 0
+            mark[row, column] = keep
+            kept += keep
+    return kept
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _higher(distance: np.ndarray, row: int, column: int) -> int:
+    """Mask of the neighbours with larger keys; they are reachable where the cell is."""
+    rows, columns = distance.shape
+    d = distance[row, column]
+    mask = 0
+    for k in range(8):
+        r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+        if 0 <= r < rows and 0 <= c < columns:
+            other = distance[r, c]
+            if other > d or (other == d and k < 4):
+                mask |= 1 << k
+    return mask
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """Cells that have to be looked at again after :func:`survey`: those above a cell that stays."""
+    columns = distance.shape[1]
+    found = np.empty(8 * len(kept), np.int32)
+    count = 0
+    for cell in kept:
+        row, column = cell // columns, cell % columns
+        higher = _higher(distance, row, column)
+        for k in range(8):
+            if higher >> k & 1:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if not mark[r, c] & _QUEUED:
+                    mark[r, c] |= _QUEUED
+                    found[count] = r * columns + c
+                    count += 1
+    return found[:count]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _grown(array: np.ndarray) -> np.ndarray:
+    larger = np.empty(2 * len(array), array.dtype)
+    larger[: len(array)] = array
+    return larger
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> np.ndarray:
+    """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice)."""
+    rows, columns = distance.shape
+    capacity = max(1024, 2 * len(queue))
+    stack = np.empty(capacity, np.int32)
+    # From the last to the first, so that the first is on top.
+    count = len(queue)
+    for k in range(count):
+        stack[k] = queue[count - 1 - k]
+    turned = np.empty(1024, np.int32)
+    turns = 0
+    while count > 0:
+        count -= 1
+        cell = stack[count]
+        row, column = cell // columns, cell % columns
+        old = mark[row, column] & KEPT
+        new = np.uint8(0)
+        higher = 0
+        if step[row, column] != 0:
+            d = distance[row, column]
+            mask = 0
+            for k in range(8):
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if 0 <= r < rows and 0 <= c < columns:
+                    other = distance[r, c]
+                    if other > d or (other == d and k < 4):
+                        higher |= 1 << k
+                    elif mark[r, c] & KEPT:
+                        mask |= 1 << k
+            new = np.uint8(1) - _DELETABLE[mask | higher]
+        elif old:
+            higher = 255  # it has just become unreachable: whoever counted on it looks again
+        mark[row, column] = new
+        if new == old:
+            continue
+        if turns == len(turned):
+            turned = _grown(turned)
+        turned[turns] = cell
+        turns += 1
+        for k in range(7, -1, -1):
+            if higher >> k & 1:
+                r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
+                if 0 <= r < rows and 0 <= c < columns and not mark[r, c] & _QUEUED:
+                    mark[r, c] |= _QUEUED
+                    if count == len(stack):
+                        stack = _grown(stack)
+                    stack[count] = r * columns + c
+                    count += 1
+    return turned[:turns]

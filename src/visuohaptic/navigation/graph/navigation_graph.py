@@ -1,0 +1,222 @@
+"""The navigation graph: one node per decision, one edge per way between (Alt 2016, Sec. 4.2 e)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int, Int32, UInt8
+
+from ...core.errors import InputError
+from ..grid.cost_grid import GridLayers
+from ._lines import RawGraph, SkeletonLines, speeds
+from .skeletonize import skeleton_marks
+
+__all__ = ["EdgePaths", "NavigationGraph", "build_graph"]
+
+
+class EdgePaths:
+    """Cells of the paths of all edges; those of an edited map are written when they are first asked for.
+
+    Parameters
+    ----------
+    write
+        Returns where an edge's cells begin (m+1,), and all cells (row, column) (p, 2).
+    """
+
+    def __init__(
+        self, write: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]]
+    ) -> None:
+        self._write = write
+
+    @cached_property
+    def written(self) -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
+        """Where an edge's cells begin, and all cells."""
+        return self._write()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigationGraph:
+    """Places where the robot decides, and the ways between them.
+
+    Symbols: n nodes in the order of their cells, m edges, p cells of all paths. Parallel edges
+    and edges from a node to itself are part of it: each is a loop round something.
+    """
+
+    node_cells: Int32[np.ndarray, "n 2"]  #: (row, column)
+    node_m: Float[np.ndarray, "n 2"]  #: (x, y) in the map frame [m]
+    edges: Int32[np.ndarray, "m 2"]  #: nodes that an edge joins, the smaller first
+    edge_cost_s: Float[np.ndarray, "m"]  #: time along the path at the speed of Eq. (4.1)
+    edge_length_m: Float[np.ndarray, "m"]  #: length of the path
+    edge_clearance_m: Float[np.ndarray, "m"]  #: smallest distance from an obstacle on the path
+    paths: EdgePaths = field(repr=False)  #: see ``path_start`` and ``path_cells``
+    component: Int32[np.ndarray, "n"]  #: connected part that a node belongs to, by the smallest node
+    components: int  #: connected parts
+    _searching: list[Any] = field(default_factory=list, repr=False)  # CSR form, made by the first query
+
+    @property
+    def path_start(self) -> Int32[np.ndarray, "m+1"]:
+        """Where an edge's cells begin in ``path_cells``."""
+        return self.paths.written[0]
+
+    @property
+    def path_cells(self) -> Int32[np.ndarray, "p 2"]:
+        """(row, column) of each edge's cells, from its first node to its second."""
+        return self.paths.written[1]
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes."""
+        return len(self.node_cells)
+
+    @property
+    def loops(self) -> int:
+        """Independent loops: edges - nodes + components, one per hole of the reachable area."""
+        return len(self.edges) - len(self.node_cells) + self.components
+
+    @property
+    def degree(self) -> Int[np.ndarray, "n"]:
+        """Ends of edges at each node; an edge from a node to itself counts twice."""
+        return np.bincount(self.edges.ravel(), minlength=self.nodes)
+
+    def edge_path(self, edge: int) -> Int32[np.ndarray, "k 2"]:
+        """Cells (row, column) of an edge, from its first node to its second."""
+        return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
+
+    def nearest_node(self, point_m: Float[np.ndarray, "2"]) -> int:
+        """The node nearest as the crow flies; walls are not considered, see ``Regions`` for that."""
+        if self.nodes == 0:
+            raise InputError("NavigationGraph", "has no nodes: the robot fits nowhere on this map")
+        return int(np.argmin(((self.node_m - np.asarray(point_m)) ** 2).sum(axis=1)))
+
+
+def build_graph(
+    layers: GridLayers, *, stub_length_m: float | None = None, spacing_m: float | None = None
+) -> NavigationGraph:
+    """Skeleton to graph: trace, remove stubs, merge connection nodes (Alt 2016, Sec. 4.2 d-e).
+
+    Junction cells that touch become one node, the widest of them. Components and independent
+    loops are exactly those of the reachable cells (8-connected, holes 4-connected).
+
+    Parameters
+    ----------
+    layers
+        From :func:`visuohaptic.navigation.grid.cost_grid.grid_layers`.
+    stub_length_m
+        Dead ends shorter than that are removed. By default those that reach less than the clearance
+        of the junction beyond the circle of that clearance: the corners of a room go, a corridor stays.
+    spacing_m
+        Keep connection nodes at about this spacing; by default none.
+    """
+    return graph_from_marks(layers, skeleton_marks(layers), stub_length_m, spacing_m)
+
+
+def graph_from_marks(
+    layers: GridLayers,
+    mark: UInt8[np.ndarray, "rows columns"],
+    stub_length_m: float | None,
+    spacing_m: float | None,
+) -> NavigationGraph:
+    """The graph of a skeleton; ``mark`` is 1 on its cells."""
+    for name, value in (("stub_length_m", stub_length_m), ("spacing_m", spacing_m)):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise InputError("build_graph", f"found {value}, expected at least 0", field=name)
+    cells = np.flatnonzero(mark.view(np.bool_)).astype(np.int32)
+    raw = SkeletonLines(layers.shape).follow(layers, mark, cells)
+    return graph_from_decisions(layers, decisions_from_lines(layers, raw, stub_length_m, spacing_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decisions:
+    """What stays of traced lines: nodes at decisions, edges, and how to write down their paths."""
+
+    cells: Int32[np.ndarray, "n"]  #: of the nodes (row * columns + column), ascending
+    ends: Int32[np.ndarray, "m 2"]
+    measures: Float[np.ndarray, "m 3"]  #: length [m], cost [s], clearance [m]
+    paths: Callable[[], tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p"]]]  #: cells (flat) in CSR form
+
+
+def decisions_from_lines(
+    layers: GridLayers, raw: RawGraph, stub_length_m: float | None, spacing_m: float | None
+) -> Decisions:
+    """Remove stubs and merge what is no decision."""
+    from ._prune_kernels import keep_edges, prune
+
+    left = prune(
+        raw.clearance_m,
+        raw.ends,
+        raw.measures[:, 0].copy(),
+        -1.0 if stub_length_m is None else stub_length_m,
+    )
+    nodes, ends, measures, edge_ways, ways = keep_edges(
+        raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
+    )
+    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_ways, ways))
+    return _spaced(layers, found, spacing_m) if spacing_m else found
+
+
+def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGraph:
+    """The graph of what :func:`decisions_from_lines` has left."""
+    from ._prune_kernels import label_components
+
+    columns = layers.shape[1]
+
+    def write() -> tuple[Int32[np.ndarray, "m+1"], Int32[np.ndarray, "p 2"]]:
+        start, path = found.paths()
+        return start, np.column_stack(np.divmod(path, columns)).astype(np.int32)
+
+    component, components = label_components(len(found.cells), found.ends)
+    node_cells = np.column_stack(np.divmod(found.cells, columns)).astype(np.int32)
+    return NavigationGraph(
+        node_cells,
+        layers.map.world_from_cell(node_cells),
+        found.ends,
+        found.measures[:, 1].copy(),
+        found.measures[:, 0].copy(),
+        found.measures[:, 2].copy(),
+        EdgePaths(write),
+        component,
+        components,
+    )
+
+
+def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decisions:
+    """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
+    from ._junction_kernels import measure_paths
+
+    path_start, path = before.paths()
+    columns = layers.shape[1]
+    taken = set(before.cells.tolist())
+    pieces = []
+    for edge in range(len(before.ends)):
+        cells = path[path_start[edge] : path_start[edge + 1]]
+        # No finer than the cells: a spacing of nanometres would never come to an end.
+        most, length_m = len(cells) - 1, float(before.measures[edge, 0])
+        count = most if length_m >= most * spacing_m else round(length_m / spacing_m)
+        cuts = [0]
+        if count > 1:
+            rows, cols = np.divmod(cells, columns)
+            steps = np.hypot(np.diff(rows), np.diff(cols))
+            way = np.concatenate([[0.0], np.cumsum(steps)])
+            for k in range(1, count):
+                cut = int(np.searchsorted(way, way[-1] * k / count))
+                # Ways that share cells inside a junction share no node there.
+                if cuts[-1] < cut < len(cells) - 1 and int(cells[cut]) not in taken:
+                    taken.add(int(cells[cut]))
+                    cuts.append(cut)
+        cuts.append(len(cells) - 1)
+        pieces += [cells[a : b + 1] for a, b in pairwise(cuts)]
+    found = np.array(sorted(taken), dtype=np.int32)
+    turned = [piece if piece[0] <= piece[-1] else piece[::-1] for piece in pieces]
+    joined = np.array([(piece[0], piece[-1]) for piece in turned], dtype=np.int32).reshape(-1, 2)
+    order = np.lexsort((joined[:, 1], joined[:, 0]))
+    lengths = np.array([len(turned[k]) for k in order], dtype=np.int32)
+    start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+    flat = np.concatenate([turned[k] for k in order]) if len(order) else path
+    measured = measure_paths(start, flat, layers.distance_m, layers.map.resolution_m, speeds(layers))
+    ends = np.searchsorted(found, joined[order]).astype(np.int32)
+    return Decisions(found, ends, measured, lambda: (start, flat))

@@ -1,0 +1,112 @@
+"""Which node a cell belongs to, and the way there (Alt 2016, Algorithm 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Int, Int32
+
+from ...core.errors import InputError
+from ..grid.cost_grid import GridLayers
+from .navigation_graph import NavigationGraph
+
+__all__ = ["Regions", "assign_regions"]
+
+#: Edge of the squares that potentials are worked out in: what is at work at a time stays in the cache.
+SQUARE = 512
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regions:
+    """The nearest node of every cell by cost, and the cost of the way from there.
+
+    The arrays of regions that belong to a ``NavigationMap`` change with the
+    next edit; copy what has to stay.
+    """
+
+    potential: Int32[np.ndarray, "rows columns"]  #: cost from the node [units]; 2^31 - 1 where there is none
+    seed: Int32[
+        np.ndarray, "rows columns"
+    ]  #: cell (row * columns + column) of the node, -1 where there is none
+    unit_s: float  #: seconds of one unit
+    layers: GridLayers  #: what the potential was worked out on
+    graph: NavigationGraph  #: whose nodes the regions belong to
+
+    @property
+    def node(self) -> Int32[np.ndarray, "rows columns"]:
+        """Node of every cell, -1 where none can be reached.
+
+        Computed anew on every access: keep the result, or ask :meth:`node_at` for a few cells.
+        """
+        number = np.full(self.seed.size + 1, -1, np.int32)  # the last for seed -1
+        number[self._node_seeds()] = np.arange(self.graph.nodes)
+        return number[self.seed]
+
+    @property
+    def potential_s(self) -> Float32[np.ndarray, "rows columns"]:
+        """Cost of the way between a cell and its node [s], infinite where there is none.
+
+        Computed anew on every access: keep the result.
+        """
+        seconds = self.potential * np.float32(self.unit_s)
+        seconds[self.seed < 0] = np.inf
+        return seconds
+
+    def node_at(self, cells: Int[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batch"]:
+        """Nodes that cells (row, column) belong to, -1 where none can be reached."""
+        cells = np.asarray(cells)
+        inside = self.layers.map.inside(cells)
+        seeds = self.seed[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
+        found = np.searchsorted(self._node_seeds(), seeds)
+        return np.where(inside & (seeds >= 0), found, -1)
+
+    def path_to_node(self, cell: Int[np.ndarray, "2"]) -> Int32[np.ndarray, "k 2"]:
+        """Cells (row, column) from a cell to its node, down the potential.
+
+        Raises
+        ------
+        InputError
+            The cell is outside the map or no node can be reached from it.
+        """
+        from ._region_kernels import descend
+
+        row, column = (int(value) for value in np.asarray(cell))
+        rows, columns = self.seed.shape
+        if not (0 <= row < rows and 0 <= column < columns) or self.seed[row, column] < 0:
+            raise InputError("path_to_node", f"cell ({row}, {column}) cannot be reached by the robot")
+        path = descend(self.layers.step, self.potential, self.seed, row * columns + column)
+        return np.column_stack(np.divmod(path, columns)).astype(np.int32)
+
+    def _node_seeds(self) -> Int[np.ndarray, "n"]:
+        return self.graph.node_cells[:, 0].astype(np.int64) * self.seed.shape[1] + self.graph.node_cells[:, 1]
+
+
+def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
+    """Assign every reachable cell to the node that is nearest by cost (Alt 2016, Algorithm 1).
+
+    The text's loop over a set is a label-correcting method; this one has the same fixed point, works on
+    costs rounded to whole units (1/4096 of the fastest step), and settles a tie by the node
+    with the smaller cell, so that the result does not depend on the order of the work.
+    """
+    from ._region_kernels import UNREACHED, spread
+    from ._sweep_kernels import TILE, sweep
+
+    columns = layers.shape[1]
+    potential = np.full(layers.shape, UNREACHED, np.int32)
+    seed = np.full(layers.shape, -1, np.int32)
+    cells = (graph.node_cells[:, 0].astype(np.int64) * columns + graph.node_cells[:, 1]).astype(np.int32)
+    potential.ravel()[cells] = 0
+    seed.ravel()[cells] = cells
+    left = sweep(layers.step, potential, seed, np.ones([-(-side // TILE) for side in layers.shape], np.uint8))
+    if len(left):
+        queued = np.zeros(layers.step.size, np.uint8)
+        spread(layers.step, potential, seed, left, *step_bounds(layers), SQUARE, queued)
+    return Regions(potential, seed, layers.unit_s, layers, graph)
+
+
+def step_bounds(layers: GridLayers) -> tuple[int, int]:
+    """Largest and smallest cost of a step on a cell that can be reached [units]."""
+    steps, _ = layers.limits.step_table(layers.map.resolution_m)
+    reachable = steps[steps > 0]
+    return int(reachable.max()), int(reachable.min())

@@ -1,0 +1,31 @@
+"""The skeleton: one path through the middle of every passage (Alt 2016, Sec. 4.2 d)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, UInt8
+
+from ..grid.cost_grid import GridLayers
+
+__all__ = ["skeleton", "skeleton_marks"]
+
+
+def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
+    """1 on the skeleton of the reachable cells, 0 elsewhere; see :func:`skeleton`."""
+    from ._skeleton_kernels import refine, start, survey
+
+    mark = np.zeros(layers.shape, np.uint8)
+    survey(layers.distance_m, layers.step, mark)
+    queue = start(layers.distance_m, mark, np.flatnonzero(mark.view(np.bool_)))
+    refine(layers.distance_m, layers.step, mark, queue)
+    return mark
+
+
+def skeleton(layers: GridLayers) -> Bool[np.ndarray, "rows columns"]:
+    """Thin the reachable cells, those near to obstacles first (Alt 2016, Sec. 4.2 d).
+
+    Cells are deleted in the order of their distance, equal ones in that of their index, if that
+    changes neither the components (8-connected) nor the holes (4-connected) and they are not
+    the end of a line. The result has exactly the components and loops of the reachable cells.
+    """
+    return skeleton_marks(layers).view(np.bool_)

@@ -1,0 +1,265 @@
+"""Exact Euclidean distance in two passes, and the fixed-point cost of a step, row by row."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+__all__ = ["FAR", "distance_rows", "distance_update", "vertical_cells", "vertical_update"]
+
+#: No obstacle in this column.
+FAR = np.uint16(65535)
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vertical: np.ndarray) -> None:
+    """Rows to the nearest obstacle of the same column, at most 65534; ``FAR`` where there is none.
+
+    ``cells`` (rows, columns) int8; a cell is an obstacle from ``threshold`` on, and where it is
+    negative if ``unknown_blocks``; then so are the rows before the first and after the last, which
+    are unknown, too. ``vertical`` (rows, columns) uint16 is filled.
+    """
+    rows, columns = cells.shape
+    low = np.int8(-1) if unknown_blocks else np.int8(-128)
+    high = np.int8(threshold)
+    # Saturating additions in 32 bits, so that the loops over columns become vector code.
+    beyond = np.int32(0) if unknown_blocks else np.int32(65535)
+    before = np.full(columns, beyond, np.int32)
+    for row in range(rows):
+        for column in range(columns):
+            value = cells[row, column]
+            counted = min(before[column] + np.int32(1), np.int32(65535))
+            counted = np.int32(0) if (value >= high) | (value == low) else counted
+            before[column] = counted
+            vertical[row, column] = np.uint16(counted)
+    if unknown_blocks:
+        for column in range(columns):
+            vertical[rows - 1, column] = min(vertical[rows - 1, column], np.uint16(1))
+    for row in range(rows - 2, -1, -1):
+        for column in range(columns):
+            below = np.int32(vertical[row + 1, column]) + np.int32(1)
+            vertical[row, column] = np.uint16(min(np.int32(vertical[row, column]), below))
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def vertical_update(
+    cells: np.ndarray,
+    threshold: int,
+    unknown_blocks: bool,
+    vertical: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+) -> None:
+    """Bring ``vertical`` up to date after cells of a window (both ends included) have changed."""
+    rows = cells.shape[0]
+    low = np.int8(-1) if unknown_blocks else np.int8(-128)
+    high = np.int8(threshold)
+    for column in range(first_column, last_column + 1):
+        # The nearest obstacle above and below the window, from what is known of the rows beside it.
+        top = last_row + 1
+        while top < rows and not (cells[top, column] >= high or cells[top, column] == low):
+            top += 1
+        bottom = first_row - 1
+        while bottom >= 0 and not (cells[bottom, column] >= high or cells[bottom, column] == low):
+            bottom -= 1
+        start = max(bottom, 0)
+        stop = min(top, rows - 1)
+        counted = 0 if unknown_blocks and bottom < 0 else 65535
+        for row in range(start, stop + 1):
+            blocked = cells[row, column] >= high or cells[row, column] == low
+            counted = 0 if blocked else min(counted + 1, 65535)
+            vertical[row, column] = counted
+        counted = 0 if unknown_blocks and top == rows else 65535
+        for row in range(stop, start - 1, -1):
+            counted = min(counted + 1, 65535)
+            if vertical[row, column] < counted:
+                counted = vertical[row, column]
+            vertical[row, column] = counted
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _envelope(
+    line: np.ndarray,
+    column: int,
+    end: int,
+    vertex: np.ndarray,
+    height: np.ndarray,
+    border: np.ndarray,
+    outside_blocks: bool,
+) -> int:
+    """Lower envelope over a run of cells ``column..end - 1`` between two obstacles of a row; returns its pieces.
+
+    An obstacle is a closed square. Seen from the centre of a cell in another column, its nearest point is
+    on the side that faces the cell: the sources are the sides ``column..end`` between columns, side k
+    left of column k, each with the nearer obstacle of the two columns that share it.
+    Piece k is the parabola of source ``vertex[k]``, whose least value is ``height[k] - vertex[k]^2``
+    [cells^2, multiples of a quarter], for cells from ``border[k]`` on. With ``outside_blocks`` there are
+    obstacles before the first and after the last column.
+    """
+    columns = len(line)
+    beyond = np.uint16(0) if outside_blocks else FAR
+    count = 0
+    for u in range(column, end + 1):
+        left = line[u - 1] if u > 0 else beyond
+        right = line[u] if u < columns else beyond
+        away = min(left, right)
+        if away == FAR:
+            continue
+        value = max(float(away) - 0.5, 0.0)
+        top = value * value + float(u) * float(u)
+        here = column
+        while count > 0:
+            crossing = (top - height[count - 1]) / (2.0 * (u - vertex[count - 1]))
+            here = int(math.floor(crossing + 0.5))  # the first cell whose centre is not before it
+            if here > border[count - 1]:
+                break
+            count -= 1
+            here = column
+        if here < end:
+            vertex[count] = u
+            height[count] = top
+            border[count] = here
+            count += 1
+    return count
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def _quarters(line: np.ndarray, x: int, v: int, height: float) -> np.int64:
+    """Squared distance of a cell's centre from the nearest obstacle [cells^2 / 4], a whole number.
+
+    That of source ``v`` of the envelope, or of the obstacle in the cell's own column.
+    """
+    aside = np.int64(2 * (x - v) + 1)
+    squared = aside * aside + np.int64(4.0 * (height - float(v) * float(v)))
+    if line[x] != FAR:
+        own = np.int64(2) * np.int64(line[x]) - np.int64(1)
+        squared = min(squared, own * own)
+    return squared
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def distance_rows(
+    vertical: np.ndarray,
+    resolution_m: float,
+    steps: np.ndarray,
+    outside_blocks: bool,
+    distance: np.ndarray,
+    step: np.ndarray,
+) -> None:
+    """Distances [m] between cell centres and the border of the nearest obstacle's cell, and steps, of all rows.
+
+    Lower envelope of parabolas (Felzenszwalb and Huttenlocher 2012) about the sides of the obstacles' squares
+    over each run of cells between two obstacles of a row: what lies behind an obstacle is never
+    nearer than the obstacle. 0 in an obstacle, half a cell beside one.
+
+    ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2 / 4], the last for all
+    above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
+    ``unknown_blocks`` of :func:`vertical_cells`.
+    """
+    rows, columns = vertical.shape
+    vertex = np.zeros(columns + 2, np.int32)
+    height = np.zeros(columns + 2, np.float64)
+    border = np.zeros(columns + 2, np.int32)
+    last = len(steps) - 1
+    half_m = 0.5 * resolution_m
+    for row in range(rows):
+        line = vertical[row]
+        column = 0
+        while column < columns:
+            if line[column] == 0:
+                distance[row, column] = 0.0
+                step[row, column] = steps[0]
+                column += 1
+                continue
+            end = column
+            while end < columns and line[end] != 0:
+                end += 1
+            count = _envelope(line, column, end, vertex, height, border, outside_blocks)
+            if count == 0:
+                for x in range(column, end):
+                    distance[row, x] = np.inf
+                    step[row, x] = steps[last]
+            for k in range(count):
+                v = vertex[k]
+                high = border[k + 1] if k + 1 < count else end
+                for x in range(border[k], high):
+                    squared = _quarters(line, x, v, height[k])
+                    distance[row, x] = np.float32(math.sqrt(float(squared)) * half_m)
+                    step[row, x] = steps[min(squared, np.int64(last))]
+            column = end
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def distance_update(
+    vertical: np.ndarray,
+    first_row: int,
+    last_row: int,
+    first_column: int,
+    last_column: int,
+    resolution_m: float,
+    steps: np.ndarray,
+    outside_blocks: bool,
+    distance: np.ndarray,
+    step: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """As :func:`distance_rows` in a window (both ends included) outside which nothing has changed.
+
+    Returns the cells (flat) whose distance is another now, and those of them whose step is.
+    """
+    columns = vertical.shape[1]
+    vertex = np.zeros(columns + 2, np.int32)
+    height = np.zeros(columns + 2, np.float64)
+    border = np.zeros(columns + 2, np.int32)
+    squares = np.empty(columns + 1, np.int64)  # [cells^2 / 4], -1 where there is no obstacle
+    last = len(steps) - 1
+    half_m = 0.5 * resolution_m
+    room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
+    changed = np.empty(room, np.int32)
+    more_expensive = np.empty(room, np.int32)
+    count, dear = 0, 0
+    for row in range(first_row, last_row + 1):
+        line = vertical[row]
+        start = first_column
+        while start > 0 and line[start] != 0:
+            start -= 1
+        column = start
+        while column <= last_column:
+            if line[column] == 0:
+                squares[column] = 0
+                column += 1
+                continue
+            end = column
+            while end < columns and line[end] != 0:
+                end += 1
+            pieces = _envelope(line, column, end, vertex, height, border, outside_blocks)
+            low_end, high_end = max(column, first_column), min(end, last_column + 1)
+            if pieces == 0:
+                squares[low_end:high_end] = -1
+            for k in range(pieces):
+                v = vertex[k]
+                low = max(border[k], low_end)
+                high = min(border[k + 1] if k + 1 < pieces else end, high_end)
+                for x in range(low, high):
+                    squares[x] = _quarters(line, x, v, height[k])
+            column = end
+        here = distance[row]
+        for x in range(first_column, last_column + 1):
+            squared = squares[x]
+            fresh = np.float32(np.inf) if squared < 0 else np.float32(math.sqrt(float(squared)) * half_m)
+            if fresh == here[x]:
+                continue
+            here[x] = fresh
+            cell = row * columns + x
+            changed[count] = cell
+            count += 1
+            new = steps[last if squared < 0 else min(squared, last)]
+            if new != step[row, x]:
+                step[row, x] = new
+                more_expensive[dear] = cell
+                dear += 1
+    return changed[:count].copy(), more_expensive[:dear].copy()

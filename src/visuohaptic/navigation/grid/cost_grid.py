@@ -1,0 +1,218 @@
+"""Layers of a map: distance to obstacles, cost of driving, reachable cells (Alt 2016, Sec. 4.2 a-c)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32, UInt16
+
+from ...core.errors import InputError
+from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
+
+__all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
+
+#: Cells are obstacles from this occupancy on: where occupied is more likely than free.
+OBSTACLE_FROM = OCCUPIED // 2
+
+#: Beyond this ratio of the speeds, costs in whole units overflow or lose the fast one.
+MAX_SPEED_RATIO = 1000.0
+
+#: A straight step at full speed costs so many units; fewer where v_min is below v_max / 15.
+_FAST_STEP = 4096
+#: A robot that touches the border of an obstacle exactly passes: rounding of radius / resolution must not decide.
+_TOUCH = 1.0 - 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLimits:
+    """How large the robot is, and how fast it drives near to and far from obstacles.
+
+    Distances are those from the border of the occupied cells, which are closed squares: a disc of the radius
+    overlaps none of them where the distance of its centre is at least the radius.
+    The cost of a cell is the inverse of the possible speed (Alt 2016, Eq. (4.1)): infinite
+    nearer than ``radius_m``, ``1 / v_min`` there, falling linearly to ``1 / v_max`` at
+    three times the radius.
+    """
+
+    radius_m: float  #: of the circle around the robot [m]
+    v_max_m_s: float = 0.3  #: far from obstacles [m/s]
+    v_min_m_s: float = 0.05  #: at an obstacle [m/s]
+
+    def __post_init__(self) -> None:
+        for name, value in (("radius_m", self.radius_m), ("v_min_m_s", self.v_min_m_s)):
+            if not (math.isfinite(value) and value > 0):
+                raise InputError("SpeedLimits", f"found {value}, expected > 0", field=name)
+        if not (math.isfinite(self.v_max_m_s) and self.v_max_m_s >= self.v_min_m_s):
+            raise InputError(
+                "SpeedLimits",
+                f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
+                field="v_max_m_s",
+            )
+        if self.v_max_m_s > MAX_SPEED_RATIO * self.v_min_m_s:
+            raise InputError(
+                "SpeedLimits",
+                f"found {self.v_min_m_s}, expected at least v_max_m_s / {MAX_SPEED_RATIO:g}"
+                f" ({self.v_max_m_s / MAX_SPEED_RATIO:g})",
+                field="v_min_m_s",
+            )
+
+    def cost_s_per_m(self, distance_m: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
+        """Seconds per metre at a distance from the nearest obstacle [m], Eq. (4.1)."""
+        distance_m = np.asarray(distance_m, dtype=np.float64)
+        fraction = np.clip((distance_m / self.radius_m - 1.0) / 2.0, 0.0, 1.0)
+        cost = 1.0 / self.v_min_m_s + fraction * (1.0 / self.v_max_m_s - 1.0 / self.v_min_m_s)
+        return np.where(distance_m >= self.radius_m * _TOUCH, cost, np.inf)
+
+    def step_table(self, resolution_m: float) -> tuple[UInt16[np.ndarray, "d2"], float]:
+        """Cost of a straight step by squared distance [cells^2 / 4], and the seconds of one unit.
+
+        Whole numbers, so that sums do not depend on their order: potentials of an updated
+        and of a rebuilt map are equal, not only near. 0 stands for a cell that cannot be reached.
+        """
+        fast_s = resolution_m / self.v_max_m_s
+        fast = min(float(_FAST_STEP), 65535.0 * self.v_min_m_s / self.v_max_m_s)
+        unit_s = fast_s / max(fast, 1.0)
+        far = math.ceil((6.0 * self.radius_m / resolution_m) ** 2) + 1
+        if far > 16_000_000:
+            raise InputError(
+                "SpeedLimits",
+                f"found {self.radius_m} m on cells of {resolution_m} m, expected a radius of at most 666 cells",
+                field="radius_m",
+            )
+        distance_m = np.sqrt(np.arange(far + 1)) * (0.5 * resolution_m)
+        cost_s = self.cost_s_per_m(distance_m) * resolution_m
+        blocked = ~np.isfinite(cost_s)
+        table = np.clip(np.rint(np.where(blocked, 0.0, cost_s) / unit_s), 1, 65535)
+        return np.where(blocked, 0, table).astype(np.uint16), unit_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridLayers:
+    """Distance, cost and reachable cells of a map.
+
+    The arrays of layers that belong to a ``NavigationMap`` change with the
+    next edit; copy what has to stay.
+    """
+
+    map: OccupancyMap  #: what the layers were made from
+    limits: SpeedLimits  #: robot that they were made for
+    unknown_is_free: bool  #: whether unknown cells were no obstacles
+    distance_m: Float32[
+        np.ndarray, "rows columns"
+    ]  #: from a cell's centre to the border of the nearest obstacle's cell, unknown cells and the outside among them
+    step: UInt16[np.ndarray, "rows columns"]  #: straight step onto a cell [units]; 0 cannot be reached
+    unit_s: float  #: seconds of one unit of ``step``
+    #: rows to the nearest obstacle of the same column, kept for updates
+    vertical: UInt16[np.ndarray, "rows columns"] | None = field(default=None, repr=False)
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of the robot [m]."""
+        return self.limits.radius_m
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.map.shape
+
+    @property
+    def reachable(self) -> Bool[np.ndarray, "rows columns"]:
+        """Cells where the robot's centre may be: distance at least the radius."""
+        return self.step > 0
+
+    @property
+    def cost_s_per_m(self) -> Float32[np.ndarray, "rows columns"]:
+        """Cost of driving on a cell [s/m], Eq. (4.1); infinite where it cannot be reached.
+
+        Computed anew on every access: keep the result, or ask :meth:`cost_at` for a few cells.
+        """
+        return self.limits.cost_s_per_m(self.distance_m).astype(np.float32)
+
+    def cost_at(self, cells: np.ndarray) -> Float[np.ndarray, "*batch"]:
+        """Cost of driving [s/m] on cells (row, column)."""
+        cells = np.asarray(cells)
+        return self.limits.cost_s_per_m(self.distance_m[cells[..., 0], cells[..., 1]])
+
+
+def grid_layers(
+    map: OccupancyMap, limits: SpeedLimits, *, unknown_is_free: bool = False, keep_vertical: bool = False
+) -> GridLayers:
+    """Distance, cost and reachable cells of a map (Alt 2016, Sec. 4.2 a-c and Eq. (4.1)).
+
+    Parameters
+    ----------
+    map
+        Occupancy; a cell is an obstacle where occupied is more likely than free.
+        What lies outside the map is unknown: no obstacle shows there, but no path leads out,
+        and a robot keeps as far from the border as from an unknown cell beyond it.
+    limits
+        Radius and speeds of the robot.
+    unknown_is_free
+        Whether the robot may enter cells that were never seen; then the border does not count either.
+    keep_vertical
+        Keep what a later update needs (2 bytes per cell).
+
+    Returns
+    -------
+    GridLayers
+        Distances are exact (Felzenszwalb and Huttenlocher 2012); infinite on a map without obstacles
+        where unknown is free.
+    """
+    from ._distance_kernels import distance_rows, vertical_cells
+
+    steps, unit_s = limits.step_table(map.resolution_m)
+    vertical = np.zeros(map.shape, np.uint16)
+    vertical_cells(np.ascontiguousarray(map.cells), OBSTACLE_FROM, not unknown_is_free, vertical)
+    distance_m = np.zeros(map.shape, np.float32)
+    step = np.zeros(map.shape, np.uint16)
+    distance_rows(vertical, map.resolution_m, steps, not unknown_is_free, distance_m, step)
+    return GridLayers(
+        map, limits, unknown_is_free, distance_m, step, unit_s, vertical if keep_vertical else None
+    )
+
+
+def window_distance(
+    blocked: Bool[np.ndarray, "r c"],
+    window: tuple[slice, slice],
+    shape: tuple[int, int],
+    *,
+    outside_blocks: bool,
+) -> Float32[np.ndarray, "r c"]:
+    """Distance to the border of the nearest blocked cell [cells] in a window, by the rule of :func:`grid_layers`.
+
+    Parameters
+    ----------
+    blocked
+        Cells of the window.
+    window, shape
+        Rows and columns of the map that it is, and those of the whole map.
+    outside_blocks
+        Whether what lies beyond the map's border counts as blocked.
+    """
+    import cv2
+
+    (rows, columns), (last_row, last_column) = window, shape
+    sides = (
+        (int(rows.start == 0), int(rows.stop == last_row)),
+        (int(columns.start == 0), int(columns.stop == last_column)),
+    )
+    padded = outside_blocks and any(any(side) for side in sides)
+    if padded:
+        blocked = np.pad(blocked, sides, constant_values=True)
+    if not blocked.any():
+        return np.full(blocked.shape, np.float32(np.inf))
+    # On half cells, centres at odd places: of a blocked square the point nearest to a centre is a side's
+    # middle or a corner, both of which are on this grid.
+    free = np.ones([2 * side + 1 for side in blocked.shape], np.uint8)
+    for row in range(3):
+        for column in range(3):
+            part = free[row : row + 2 * blocked.shape[0] : 2, column : column + 2 * blocked.shape[1] : 2]
+            part[blocked] = 0
+    exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distance: Float32[np.ndarray, "r c"] = exact[1::2, 1::2] * np.float32(0.5)
+    if padded:
+        (top, bottom), (left, right) = sides
+        distance = distance[top : distance.shape[0] - bottom, left : distance.shape[1] - right]
+    return distance

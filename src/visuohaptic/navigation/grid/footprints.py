@@ -1,0 +1,170 @@
+"""Footprints of things that may be movable, from the map (Alt 2016, Sec. 4.4).
+
+Connected regions of occupied cells, the convex hull of each, because a laser
+sees one side only; kept where the size is between 0.1 and 0.7 m: larger things
+are too heavy, smaller ones fall over or are part of something larger.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int32
+
+from ...core.errors import InputError
+from ...io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
+
+
+@dataclass(frozen=True, slots=True)
+class FootprintSettings:
+    """Which regions are candidates."""
+
+    smallest_m: float = 0.1  #: s_x and s_y of the text
+    max_m: float = 0.7
+    join_m: float = 0.06  #: cells of one thing may be this far apart
+    free_fraction: float = 0.5  #: of the ring around it that has to be free: else it is part of a wall
+    ring_m: float = 0.15
+
+    def __post_init__(self) -> None:
+        if not (0 < self.smallest_m < self.max_m and self.join_m >= 0 and 0 <= self.free_fraction <= 1):
+            raise InputError("FootprintSettings", f"found {self}, expected 0 < smallest < largest")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """A region that stands alone, in the map frame."""
+
+    outline_m: Float[np.ndarray, "p 2"]  #: convex hull of its cells, counter-clockwise
+    size_m: tuple[float, float]  #: sides of the smallest rectangle around it, the longer first
+    centre_m: Float[np.ndarray, "2"]  #: centroid of the hull
+    cells: Int32[np.ndarray, "k 2"]  #: (row, column) of the occupied cells
+    free_fraction: float  #: of the ring around it; the rest is unknown or occupied
+
+
+def find_footprints(
+    grid: OccupancyMap,
+    settings: FootprintSettings | None = None,
+    *,
+    among: Bool[np.ndarray, "rows columns"] | None = None,
+) -> tuple[Footprint, ...]:
+    """Candidates for movable obstacles, the largest first.
+
+    Parameters
+    ----------
+    grid
+        Occupied cells (50 and more) make regions.
+    settings
+        Sizes and distances.
+    among
+        Only cells marked here make regions, for instance those that were not
+        there in an older map, see :func:`changed_cells`.
+
+    Examples
+    --------
+    >>> cells = np.zeros((60, 60), np.int8)
+    >>> cells[0] = 100  # a wall
+    >>> cells[20:26, 30:36] = 100  # a bin of 0.3 m
+    >>> [footprint.size_m for footprint in find_footprints(OccupancyMap(cells, 0.05))]
+    [(0.3, 0.3)]
+    """
+    from scipy import ndimage
+
+    settings = settings or FootprintSettings()
+    r = grid.resolution_m
+    occupied = grid.cells >= 50
+    if among is not None:
+        if among.shape != grid.shape:
+            raise InputError("among", f"found shape {among.shape}, expected {grid.shape}")
+        occupied = occupied & among
+    reach = max(1, round(settings.join_m / r))
+    joined, _ = ndimage.label(
+        occupied
+        if reach == 1
+        else ndimage.binary_closing(np.pad(occupied, reach), _disc(reach))[reach:-reach, reach:-reach],
+        np.ones((3, 3)),
+    )
+    found = []
+    limit = round(1.5 * settings.max_m / r) + 2
+    for number, place in enumerate(ndimage.find_objects(joined), start=1):
+        if max(part.stop - part.start for part in place) > limit:
+            continue
+        mine = (joined[place] == number) & occupied[place]
+        cells = np.argwhere(mine) + np.array([part.start for part in place])
+        footprint = _footprint(grid, cells, settings)
+        if footprint is not None:
+            found.append(footprint)
+    return tuple(sorted(found, key=lambda footprint: -footprint.size_m[0] * footprint.size_m[1]))
+
+
+def changed_cells(
+    before: OccupancyMap, after: OccupancyMap, *, apart_m: float = 0.1
+) -> Bool[np.ndarray, "rows columns"]:
+    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls."""
+    from scipy import ndimage
+
+    rows, columns = np.indices(after.shape)
+    old = before.value_at(after.world_from_cell(np.stack([rows, columns], axis=-1)))
+    near = ndimage.distance_transform_edt(old < 50) * after.resolution_m <= apart_m
+    return np.asarray((after.cells >= 50) & (old == 0) & ~near)
+
+
+def _disc(radius: int) -> Bool[np.ndarray, "n n"]:
+    row, column = np.ogrid[-radius : radius + 1, -radius : radius + 1]
+    return np.asarray(row * row + column * column <= radius * radius)
+
+
+def _box_size(ring_m: Float[np.ndarray, "k 2"]) -> tuple[float, float]:
+    """Longer and shorter side of the box round a closed hull.
+
+    Of two sides of a box a laser sees a right triangle, and the smallest box on its
+    hypotenuse has just the area of the one on its legs: among boxes of nearly the
+    smallest area the shortest is meant.
+    """
+    step = np.diff(ring_m, axis=0)
+    angle = np.arctan2(step[:, 1], step[:, 0])
+    axis = np.column_stack([np.cos(angle), np.sin(angle)])
+    along, across = ring_m @ axis.T, ring_m @ np.column_stack([-axis[:, 1], axis[:, 0]]).T
+    sides = np.sort(np.column_stack([np.ptp(along, axis=0), np.ptp(across, axis=0)]), axis=1)
+    area = sides.prod(axis=1)
+    small = sides[area <= 1.1 * area.min()]
+    shorter, longer = small[np.argmin(small[:, 1])]
+    return float(longer), float(shorter)
+
+
+def _footprint(
+    grid: OccupancyMap, cells: Int32[np.ndarray, "k 2"], settings: FootprintSettings
+) -> Footprint | None:
+    """The footprint of a region; None where its size or its surroundings are wrong."""
+    from scipy import ndimage
+    from shapely import MultiPoint, Polygon
+
+    # The corners of the cells, not their centres: one cell has a size.
+    corners = (cells[:, None] + np.array([[0, 0], [0, 1], [1, 1], [1, 0]])).reshape(-1, 2)
+    places = grid.world_from_cell(corners - 1) + 0.5 * (
+        grid.world_from_cell(np.array([1, 1])) - grid.world_from_cell(np.array([0, 0]))
+    )
+    hull = MultiPoint(places).convex_hull
+    size = _box_size(np.array(hull.exterior.coords))
+    # Rounding of the rectangle must not decide about a size that is just right.
+    if size[1] < settings.smallest_m - 1e-6 or size[0] > settings.max_m + 1e-6:
+        return None
+    ring = max(1, round(settings.ring_m / grid.resolution_m))
+    top, left = (max(int(v) - ring, 0) for v in cells.min(axis=0))
+    bottom, right = (int(v) + ring + 1 for v in cells.max(axis=0))
+    window = grid.cells[top:bottom, left:right]
+    mask = np.zeros(window.shape, dtype=bool)
+    mask[cells[:, 0] - top, cells[:, 1] - left] = True
+    around = ndimage.binary_dilation(mask, _disc(ring)) & ~ndimage.binary_fill_holes(mask)
+    free_fraction = float((window[around] == 0).mean()) if around.any() else 0.0
+    if free_fraction < settings.free_fraction:
+        return None
+    ring_coordinates = np.array(Polygon(hull).exterior.coords)[:-1]
+    a, b = ring_coordinates, np.roll(ring_coordinates, -1, axis=0)
+    if float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) < 0:
+        ring_coordinates = ring_coordinates[::-1]
+    centre = np.array([hull.centroid.x, hull.centroid.y])
+    rounded = (round(size[0], 6), round(size[1], 6))
+    return Footprint(ring_coordinates, rounded, centre, cells.astype(np.int32), free_fraction)

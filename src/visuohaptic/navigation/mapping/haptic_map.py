@@ -1,0 +1,251 @@
+"""A map by touch: every contact's primitive, trusted near the contact and less farther away (Alt 2016, Eq. 3.12).
+
+Values are from -1 (surely free) over 0 (nothing known) to 1 (surely
+occupied). Things that gave way when pushed are kept in a layer of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from ...core.errors import InputError
+from ...core.objects import Primitive, PrimitiveKind
+from ...io.maps.occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+
+__all__ = ["HapticContact", "HapticMap", "primitive_occupancy"]
+
+#: Confidence below which a cell is left as it is.
+_MIN = 0.01
+#: Most cells of a map.
+_MAX_CELLS = 25_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HapticContact:
+    """What one touch has found, in the frame F of the sensor (x away from the robot, y along the strip)."""
+
+    primitive: Primitive  #: in frame F
+    points_foam_m: Float[np.ndarray, "k 2"]  #: contact points X_k
+    T_map_foam: tuple[float, float, float]  #: (x [m], y [m], yaw [rad]) of F in the map
+    confidence: float = 1.0  #: 0..1, for instance the score of the primitive
+    movable: bool = False  #: it gave way when it was pushed
+
+    def __post_init__(self) -> None:
+        points = np.asarray(self.points_foam_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1:] != (2,) or len(points) < 1 or not np.isfinite(points).all():
+            raise InputError(
+                "HapticContact", f"found shape {points.shape}, expected finite (k, 2)", field="points_foam_m"
+            )
+        if not (np.isfinite(self.T_map_foam).all() and 0 <= self.confidence <= 1):
+            raise InputError(
+                "HapticContact",
+                f"found pose {self.T_map_foam} and confidence {self.confidence}, expected finite and 0..1",
+            )
+        object.__setattr__(self, "points_foam_m", points)
+
+    @property
+    def diameter_m(self) -> float:
+        """D: diameter of the smallest circle around the contact points."""
+        import cv2
+
+        # OpenCV adds 1e-4 to the radius, in whatever unit: micrometres make that nothing.
+        centred = self.points_foam_m - self.points_foam_m.mean(axis=0)
+        (_, _), radius_um = cv2.minEnclosingCircle((centred * 1e6).astype(np.float32))
+        return 2e-6 * float(radius_um)
+
+
+def primitive_occupancy(
+    primitive: Primitive, places_foam_m: Float[np.ndarray, "*n 2"], *, depth_m: float = math.inf
+) -> Float32[np.ndarray, "*n"]:
+    """m_O: 1 inside what the primitive stands for, -1 outside, 0 where it says nothing.
+
+    Inside is a circle's disc, what lies behind a line, between the edges of a
+    corner, and a square behind a segment: its depth was not felt.
+
+    Parameters
+    ----------
+    primitive
+        In frame F; the robot is on the side of negative x.
+    places_foam_m
+        Where to say it.
+    depth_m
+        How far behind its surface a line or corner speaks; the text has no limit.
+    """
+    p, places = primitive.parameters, np.asarray(places_foam_m, dtype=np.float64)
+    if primitive.kind == PrimitiveKind.CIRCLE:
+        inside = np.hypot(places[..., 0] - p[0], places[..., 1] - p[1]) <= p[2]
+        return np.where(inside, 1.0, -1.0).astype(np.float32)
+    if primitive.kind == PrimitiveKind.CORNER:
+        return _behind_corner(p, places, depth_m)
+    if primitive.kind == PrimitiveKind.SEGMENT:
+        start, along = p[:2], p[2:] - p[:2]
+        length = max(float(np.hypot(*along)), 1e-9)
+        along = along / length
+        normal = _away(along)
+        a, b = (places - start) @ along, (places - start) @ normal
+        inside = (a >= 0) & (a <= length) & (b >= 0) & (b <= length)
+        # What is behind the square is hidden by it.
+        hidden = (a >= 0) & (a <= length) & (b > length)
+        return np.where(inside, 1.0, np.where(hidden, 0.0, -1.0)).astype(np.float32)
+    depth = (places - p[:2]) @ _away(np.array([np.cos(p[2]), np.sin(p[2])]))
+    return np.where(depth < 0, -1.0, np.where(depth <= depth_m, 1.0, 0.0)).astype(np.float32)
+
+
+def _away(along: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+    """Normal that points away from the robot."""
+    normal = np.array([along[1], -along[0]])
+    return normal if normal[0] >= 0 else -normal
+
+
+def _behind_corner(p: np.ndarray, places: np.ndarray, depth_m: float) -> Float32[np.ndarray, "*n"]:
+    """Between the edges, on the side away from the robot."""
+    edges = [np.array([np.cos(angle), np.sin(angle)]) for angle in p[2:4]]
+    bisector = edges[0] + edges[1]
+    relative = places - p[:2]
+    normals = []
+    for edge, other in ((edges[0], edges[1]), (edges[1], edges[0])):
+        normal = np.array([-edge[1], edge[0]])
+        normals.append(normal if normal @ other >= 0 else -normal)
+    distance = np.stack([relative @ normal for normal in normals])
+    between = distance.min(axis=0)
+    if bisector[0] < 0:
+        # The wedge opens towards the robot: a corner of the room, felt from inside.
+        between = np.maximum(-distance[0], -distance[1])
+    return np.where(between < 0, -1.0, np.where(between <= depth_m, 1.0, 0.0)).astype(np.float32)
+
+
+@dataclass(slots=True, eq=False)
+class HapticMap:
+    """Static and movable layers on a grid whose axes are those of the map frame.
+
+    Examples
+    --------
+    >>> wall = Primitive(PrimitiveKind.LINE, np.array([0.0, 0.0, np.pi / 2]), np.eye(3), 1.0)
+    >>> points = np.column_stack([np.zeros(9), np.linspace(-0.1, 0.1, 9)])
+    >>> haptic = HapticMap.empty((0.0, 0.0), (4.0, 4.0), 0.05)
+    >>> haptic.add(HapticContact(wall, points, (2.0, 2.0, 0.0)))
+    >>> haptic.value_at(np.array([[2.02, 2.0], [1.98, 2.0]])).round(1).tolist()
+    [0.4, -0.4]
+    """
+
+    static: Float32[np.ndarray, "rows columns"]  #: -1 free .. 1 occupied
+    movable: Float32[np.ndarray, "rows columns"]
+    resolution_m: float
+    origin_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0)
+    rate: float = 0.5  #: c of Eq. (3.12): how quickly old contacts are replaced
+    depth_m: float = math.inf  #: how far behind their surface walls are believed
+    contacts: int = field(default=0)  #: how many were added
+
+    @classmethod
+    def empty(
+        cls,
+        corner_m: tuple[float, float],
+        size_m: tuple[float, float],
+        resolution_m: float = 0.025,
+        *,
+        rate: float = 0.5,
+        depth_m: float = math.inf,
+    ) -> HapticMap:
+        """A map that knows nothing."""
+        if not (np.isfinite([*corner_m, *size_m, resolution_m]).all() and resolution_m > 0 < min(size_m)):
+            raise InputError("HapticMap", f"found size {size_m}, resolution {resolution_m}, expected > 0")
+        if not (0 < rate <= 1 and depth_m > 0):
+            raise InputError(
+                "HapticMap", f"found rate {rate}, depth {depth_m}, expected 0 < rate <= 1, depth > 0"
+            )
+        columns, rows = (math.ceil(length / resolution_m) for length in size_m)
+        if rows * columns > _MAX_CELLS:
+            raise InputError("HapticMap", f"found {rows} x {columns} cells, expected at most {_MAX_CELLS}")
+        shape = (rows, columns)
+        return cls(
+            np.zeros(shape, np.float32), np.zeros(shape, np.float32), resolution_m, corner_m, rate, depth_m
+        )
+
+    def add(self, contact: HapticContact) -> None:
+        """M <- (1 - c T(m_d)) M + c T(m_O m_d), in the layer of the contact.
+
+        The front of a movable thing is free space in the static layer too.
+        """
+        window, places = self._window(contact)
+        if places.size == 0:
+            return
+        trust = contact.confidence * _closeness(contact, places)
+        trust = np.where(trust >= _MIN * contact.confidence, trust, 0.0).astype(np.float32)
+        occupancy = primitive_occupancy(contact.primitive, places, depth_m=self.depth_m)
+        layer = self.movable if contact.movable else self.static
+        _update(layer[window], occupancy, self.rate * trust)
+        if contact.movable:
+            _update(self.static[window], np.minimum(occupancy, 0.0), self.rate * trust)
+        self.contacts += 1
+
+    def forget_movable(self, outline_m: Float[np.ndarray, "p 2"]) -> None:
+        """A movable thing has been pushed away from here: nothing is known of it inside the polygon."""
+        from shapely import Polygon, contains_xy
+
+        rows, columns = self.static.shape
+        x = self.origin_m[0] + (np.arange(columns) + 0.5) * self.resolution_m
+        y = self.origin_m[1] + (np.arange(rows) + 0.5) * self.resolution_m
+        inside = contains_xy(Polygon(outline_m), *np.meshgrid(x, y))
+        self.movable[np.asarray(inside)] = 0.0
+
+    def value_at(
+        self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False
+    ) -> Float[np.ndarray, "*n"]:
+        """Values of a layer at places (x, y) [m]; 0 outside."""
+        layer = self.movable if movable else self.static
+        cells = np.floor((np.asarray(points_m) - np.array(self.origin_m)) / self.resolution_m).astype(
+            np.int64
+        )
+        inside = ((cells >= 0) & (cells < np.array(layer.shape)[::-1])).all(axis=-1)
+        cells = np.where(inside[..., None], cells, 0)
+        return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
+
+    def occupancy(self, least: float = 0.05, *, movable: bool = True) -> OccupancyMap:
+        """An occupancy map of what is known with at least this confidence; a free front never hides a thing."""
+        cells = np.full(self.static.shape, UNKNOWN, dtype=np.int8)
+        cells[self.static <= -least] = FREE
+        cells[self.static >= least] = OCCUPIED
+        if movable:
+            cells[(self.movable <= -least) & (cells == UNKNOWN)] = FREE
+            cells[self.movable >= least] = OCCUPIED
+        return OccupancyMap(cells, self.resolution_m, (*self.origin_m, 0.0))
+
+    def _window(
+        self, contact: HapticContact
+    ) -> tuple[tuple[slice, slice], Float[np.ndarray, "rows columns 2"]]:
+        """Cells near the contact, and their places in frame F."""
+        x, y, yaw = contact.T_map_foam
+        c, s = math.cos(yaw), math.sin(yaw)
+        points = contact.points_foam_m @ np.array([[c, s], [-s, c]]) + [x, y]
+        reach = max(contact.diameter_m, 2 * self.resolution_m) * -math.log(_MIN)
+        low = (points.min(axis=0) - reach - np.array(self.origin_m)) / self.resolution_m
+        high = (points.max(axis=0) + reach - np.array(self.origin_m)) / self.resolution_m
+        rows, columns = self.static.shape
+        top, bottom = (int(np.clip(v, 0, rows)) for v in (math.floor(low[1]), math.ceil(high[1])))
+        left, right = (int(np.clip(v, 0, columns)) for v in (math.floor(low[0]), math.ceil(high[0])))
+        gx = self.origin_m[0] + (np.arange(left, right) + 0.5) * self.resolution_m - x
+        gy = self.origin_m[1] + (np.arange(top, bottom) + 0.5) * self.resolution_m - y
+        grid_x, grid_y = np.meshgrid(gx, gy)
+        places = np.stack([c * grid_x + s * grid_y, c * grid_y - s * grid_x], axis=-1)
+        return (slice(top, bottom), slice(left, right)), places
+
+
+def _closeness(
+    contact: HapticContact, places: Float[np.ndarray, "rows columns 2"]
+) -> Float[np.ndarray, "rows columns"]:
+    """m_d: 1 at the contact points, falling with the distance in diameters of the contact."""
+    from scipy.spatial import cKDTree
+
+    distance, _ = cKDTree(contact.points_foam_m).query(places)
+    # A single point has no extent; a contact of less than a millimetre is not felt.
+    return np.asarray(np.exp(-distance / max(contact.diameter_m, 1e-3)))
+
+
+def _update(layer: np.ndarray, occupancy: np.ndarray, weight: np.ndarray) -> None:
+    """Eq. (3.12) in place, where the primitive says something."""
+    says: Bool[np.ndarray, "rows columns"] = occupancy != 0
+    layer[says] = ((1 - weight) * layer + weight * occupancy)[says]

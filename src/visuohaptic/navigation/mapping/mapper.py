@@ -1,0 +1,288 @@
+"""A map from laser scans: log-odds ray casting, every scan laid on the map before it is added.
+
+Plain on purpose: no pose graph, so that a loop closes only as far as the
+drift stays within the search window of the matching. Maps of any SLAM system
+are the normal input; this one lets a robot without one make its own.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ...core.laser_scan import LaserScan
+from ...core.measurement import Reason
+from ...io.maps.occupancy_map import OccupancyMap
+from .scan_matching import SURELY_FREE as _SURELY_FREE
+from .scan_matching import HitGrid, MatchSettings, ScanMatch, match_scan
+
+__all__ = ["MapperSettings", "OccupancyMapper", "build_map"]
+
+#: Probability below which a cell is free: passed twice.
+_FREE_BELOW = 0.35
+
+_log = logging.getLogger(__name__)
+
+#: Cells at most; larger maps are refused rather than eat the memory.
+MAX_CELLS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class MapperSettings:
+    """Grid, sensor model and odometry."""
+
+    resolution_m: float = 0.05
+    hit: float = 0.85  #: log-odds of a cell where a beam ends: probability 0.7
+    miss: float = -0.4  #: of a cell that a beam passes: 0.4; two make a cell free
+    bound: float = 5.0  #: log-odds stay within
+    odometry_sigma_per_m: float = 0.1  #: drift of the odometry: standard deviation per way
+    odometry_sigma_rad_per_rad: float = 0.1
+    odometry_sigma_rad_per_m: float = 0.05
+    odometry_floor: tuple[float, float] = (0.02, 0.02)  #: standard deviation per scan [m, rad]
+    match: MatchSettings = field(default_factory=MatchSettings)
+    patience: int = 15  #: after so many scans in a row that do not fit, the map is taken to be wrong here
+    warm_up_scans: int = 2  #: are added where the odometry says
+    add_every_m: float = 0.15  #: between them scans are matched and not added: each adds its error to the map
+    add_every_rad: float = 0.03
+    well_known: float = 0.9  #: a scan with fewer points near hits is added, however near the last one
+
+    def __post_init__(self) -> None:
+        if not (0 < self.resolution_m <= 1 and self.hit > 0 > self.miss and self.bound > self.hit):
+            raise InputError(
+                "MapperSettings", f"found {self}, expected resolution 0..1 m, hit > 0 > miss, bound > hit"
+            )
+
+
+class OccupancyMapper:
+    """Adds scans one by one.
+
+    The map's frame is that of the first odometry pose.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> mapper = OccupancyMapper()
+    >>> scan = LaserScan(0.0, np.full(360, 2.0), -np.pi, np.pi / 180)
+    >>> mapper.add(scan, (0.0, 0.0, 0.0)).valid
+    True
+    >>> int(mapper.map().value_at(np.array([1.0, 0.0])))
+    0
+    """
+
+    def __init__(self, settings: MapperSettings | None = None) -> None:
+        self.settings = settings or MapperSettings()
+        self.matches: list[ScanMatch] = []  #: one per scan
+        self._r = self.settings.resolution_m
+        self._corner = np.zeros(2)
+        self._odometry: tuple[float, float, float] | None = None
+        self._pose = (0.0, 0.0, 0.0)
+        self._spread = np.zeros((3, 3))
+        self._added_at: tuple[float, float, float] | None = None
+        self._added = 0
+        self._refused = 0
+        self._allocate((1, 1))
+
+    @property
+    def pose(self) -> tuple[float, float, float]:
+        """(x [m], y [m], yaw [rad]) of the scanner at the last scan, in the map."""
+        return self._pose
+
+    @property
+    def trajectory(self) -> Float[np.ndarray, "n 3"]:
+        """Poses of all scans."""
+        return np.array([match.pose for match in self.matches]).reshape(-1, 3)
+
+    def add(self, scan: LaserScan, odometry: tuple[float, float, float]) -> ScanMatch:
+        """Lay a scan on the map and add it.
+
+        Parameters
+        ----------
+        scan
+            One turn of the scanner.
+        odometry
+            Pose of the scanner (x, y, yaw) by odometry, in any fixed frame [m, rad].
+
+        Returns
+        -------
+        ScanMatch
+            A scan that is not valid, has too few points or does not fit is not
+            added, and the pose goes on by odometry.
+        """
+        if not np.isfinite(odometry).all():
+            raise InputError("odometry", f"found {odometry}, expected three finite numbers")
+        guess = self._predict(odometry)
+        match = self._match(scan, guess)
+        self._refused = 0 if match.valid else self._refused + 1
+        if self._refused > self.settings.patience and scan.valid:
+            # A robot that believes its map more than its eyes never finds back: begin anew from the odometry.
+            _log.warning(
+                "%d scans in a row do not fit the map, scan at %.2f s is added", self._refused, scan.t_s
+            )
+            match = replace(match, valid=True)
+            self._refused = 0
+        self._pose = match.pose
+        if match.valid:
+            self._spread = np.zeros((3, 3))
+        self.matches.append(match)
+        if match.valid and (match.inliers < self.settings.well_known or self._has_moved()):
+            self._cast(scan)
+        return match
+
+    def _predict(self, odometry: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Pose by odometry since the last scan; what it may be off by grows until a scan fits again."""
+        s = self.settings
+        before = self._odometry
+        self._odometry = odometry
+        if before is None:
+            self._pose = odometry
+            self._spread = np.diag([1e-6, 1e-6, 1e-6])
+            return odometry
+        c, sn = math.cos(before[2]), math.sin(before[2])
+        dx, dy = odometry[0] - before[0], odometry[1] - before[1]
+        ahead, left = c * dx + sn * dy, c * dy - sn * dx
+        turn = (odometry[2] - before[2] + math.pi) % (2 * math.pi) - math.pi
+        way = math.hypot(ahead, left)
+        heading = self._pose[2]
+        c, sn = math.cos(heading), math.sin(heading)
+        pose = (
+            self._pose[0] + c * ahead - sn * left,
+            self._pose[1] + sn * ahead + c * left,
+            heading + turn,
+        )
+        place = (s.odometry_sigma_per_m * way) ** 2 + s.odometry_floor[0] ** 2
+        angle = s.odometry_sigma_rad_per_rad * abs(turn) + s.odometry_sigma_rad_per_m * way
+        self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])
+        return pose
+
+    def _match(self, scan: LaserScan, guess: tuple[float, float, float]) -> ScanMatch:
+        points = scan.points_m
+        if not scan.valid or len(points) < self.settings.match.min_points:
+            reason = scan.reason if not scan.valid else Reason.LOST
+            return ScanMatch(scan.t_s, False, reason, guess, self._spread, 0.0, float("nan"))
+        if self._added < self.settings.warm_up_scans:
+            return ScanMatch(scan.t_s, True, Reason.OK, guess, self._spread, 1.0, 0.0)
+        return match_scan(self._hits(), points, guess, self._spread, scan.t_s, self.settings.match)
+
+    def _has_moved(self) -> bool:
+        """Whether the scanner has moved since the last scan that was added."""
+        last, now, s = self._added_at, self._pose, self.settings
+        if last is None or self._added < s.warm_up_scans:
+            return True
+        turn = abs((now[2] - last[2] + math.pi) % (2 * math.pi) - math.pi)
+        return math.hypot(now[0] - last[0], now[1] - last[1]) >= s.add_every_m or turn >= s.add_every_rad
+
+    def _hits(self) -> HitGrid:
+        return HitGrid(
+            self._mean_row,
+            self._mean_column,
+            self._count,
+            self._log_odds,
+            self._r,
+            (float(self._corner[0]), float(self._corner[1])),
+        )
+
+    def _cast(self, scan: LaserScan) -> None:
+        from ._mapper_kernels import add_beams
+
+        s, pose = self.settings, np.array(self._pose)
+        seen = scan.hits | np.isposinf(scan.ranges_m) | (scan.ranges_m >= scan.range_max_m)
+        hits = scan.hits[seen]
+        ranges = np.where(hits, scan.ranges_m[seen], scan.range_max_m)
+        angles = scan.angles_rad[seen] + pose[2]
+        ends_m = pose[:2] + ranges[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        self._make_room(np.vstack([ends_m, pose[None, :2]]))
+        start = (pose[:2] - self._corner) / self._r
+        ends = ((ends_m - self._corner) / self._r)[:, ::-1].copy()
+        self._added += 1
+        self._added_at = self._pose
+        add_beams(
+            self._log_odds, self._stamp, self._added, start[1], start[0], ends, hits, s.hit, s.miss, s.bound
+        )
+        self._count_hits(ends[hits])
+
+    def _count_hits(self, ends: Float[np.ndarray, "n 2"]) -> None:
+        """Running means of the hits in every cell; cells that are free by now lose theirs."""
+        cells = np.floor(ends).astype(np.int64)
+        flat = cells[:, 0] * self._count.shape[1] + cells[:, 1]
+        unique, first = np.unique(flat, return_inverse=True)
+        fresh = np.bincount(first).astype(np.float32)
+        for mean, axis in ((self._mean_row, 0), (self._mean_column, 1)):
+            total = np.bincount(first, weights=ends[:, axis])
+            old = self._count.ravel()[unique]
+            # An old cell listens less and less, but never not at all.
+            mean.ravel()[unique] = (mean.ravel()[unique] * old + total) / (old + fresh)
+        self._count.ravel()[unique] = np.minimum(self._count.ravel()[unique] + fresh, 50.0)
+        rows, columns = unique // self._count.shape[1], unique % self._count.shape[1]
+        box = (
+            (slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1))
+            if len(rows)
+            else None
+        )
+        if box is not None:
+            self._count[box][self._log_odds[box] < _SURELY_FREE] = 0.0
+
+    def _make_room(self, points_m: Float[np.ndarray, "n 2"]) -> None:
+        """Grow the grid so that it holds the points, by at least half its size."""
+        low = np.floor((points_m.min(axis=0) - self._corner) / self._r).astype(np.int64) - 5
+        high = np.floor((points_m.max(axis=0) - self._corner) / self._r).astype(np.int64) + 6
+        size = np.array(self._log_odds.shape)[::-1]
+        if (low >= 0).all() and (high <= size).all():
+            return
+        spare = np.maximum(size // 2, round(5.0 / self._r))
+        before = np.where(low < 0, np.maximum(-low, spare), 0)
+        after = np.where(high > size, np.maximum(high - size, spare), 0)
+        wide, tall = (int(v) for v in size + before + after)
+        if wide * tall > MAX_CELLS:
+            raise InputError(
+                "scan",
+                f"the map would grow to {tall} x {wide} cells, expected at most {MAX_CELLS}",
+                remedy="a coarser resolution_m or a smaller range_max_m",
+            )
+        old = (self._log_odds, self._stamp, self._count, self._mean_row, self._mean_column)
+        self._allocate((tall, wide))
+        place = (slice(before[1], before[1] + size[1]), slice(before[0], before[0] + size[0]))
+        new = (self._log_odds, self._stamp, self._count, self._mean_row, self._mean_column)
+        for source, target in zip(old, new, strict=True):
+            target[place] = source
+        self._mean_row[place] += before[1]
+        self._mean_column[place] += before[0]
+        self._corner = self._corner - before * self._r
+
+    def _allocate(self, shape: tuple[int, int]) -> None:
+        self._log_odds = np.zeros(shape, dtype=np.float32)
+        self._stamp = np.zeros(shape, dtype=np.int32)
+        self._count = np.zeros(shape, dtype=np.float32)
+        self._mean_row = np.zeros(shape, dtype=np.float32)
+        self._mean_column = np.zeros(shape, dtype=np.float32)
+
+    def map(self) -> OccupancyMap:
+        """The map so far: occupied above a probability of 0.65, free below 0.35, cut to what was seen."""
+        seen = np.argwhere(self._log_odds != 0.0)
+        if len(seen) == 0:
+            raise InputError("OccupancyMapper", "no scan was added, there is no map")
+        (top, left), (bottom, right) = seen.min(axis=0), seen.max(axis=0) + 1
+        part = self._log_odds[top:bottom, left:right]
+        probability = np.where(part == 0.0, np.nan, 1.0 / (1.0 + np.exp(-part.astype(np.float64))))
+        corner = self._corner + np.array([left, top]) * self._r
+        return OccupancyMap.from_probability(
+            probability,
+            self._r,
+            origin=(float(corner[0]), float(corner[1]), 0.0),
+            free_thresh=_FREE_BELOW,
+        )
+
+
+def build_map(
+    scans: Iterable[tuple[LaserScan, tuple[float, float, float]]], settings: MapperSettings | None = None
+) -> OccupancyMapper:
+    """Map a whole recording of scans and odometry poses."""
+    mapper = OccupancyMapper(settings)
+    for scan, odometry in scans:
+        mapper.add(scan, odometry)
+    return mapper

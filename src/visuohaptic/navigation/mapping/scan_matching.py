@@ -1,0 +1,231 @@
+"""Where a scan lies in a map: search over shifts and turns, then point to line, with a covariance.
+
+The search (Olson 2009, correlative scan matching, here in one resolution)
+finds the right hill even when the odometry is off by decimetres; the
+refinement works on the mean hit of every cell, which is finer than the cell,
+and on the line through the means around it. The odometry takes part as a
+measurement, so that a bare corridor, which says nothing of the way along it,
+leaves that to the wheels, and the covariance says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ...core.errors import InputError
+from ...core.measurement import Reason
+
+__all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
+
+
+#: Log-odds below which a point in a cell contradicts the map: passed by three beams or more.
+SURELY_FREE = -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class MatchSettings:
+    """How a scan is laid on a map."""
+
+    window_m: float = 0.3  #: largest shift that is searched, to each side
+    window_rad: float = 0.15  #: largest turn that is searched
+    turn_step_rad: float = 0.015
+    points: int = 180  #: of the scan that are used in the search
+    reach_cells: int = 3  #: a point farther from any hit is no inlier
+    sigma_m: float = 0.02  #: of a point from its line: the scanner, cells and walls that are not straight
+    iterations: int = 12
+    min_points: int = 40  #: a scan with fewer says too little
+    min_known: int = 25  #: points on the known part of the map; with fewer a scan cannot be laid on it
+    min_inliers: float = 0.35  #: share of these points that must be near a hit
+
+    def __post_init__(self) -> None:
+        if not (self.window_m > 0 and self.window_rad > 0 and self.turn_step_rad > 0 and self.sigma_m > 0):
+            raise InputError("MatchSettings", f"found {self}, expected windows, step and sigma > 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScanMatch:
+    """Pose of a scan in the map."""
+
+    t_s: float
+    valid: bool
+    reason: Reason
+    pose: tuple[
+        float, float, float
+    ]  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
+    covariance: Float[np.ndarray, "3 3"]  #: of the pose [m, rad], given the map
+    inliers: float  #: share of the points on the known part of the map that are near a hit
+    residual_m: float  #: root mean square distance of the inliers from their lines
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HitGrid:
+    """What a scan is laid on: per cell the mean hit, all in grid coordinates."""
+
+    mean_row: Float32[np.ndarray, "rows columns"]
+    mean_column: Float32[np.ndarray, "rows columns"]
+    count: Float32[np.ndarray, "rows columns"]
+    log_odds: Float32[np.ndarray, "rows columns"]  #: 0 where nothing is known
+    resolution_m: float
+    corner_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0); the grid's axes are the map's
+
+
+def match_scan(
+    grid: HitGrid,
+    points_m: Float[np.ndarray, "n 2"],
+    guess: tuple[float, float, float],
+    guess_covariance: Float[np.ndarray, "3 3"],
+    t_s: float,
+    settings: MatchSettings | None = None,
+) -> ScanMatch:
+    """Lay a scan on a map.
+
+    Parameters
+    ----------
+    grid
+        The map so far.
+    points_m
+        Hits in the frame of the scanner.
+    guess, guess_covariance
+        Pose by odometry (x, y, yaw) [m, rad] and its covariance.
+    t_s
+        Time of the scan.
+
+    Returns
+    -------
+    ScanMatch
+        Not valid, with the guess as its pose, when the scan has too few points
+        or contradicts the map. A scan of what is mostly new is valid where the
+        odometry says.
+    """
+    settings = settings or MatchSettings()
+    cannot = ScanMatch(t_s, False, Reason.LOST, guess, guess_covariance, 0.0, float("nan"))
+    if len(points_m) < settings.min_points:
+        return cannot
+    start = _search(grid, points_m, guess, guess_covariance, settings)
+    pose, covariance, residual_m = _refine(grid, points_m, start, guess, guess_covariance, settings)
+    known, near = _agreement(grid, points_m, pose, settings)
+    inliers = near / max(known, 1)
+    if known < settings.min_known:
+        return ScanMatch(t_s, True, Reason.OK, guess, guess_covariance, inliers, residual_m)
+    if inliers < settings.min_inliers:
+        return ScanMatch(t_s, False, Reason.LOST, guess, guess_covariance, inliers, residual_m)
+    return ScanMatch(t_s, True, Reason.OK, pose, covariance, inliers, residual_m)
+
+
+def _places(
+    grid: HitGrid, points_m: Float[np.ndarray, "n 2"], pose: tuple[float, float, float]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+    """Points turned into the map's axes [m], and their places in the grid (x, y) [cells]."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    turned = points_m @ np.array([[c, s], [-s, c]])
+    return turned, (turned + np.array(pose[:2]) - np.array(grid.corner_m)) / grid.resolution_m
+
+
+def _agreement(
+    grid: HitGrid,
+    points_m: Float[np.ndarray, "n 2"],
+    pose: tuple[float, float, float],
+    settings: MatchSettings,
+) -> tuple[int, int]:
+    """How many points lie where the map knows something, and how many of those near a hit."""
+    from ._mapper_kernels import nearest_lines
+
+    _, places = _places(grid, points_m, pose)
+    lines = nearest_lines(
+        grid.mean_row, grid.mean_column, grid.count, places[:, ::-1].copy(), settings.reach_cells
+    )
+    cells = np.floor(places[:, ::-1]).astype(np.int64)
+    inside = ((cells >= 0) & (cells < grid.count.shape)).all(axis=1)
+    cells = np.where(inside[:, None], cells, 0)
+    near = lines[:, 4] != 0
+    known = near | (inside & (grid.log_odds[cells[:, 0], cells[:, 1]] < SURELY_FREE))
+    return int(known.sum()), int(near.sum())
+
+
+def _search(
+    grid: HitGrid,
+    points_m: Float[np.ndarray, "n 2"],
+    guess: tuple[float, float, float],
+    guess_covariance: Float[np.ndarray, "3 3"],
+    settings: MatchSettings,
+) -> tuple[float, float, float]:
+    """Best of all shifts and turns in the window by how many points lie near hits, and by the odometry."""
+    from ._mapper_kernels import correlate
+
+    r = grid.resolution_m
+    chosen = points_m[:: max(len(points_m) // settings.points, 1)]
+    points = chosen[:, ::-1] / r
+    # Of a window around the scan only: the whole map would be blurred for nothing.
+    reach = float(np.abs(points).max()) * 1.5 + settings.window_m / r + 4
+    row, column = (guess[1] - grid.corner_m[1]) / r, (guess[0] - grid.corner_m[0]) / r
+    top, left = max(int(row - reach), 0), max(int(column - reach), 0)
+    field = _near_hits(grid.count[top : int(row + reach) + 1, left : int(column + reach) + 1])
+    if field.size == 0:
+        return guess
+    steps = np.arange(-round(settings.window_m / r), round(settings.window_m / r) + 1)
+    half = round(settings.window_rad / settings.turn_step_rad)
+    turns = np.arange(-half, half + 1) * settings.turn_step_rad
+    angles = guess[2] + turns
+    score = correlate(field, points, row - top + steps, column - left + steps, np.cos(angles), np.sin(angles))
+    # The odometry as a prior, in the scale of a mean log-likelihood per point.
+    information = np.linalg.inv(guess_covariance)
+    shift = np.stack(np.meshgrid(turns, steps * r, steps * r, indexing="ij"), axis=-1)[..., ::-1]
+    prior = np.einsum("...i,ij,...j->...", shift, information, shift) / (2.0 * len(chosen))
+    best = np.unravel_index(int(np.argmax(score - 0.2 * prior)), score.shape)
+    return (
+        guess[0] + float(steps[best[2]]) * r,
+        guess[1] + float(steps[best[1]]) * r,
+        guess[2] + float(turns[best[0]]),
+    )
+
+
+def _near_hits(count: Float32[np.ndarray, "rows columns"]) -> Float32[np.ndarray, "rows columns"]:
+    """1 at cells with hits, falling to 0 two cells away."""
+    import cv2
+
+    if count.size == 0:
+        return count
+    distance = cv2.distanceTransform((count == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3)
+    return np.exp(-0.5 * np.minimum(distance, 9.0) ** 2).astype(np.float32)
+
+
+def _refine(
+    grid: HitGrid,
+    points_m: Float[np.ndarray, "n 2"],
+    start: tuple[float, float, float],
+    guess: tuple[float, float, float],
+    guess_covariance: Float[np.ndarray, "3 3"],
+    settings: MatchSettings,
+) -> tuple[tuple[float, float, float], Float[np.ndarray, "3 3"], float]:
+    """Pose, covariance and residual [m]: Gauss-Newton on point-to-line distances with Huber weights, and on the odometry."""
+    from ._mapper_kernels import nearest_lines
+
+    r = grid.resolution_m
+    prior = np.linalg.inv(guess_covariance)
+    pose = np.array(start)
+    information = prior
+    residual_m = float("nan")
+    for _ in range(settings.iterations):
+        turned, places = _places(grid, points_m, (pose[0], pose[1], pose[2]))
+        lines = nearest_lines(
+            grid.mean_row, grid.mean_column, grid.count, places[:, ::-1].copy(), settings.reach_cells
+        )
+        found = lines[:, 4] > 0
+        normal = lines[found][:, [3, 2]]
+        residual = np.einsum("ij,ij->i", places[found] - lines[found][:, [1, 0]], normal) * r
+        lever = np.einsum("ij,ij->i", normal, np.column_stack([-turned[found][:, 1], turned[found][:, 0]]))
+        jacobian = np.column_stack([normal, lever])
+        huber = np.minimum(1.0, 1.5 * settings.sigma_m / np.maximum(np.abs(residual), 1e-12))
+        weight = lines[found][:, 4] * huber / settings.sigma_m**2
+        off = pose - np.array(guess)
+        off[2] = (off[2] + np.pi) % (2 * np.pi) - np.pi
+        information = jacobian.T @ (weight[:, None] * jacobian) + prior
+        step = np.linalg.solve(information, -(jacobian.T @ (weight * residual) + prior @ off))
+        pose = pose + step
+        residual_m = float(np.sqrt(np.mean(residual**2))) if len(residual) else float("nan")
+        if np.abs(step[:2]).max() < 1e-4 and abs(step[2]) < 1e-5:
+            break
+    return (float(pose[0]), float(pose[1]), float(pose[2])), np.linalg.inv(information), residual_m

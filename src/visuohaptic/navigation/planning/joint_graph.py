@@ -1,0 +1,372 @@
+"""The visuo-haptic graph: the visual graph and what touch adds to it (Alt 2016, Sec. 4.2.1).
+
+The visual graph is extended, never modified. A node of another kind is a small
+class: see :class:`NodeType`, and ``node_types.py`` for those that there are.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import groupby, pairwise
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int, Int32
+
+from ...core.errors import InputError
+from ..graph.navigation_graph import NavigationGraph
+from ..graph.regions import Regions
+from ..grid.cost_grid import OBSTACLE_FROM
+from ..problem.path_plan import Plan
+from ..problem.planning_problem import RobotModel
+from .search_domain import grid_from_world
+
+__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "extend_graph", "with_regions"]
+
+#: Step 7: an edge stays when it shortens the way between two neighbours by at least this share.
+SIGNIFICANT = 0.05
+#: Neighbours of one node, at most.
+MAX_NEIGHBOURS = 64
+#: First entry of every node, and by entry: the other end, the edge; by edge: its cost.
+_Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+class NodeType(Protocol):
+    """What a kind of node says of itself; its local planner goes by the name ``planner``."""
+
+    @property
+    def id(self) -> str:
+        """Name on the map."""
+
+    @property
+    def planner(self) -> str:
+        """Local planner that is started when the robot enters the node's region."""
+
+    @property
+    def outline_m(self) -> Float[np.ndarray, "p 2"]:
+        """Place on the floor, map frame."""
+
+    @property
+    def in_map(self) -> bool:
+        """Whether the map shows it as occupied cells (an object), or not at all (glass)."""
+
+    def task_s(self, robot: RobotModel) -> float:
+        """Time of its task; infinite when the way is not to be taken."""
+
+    def failure_probability(self, robot: RobotModel) -> float:
+        """Probability that the task fails."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointNode:
+    """One node that touch, or something else than the map, has added."""
+
+    kind: NodeType
+    number: int  #: node number in the joint graph: after those of the visual graph
+    cell: tuple[int, int]  #: (row, column), (-1, -1) when the robot does not fit there even then
+    neighbours: Int32[np.ndarray, "k"]  #: nodes of the visual graph
+    drive_s: Float[np.ndarray, "k"]  #: time between them and the node, without the task
+    task_s: float  #: ``t_mani``; half of it is on each edge
+    region: Int32[np.ndarray, "c"]  #: cells (row * columns + column) assigned to the node
+    blocked_edges: Int32[np.ndarray, "b"]  #: edges of the visual graph that run through a safety region
+
+    @property
+    def edge_s(self) -> Float[np.ndarray, "k"]:
+        """Costs of its edges: driving and half of the task."""
+        return self.drive_s + 0.5 * self.task_s
+
+
+@dataclass(frozen=True, slots=True)
+class JointPath:
+    """A way through the joint graph."""
+
+    nodes: tuple[int, ...]  #: visual nodes first by number, then joint nodes
+    cost_s: float
+    added: tuple[str, ...]  #: ids of the joint nodes on it
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointGraph:
+    """The visual graph, its regions, and the nodes that were added."""
+
+    visual: NavigationGraph
+    regions: Regions
+    robot: RobotModel
+    added: tuple[JointNode, ...] = ()
+    _scratch: dict[bool, _Rows] = field(default_factory=dict, repr=False)
+
+    def node(self, id: str) -> JointNode:
+        """The added node of an object.
+
+        Raises
+        ------
+        InputError
+            There is none of that name.
+        """
+        for node in self.added:
+            if node.kind.id == id:
+                return node
+        names = ", ".join(node.kind.id for node in self.added) or "none"
+        raise InputError("JointGraph", f"has no node '{id}', there are: {names}")
+
+    def without(self, id: str) -> JointGraph:
+        """The graph without a node: an obstacle that was not confirmed, a region that has gone."""
+        self.node(id)
+        return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch={})
+
+    def failed(self, id: str) -> JointGraph:
+        """After a failure: the node's edges cost infinitely much."""
+        return self._with_task(id, float("inf"))
+
+    def cleared(self, id: str) -> JointGraph:
+        """After success: the node becomes one of navigation, its edges lose half the task each."""
+        return self._with_task(id, 0.0)
+
+    def _worth(
+        self, left: dict[str, tuple[float, np.ndarray]], at: Float[np.ndarray, "2"], id: str
+    ) -> tuple[bool, float]:
+        """What exploring next is worth: opening something separate above all, then gain per way to go."""
+        gain_s, centre = left[id]
+        way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
+        if not np.isfinite(gain_s):
+            return True, 1.0 / (way_s + 1.0)
+        return False, (gain_s + 1.0) / (way_s + 1.0)
+
+    def _with_task(self, id: str, task_s: float) -> JointGraph:
+        self.node(id)
+        return replace(
+            self,
+            added=tuple(replace(node, task_s=task_s) if node.kind.id == id else node for node in self.added),
+            _scratch={},
+        )
+
+    def edges(self) -> tuple[Int32[np.ndarray, "m 2"], Float[np.ndarray, "m"]]:
+        """All edges with costs: the visual ones in their order, those through safety regions infinite, then added ones."""
+        cost = self.visual.edge_cost_s.copy()
+        for node in self.added:
+            cost[node.blocked_edges] = np.inf
+        ends = [self.visual.edges]
+        costs = [cost]
+        for node in self.added:
+            ends.append(
+                np.column_stack([node.neighbours, np.full(len(node.neighbours), node.number, np.int32)])
+            )
+            costs.append(node.edge_s)
+        return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
+
+    def shortest(self, start: int, goal: int, *, visual_only: bool = False) -> JointPath:
+        """Cheapest way between two nodes by Dijkstra; cost infinite and no nodes when there is none."""
+        from heapq import heappop, heappush
+
+        first, ends, edges, costs = self._csr(visual_only)
+        best = {start: 0.0}
+        came: dict[int, int] = {}
+        queue = [(0.0, start)]
+        while queue:
+            cost, node = heappop(queue)
+            if node == goal:
+                break
+            if cost > best[node]:
+                continue
+            for k in range(first[node], first[node + 1]):
+                other, total = int(ends[k]), cost + float(costs[edges[k]])
+                if total < best.get(other, np.inf):
+                    best[other], came[other] = total, node
+                    heappush(queue, (total, other))
+        if goal not in best:
+            return JointPath((), float("inf"), ())
+        nodes = [goal]
+        while nodes[-1] != start:
+            nodes.append(came[nodes[-1]])
+        nodes.reverse()
+        names = {node.number: node.kind.id for node in self.added}
+        return JointPath(tuple(nodes), best[goal], tuple(names[n] for n in nodes if n in names))
+
+    def _csr(self, visual_only: bool) -> _Rows:
+        if visual_only not in self._scratch:
+            ends, costs = (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
+            self._scratch[visual_only] = (*_rows(ends, self.visual.nodes + len(self.added)), costs)
+        return self._scratch[visual_only]
+
+    def benefit_s(self, id: str) -> float:
+        """Eq. (4.2), corrected: by how much the node shortens the way between any two of its neighbours.
+
+        Infinite when it connects what was separate.
+        """
+        node = self.node(id)
+        best = 0.0
+        for i, a in enumerate(node.neighbours):
+            for b in node.neighbours[i + 1 :]:
+                visual = self.shortest(int(a), int(b), visual_only=True).cost_s
+                joint = self.shortest(int(a), int(b)).cost_s
+                if np.isfinite(joint) and visual > joint:
+                    best = max(best, visual - joint)
+        return best
+
+    def exploration_order(self, robot_m: Float[np.ndarray, "2"], ids: Iterable[str]) -> list[str]:
+        """Objects to explore one by one: the benefit per way to go, nearest of equals first (Sec. 4.4)."""
+        left = {id: (self.benefit_s(id), self.node(id).kind.outline_m.mean(axis=0)) for id in ids}
+        at = np.asarray(robot_m, dtype=np.float64)
+        order: list[str] = []
+        while left:
+            best = max(left, key=partial(self._worth, left, at))
+            at = left.pop(best)[1]
+            order.append(best)
+        return order
+
+
+def _rows(
+    ends: Int32[np.ndarray, "m 2"], nodes: int
+) -> tuple[Int[np.ndarray, "n+1"], Int[np.ndarray, "e"], Int[np.ndarray, "e"]]:
+    """CSR form of an undirected graph: where each node's entries begin, the other ends, the edges."""
+    source = np.concatenate([ends[:, 0], ends[:, 1]]).astype(np.int64)
+    target = np.concatenate([ends[:, 1], ends[:, 0]]).astype(np.int64)
+    edge = np.tile(np.arange(len(ends)), 2)
+    order = source.argsort(kind="stable")
+    first = np.zeros(nodes + 1, dtype=np.int64)
+    np.cumsum(np.bincount(source, minlength=nodes), out=first[1:])
+    return first, target[order], edge[order]
+
+
+def extend_graph(
+    visual: NavigationGraph, regions: Regions, robot: RobotModel, kinds: Iterable[NodeType]
+) -> JointGraph:
+    """Add nodes to the visual graph by the seven steps of Sec. 4.2.1.
+
+    Parameters
+    ----------
+    visual, regions
+        Graph of the map as it is seen, with the regions of its nodes.
+    robot
+        Its radius and speeds are those that the layers were made for.
+    kinds
+        Manipulation, door, transparency and other nodes.
+
+    Returns
+    -------
+    JointGraph
+        With every node; one that cannot be passed has no edges.
+    """
+    builder = _Builder(visual, regions, robot)
+    added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
+    return JointGraph(visual, regions, robot, added)
+
+
+def with_regions(plan: Plan, regions: Regions) -> Plan:
+    """The plan with, for each task, the nodes whose regions its way crosses, in order."""
+    grid = regions.layers.map
+    tasks = []
+    for task in plan.tasks:
+        nodes: list[int] = []
+        for a, b in pairwise(task.path_m):
+            count = max(2, int(np.hypot(b[0] - a[0], b[1] - a[1]) / (0.5 * grid.resolution_m)) + 1)
+            points = np.linspace(a, b, count)
+            found = regions.node_at(grid.cell_from_world(points))
+            nodes += [int(node) for node in found if node >= 0]
+        tasks.append(replace(task, nodes=tuple(node for node, _ in groupby(nodes))))
+    return replace(plan, tasks=tuple(tasks))
+
+
+class _Builder:
+    """Arrays that all nodes of one extension share."""
+
+    def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
+        from ._push_search_kernels import UNITS
+
+        self.visual, self.regions, self.robot = visual, regions, robot
+        self.map = regions.layers.map
+        self.radius = robot.radius_m / self.map.resolution_m * (1 - 1e-9)
+        self.slow = robot.v_max_m_s / robot.v_min_m_s
+        self.unit_s = self.map.resolution_m / robot.v_max_m_s / UNITS
+        columns = self.map.shape[1]
+        self.seeds = visual.node_cells[:, 0].astype(np.int64) * columns + visual.node_cells[:, 1]
+        self.first, self.ends, self.edges = _rows(visual.edges, visual.nodes)
+        self.best = np.full(visual.nodes, np.inf)
+        self.heap_cost = np.zeros(2 * len(visual.edges) + 2)
+        self.heap_node = np.zeros(2 * len(visual.edges) + 2, dtype=np.int64)
+
+    def node(self, kind: NodeType, number: int) -> JointNode:
+        """Steps 1 to 7 for one object."""
+        if not kind.in_map:
+            return self._safety(kind, number)
+        from ._node_kernels import node_in_window, useful_neighbours
+
+        outline = grid_from_world(self.map, kind.outline_m)
+        # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
+        margin = self.radius + 3.0
+        low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
+        wide = self._window(low, high, margin + 3.0 * self.radius)
+        task_s = kind.task_s(self.robot)
+        none = np.zeros(0, np.int32)
+        nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
+        if wide[1] <= wide[0] or wide[3] <= wide[2]:
+            return nothing
+        narrow = self._window(low, high, margin)
+        start, region, names, costs = node_in_window(  # 1 to 6
+            self.map.cells, OBSTACLE_FROM, not self.regions.layers.unknown_is_free, outline, wide, narrow,
+            self.radius, self.slow, self.regions.seed, self.regions.potential,
+            self.regions.unit_s / self.unit_s, MAX_NEIGHBOURS,
+        )  # fmt: skip
+        if start < 0:
+            return nothing
+        neighbours = np.searchsorted(self.seeds, names)
+        drive_s = costs * self.unit_s
+        # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
+        # shows nodes whose edges no plan would take.
+        kept = useful_neighbours(
+            self.first, self.ends, self.edges, self.visual.edge_cost_s, neighbours, drive_s, SIGNIFICANT,
+            self.best, self.heap_cost, self.heap_node,
+        )  # fmt: skip
+        row, column = divmod(int(start), narrow[3] - narrow[2])
+        return JointNode(
+            kind, number, (row + narrow[0], column + narrow[2]), neighbours[kept].astype(np.int32),
+            drive_s[kept], task_s, region, none,
+        )  # fmt: skip
+
+    def _safety(self, kind: NodeType, number: int) -> JointNode:
+        """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
+        from ..pushing._outline_kernels import distance_patch
+
+        rows, columns = self.map.shape
+        outline = grid_from_world(self.map, kind.outline_m)
+        patch, r0, c0 = distance_patch(rows, columns, outline, self.radius + 1.0)
+        rr, cc = np.nonzero(patch < self.radius)
+        cells = ((rr + r0) * columns + cc + c0).astype(np.int32)
+        cells = cells[self.regions.seed.ravel()[cells] >= 0]
+        closed = np.zeros(0, np.int32)
+        if len(cells) and len(self.visual.path_cells):
+            path = self.visual.path_cells[:, 0].astype(np.int64) * columns + self.visual.path_cells[:, 1]
+            hit = np.flatnonzero(np.isin(path, cells))
+            closed = np.unique(np.searchsorted(self.visual.path_start, hit, side="right") - 1).astype(
+                np.int32
+            )
+        task_s = kind.task_s(self.robot)
+        touching = np.unique(self.visual.edges[closed]).astype(np.int32)
+        drive_s = np.zeros(0)
+        if np.isfinite(task_s) and len(touching):
+            # Passing is possible after its task: to each end of a closed edge along that edge, half the way.
+            drive_s = np.array(
+                [
+                    self.visual.edge_cost_s[closed][(self.visual.edges[closed] == node).any(axis=1)].min() / 2
+                    for node in touching
+                ]
+            )
+        else:
+            touching = touching[:0]
+        centre = np.floor(outline.mean(axis=0)).astype(int)
+        return JointNode(
+            kind, number, (int(centre[1]), int(centre[0])), touching, drive_s, task_s, cells, closed
+        )
+
+    def _window(self, low: list[float], high: list[float], margin: float) -> tuple[int, int, int, int]:
+        """First and past-the-last row, first and past-the-last column of a window about a box (x, y)."""
+        rows, columns = self.map.shape
+        return (
+            max(math.floor(low[1] - margin), 0),
+            min(math.ceil(high[1] + margin) + 1, rows),
+            max(math.floor(low[0] - margin), 0),
+            min(math.ceil(high[0] + margin) + 1, columns),
+        )

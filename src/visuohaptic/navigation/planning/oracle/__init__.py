@@ -1,0 +1,5 @@
+"""Exact search of small problems, to certify a plan or its absence."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,230 @@
+"""A plain local controller: follow a path at 50 Hz with a differential drive, slower where it is narrow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import DeviceError, InputError
+from ...core.robots import BaseState, ClockWatch, MobileBase, require_members
+
+__all__ = ["FollowLimits", "PathFollower", "drive_path"]
+
+
+@dataclass(frozen=True, slots=True)
+class FollowLimits:
+    """Speeds and distances of the follower."""
+
+    radius_m: float = 0.17
+    v_max_m_s: float = 0.3  #: from three radii of clearance on, Eq. (4.1)
+    v_min_m_s: float = 0.05  #: at one radius
+    turn_max_rad_s: float = 1.2
+    acceleration_m_s2: float = 0.25  #: that braking is planned with
+    tolerance_m: float = 0.02  #: of the goal
+    corner_rad: float = 0.3  #: sharper corners are turned at a stop
+    offset_gain_per_m2: float = 30.0  #: turn rate by speed and distance from the path
+    heading_gain_per_s: float = 3.0
+
+    def __post_init__(self) -> None:
+        values = (
+            self.radius_m,
+            self.v_min_m_s,
+            self.turn_max_rad_s,
+            self.acceleration_m_s2,
+            self.tolerance_m,
+        )
+        if not (all(math.isfinite(v) and v > 0 for v in values) and self.v_max_m_s >= self.v_min_m_s):
+            raise InputError("FollowLimits", f"found {self}, expected numbers > 0 and v_max >= v_min")
+
+    def speed_m_s(self, clearance_m: float) -> float:
+        """Possible speed at a distance from obstacles: inverse of the cost of Eq. (4.1)."""
+        fraction = min(1.0, max(0.0, (clearance_m / self.radius_m - 1.0) / 2.0))
+        slow, fast = 1.0 / self.v_min_m_s, 1.0 / self.v_max_m_s
+        return 1.0 / (slow + fraction * (fast - slow))
+
+
+class PathFollower:
+    """Velocities from odometry, one call per period.
+
+    The platform drives along straight parts, steers back by its distance from
+    the part and the angle to it (Samson's law), brakes before sharp corners
+    and turns them standing, so that it leaves the path by no more than its
+    tracking error, not by the cut of a corner.
+
+    Parameters
+    ----------
+    path_m
+        Corners of the path, in the frame of the odometry.
+    limits
+        Speeds and distances.
+    clearance
+        Distance to the nearest obstacle [m] at a point (x, y); far away when not given.
+    heading_rad
+        To turn to at the goal.
+    """
+
+    def __init__(
+        self,
+        path_m: Float[np.ndarray, "k 2"],
+        limits: FollowLimits | None = None,
+        *,
+        clearance: Callable[[Float[np.ndarray, "2"]], float] | None = None,
+        heading_rad: float | None = None,
+    ) -> None:
+        path = np.asarray(path_m, dtype=np.float64)
+        if path.ndim != 2 or path.shape[1] < 2 or len(path) < 1 or not np.isfinite(path).all():
+            raise InputError(
+                "PathFollower", f"found shape {path.shape}, expected finite corners k x 2", field="path_m"
+            )
+        path = path[:, :2]
+        keep = np.concatenate([[True], np.hypot(*np.diff(path, axis=0).T) > 1e-6])
+        self._path = path[keep]
+        self._limits = limits if limits is not None else FollowLimits()
+        self._clearance = clearance if clearance is not None else (lambda _: math.inf)
+        self._heading_rad = heading_rad
+        self._part = 0
+        self._turning = True
+        self.done = False
+
+    @property
+    def goal_m(self) -> Float[np.ndarray, "2"]:
+        """End of the path."""
+        return self._path[-1]
+
+    def command(self, state: BaseState) -> tuple[float, float]:
+        """Speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done."""
+        if self.done:
+            return 0.0, 0.0
+        place = np.array([state.x_m, state.y_m])
+        while self._part < len(self._path) - 1:
+            begin, end = self._path[self._part], self._path[self._part + 1]
+            way = end - begin
+            length = float(np.hypot(*way))
+            ahead = way / length
+            rest = float((end - place) @ ahead)
+            last = self._part == len(self._path) - 2
+            corner = 0.0 if last else self._corner(self._part)
+            reached = rest <= (
+                0.3 * self._limits.tolerance_m if last or corner > self._limits.corner_rad else 0.01
+            )
+            if not reached:
+                return self._along(state, place, begin, ahead, rest, corner, last)
+            self._part += 1
+            self._turning = self._turning or corner > self._limits.corner_rad or last
+        return self._arrived(state, place)
+
+    def _along(
+        self,
+        state: BaseState,
+        place: Float[np.ndarray, "2"],
+        begin: Float[np.ndarray, "2"],
+        ahead: Float[np.ndarray, "2"],
+        rest: float,
+        corner: float,
+        last: bool,
+    ) -> tuple[float, float]:
+        limits = self._limits
+        along = math.atan2(ahead[1], ahead[0])
+        error = _wrap(state.heading_rad - along)
+        if self._turning or abs(error) > 0.8:
+            # Standing turn; it ends well inside the corner that counts as one.
+            self._turning = abs(error) > 0.03
+            if self._turning:
+                return 0.0, self._turn(-error)
+        side = ahead[0] * (place[1] - begin[1]) - ahead[1] * (place[0] - begin[0])
+        speed = min(
+            limits.speed_m_s(float(self._clearance(place))),
+            limits.speed_m_s(float(self._clearance(place + min(rest, 0.3) * ahead))),
+        )
+        # Stop at the goal and at sharp corners, slow down before others.
+        stop = last or corner > limits.corner_rad
+        brake = math.sqrt(2.0 * limits.acceleration_m_s2 * max(rest, 0.0))
+        if stop:
+            speed = min(speed, max(brake, 0.02))
+        elif corner > 0.05:
+            speed = min(speed, max(brake, limits.v_min_m_s))
+        speed *= max(0.0, math.cos(error))
+        sinc = math.sin(error) / error if abs(error) > 1e-6 else 1.0
+        turn = -limits.offset_gain_per_m2 * speed * side * sinc - limits.heading_gain_per_s * error
+        return speed, max(-limits.turn_max_rad_s, min(limits.turn_max_rad_s, turn))
+
+    def _arrived(self, state: BaseState, place: Float[np.ndarray, "2"]) -> tuple[float, float]:
+        limits = self._limits
+        off = self._path[-1] - place
+        away = float(np.hypot(*off))
+        if away > limits.tolerance_m:
+            # Ended beside the goal, after a slip: straight to it, slowly.
+            error = _wrap(math.atan2(off[1], off[0]) - state.heading_rad)
+            if abs(error) > 0.2:
+                return 0.0, self._turn(error)
+            return min(limits.v_min_m_s, max(away, 0.01)), self._turn(error)
+        if self._heading_rad is not None:
+            error = _wrap(self._heading_rad - state.heading_rad)
+            if abs(error) > 0.02:
+                return 0.0, self._turn(error)
+        self.done = True
+        return 0.0, 0.0
+
+    def _corner(self, part: int) -> float:
+        """Angle between a part and the next [rad]."""
+        a, b = self._path[part + 1] - self._path[part], self._path[part + 2] - self._path[part + 1]
+        return abs(_wrap(math.atan2(b[1], b[0]) - math.atan2(a[1], a[0])))
+
+    def _turn(self, error: float) -> float:
+        """Turn rate towards an angle that is ``error`` away; brakes in time."""
+        limits = self._limits
+        rate = min(limits.turn_max_rad_s, limits.heading_gain_per_s * abs(error))
+        return math.copysign(max(rate, 0.03), error)
+
+
+def drive_path(
+    base: MobileBase,
+    follower: PathFollower,
+    wait: Callable[[float], None],
+    *,
+    timeout_s: float = 300.0,
+    period_s: float = 0.02,
+) -> bool:
+    """Drive a base along a path; returns whether it arrived in time.
+
+    Parameters
+    ----------
+    base
+        The platform, or the simulator's.
+    wait
+        Called with the period [s] after every command: sleeps, or lets simulated time pass.
+    timeout_s
+        By the base's clock and by the periods waited.
+
+    Raises
+    ------
+    DeviceError
+        The base's clock stands still.
+    """
+    require_members(base, MobileBase, "drive_path")
+    clock, begin_s, periods = ClockWatch(), base.state().t_s, 0
+    try:
+        while True:
+            state = base.state()
+            speed, turn = follower.command(state)
+            if follower.done:
+                return True
+            # By the base's clock, and by the periods waited where that clock is slow.
+            passed_s = max(state.t_s - begin_s, periods * period_s)
+            if why := clock.update(state.t_s):
+                raise DeviceError(f"drive_path: {why}")
+            if passed_s > timeout_s:
+                return False
+            base.drive(speed, turn)
+            wait(period_s)
+            periods += 1
+    finally:
+        base.stop()
+
+
+def _wrap(angle: float) -> float:
+    return math.atan2(math.sin(angle), math.cos(angle))

@@ -1,0 +1,220 @@
+"""From a problem to a plan: search over pushes, then drive taut between them (Alt 2016, Sec. 4.2.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ..problem.path_plan import Plan, Task
+from ..problem.planning_problem import PlanningProblem
+from ..problem.push_costs import PushCosts, push_cost
+from .push_search import search_pushes
+from .push_states import PushStep, SearchLimits, SearchResult, anchors
+from .search_domain import PushWorld, grid_from_world, world_from_grid
+
+__all__ = ["assemble", "plan_world"]
+
+#: Points of a grid path that one straight piece may span.
+TAUT_WINDOW = 80
+#: Corners are cut at most so many times.
+TAUT_ROUNDS = 12
+
+
+def plan_world(
+    problem: PlanningProblem,
+    world: PushWorld,
+    costs: PushCosts | None = None,
+    limits: SearchLimits | None = None,
+    *,
+    name: str = "cheapest",
+    told: PushCosts | None = None,
+) -> Plan:
+    """Search and assemble a plan in a world that was prepared before.
+
+    Parameters
+    ----------
+    problem
+        Start and goal; its map and objects are those that ``world`` was made from.
+    world
+        From :func:`~visuohaptic.navigation.planning.search_domain.push_world`.
+    costs, limits
+        What a push costs; how long to search.
+    name
+        Side condition, for the plan's label.
+    told
+        What the tasks' seconds are computed with, where ``costs`` weighs something else than time.
+    """
+    costs = costs or PushCosts()
+    start = grid_from_world(problem.map, problem.start_m)
+    goal = grid_from_world(problem.map, problem.goal_m)
+    result = search_pushes(world, start, goal, costs, limits)
+    return assemble(problem, world, result, told or costs, name=name)
+
+
+def assemble(
+    problem: PlanningProblem,
+    world: PushWorld,
+    result: SearchResult,
+    costs: PushCosts,
+    *,
+    name: str = "cheapest",
+) -> Plan:
+    """Tasks of a search result: driving pulled taut, pushes with contact, goal and risk."""
+    notes = _notes(world)
+    if not result.found:
+        return Plan(
+            False,
+            reason=result.reason,
+            proved=result.exhausted,
+            expanded=result.expanded,
+            name=name,
+            notes=notes,
+        )
+    tasks: list[Task] = []
+    at = grid_from_world(problem.map, problem.start_m)
+    shifts = np.zeros((len(world.bodies), 2))
+    for step in result.steps:
+        tasks += _drive(world, shifts, at, step.stand_before)
+        tasks += _push_tasks(world, step, costs)
+        at, shifts = step.stand_after, step.shifts_after
+    tasks += _drive(world, shifts, at, grid_from_world(problem.map, problem.goal_m))
+    return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes)
+
+
+def _drive(
+    world: PushWorld,
+    shifts: Float[np.ndarray, "bodies 2"],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> list[Task]:
+    clearance = world.clearance_with(shifts)
+    path, cost = pull_string(world, clearance, start, goal)
+    if len(path) < 2:
+        return []
+    path_m = world_from_grid(world.map, path)
+    length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
+    return [Task("navigate", world.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
+
+
+def pull_string(
+    world: PushWorld,
+    clearance: Float32[np.ndarray, "rows columns"],
+    start: Float[np.ndarray, "2"],
+    goal: Float[np.ndarray, "2"],
+) -> tuple[Float[np.ndarray, "k 2"], float]:
+    """Cheapest way between two points, pulled taut where that is not dearer.
+
+    Returns
+    -------
+    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is no way
+    """
+    from ._push_search_kernels import FAR, UNITS, string_pull, travel_field
+
+    if np.hypot(*(goal - start)) < 1e-9:
+        return start[None], 0.0
+    radius, slow = world.radius, world.slow
+    cells, costs = anchors(clearance, start, radius, slow, UNITS, reach=2)
+    ends, end_costs = anchors(clearance, goal, radius, slow, UNITS, reach=1)
+    nothing = np.zeros((0, 0), np.int32)
+    none = np.zeros(0, np.int32)
+    if not cells.size or not ends.size:
+        return np.zeros((0, 2)), float("inf")
+    cost, came, _ = travel_field(clearance, radius, slow, cells, costs, nothing, none, none, 0)
+    total = cost[ends].astype(np.int64) + end_costs
+    if total.min() >= FAR:
+        return np.zeros((0, 2)), float("inf")
+    cell = int(ends[int(total.argmin())])
+    columns = clearance.shape[1]
+    points = [goal]
+    while cell >= 0:
+        points.append(np.array([cell % columns + 0.5, cell // columns + 0.5]))
+        cell = int(came[cell])
+    points.append(start)
+    path = np.array(points[::-1])
+    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, TAUT_WINDOW)
+    path = path[kept]
+    # A second look joins pieces that were cut by the window.
+    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, TAUT_WINDOW)
+    path = path[kept]
+    # The way over cells knows eight directions only; chords between points along it cut its corners.
+    for _ in range(TAUT_ROUNDS):
+        dense = _resampled(path, TAUT_WINDOW)
+        kept, cost_now = string_pull(clearance, radius, slow, dense, TAUT_WINDOW)
+        if not cost_now < string_pulled_cost:
+            break
+        gain = 1.0 - cost_now / string_pulled_cost
+        path, string_pulled_cost = dense[kept], cost_now
+        if gain < 1e-4:
+            break
+    distinct = np.ones(len(path), dtype=bool)
+    distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
+    return path[distinct], float(string_pulled_cost)
+
+
+def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
+    """The corners of a path and about ``count`` points between them, evenly along it."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
+    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
+
+
+def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task]:
+    body = world.bodies[step.body]
+    contact = body.contacts[step.contact]
+    before, after = step.shifts_before[step.body], step.shifts_after[step.body]
+    grid = np.array(
+        [
+            body.centre + before + contact.contact,
+            body.centre + after,
+            body.centre + before,
+            step.stand_before,
+            step.stand_before + after - before + (step.touch - step.stand_before),
+            step.stand_after,
+        ]
+    )
+    contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(world.map, grid)
+    moved_m = goal_m - from_m
+    length_m = float(np.hypot(*moved_m))
+    price = push_cost(body.item.tag, length_m, world.robot, costs, oblique=contact.oblique)
+    path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
+    driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
+    tasks: list[Task] = []
+    first = not np.any(before)
+    if body.allowed.unknown and first:
+        tasks.append(
+            Task(
+                "explore",
+                costs.explore_time_s,
+                object=body.item.id,
+                contact_m=_pair(contact_m),
+                failure_probability=price.failure_probability,
+            )
+        )
+    cost_s = price.total_s - (price.fail_s if body.allowed.unknown else 0.0)
+    known = price.failure_probability
+    if body.allowed.unknown:  # once it has been explored, what is left is the risk of a first push
+        known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
+    tasks.append(
+        Task(
+            "push",
+            cost_s,
+            driven_m,
+            path_m,
+            body.item.id,
+            _pair(contact_m),
+            _pair(goal_m),
+            _pair(moved_m),
+            known,
+        )
+    )
+    return tasks
+
+
+def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    return float(point[0]), float(point[1])
+
+
+def _notes(world: PushWorld) -> tuple[str, ...]:
+    notes = [f"{item.id} is not pushed: {world.why_immovable[item.id]}" for item in world.immovable]
+    notes += [f"{body.item.id} has no stable contact" for body in world.bodies if not body.contacts]
+    return tuple(notes)

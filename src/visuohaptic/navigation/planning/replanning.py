@@ -1,0 +1,104 @@
+"""What changes after a task: a push that worked or failed, an object that was explored (Alt 2016, Sec. 4.2.1)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ...core.objects import HapticTag
+from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ..grid.cost_grid import OBSTACLE_FROM
+from ..problem.planning_problem import MovableObject, PlanningProblem
+from .search_domain import clear_cells, fill_cells, grid_from_world
+
+__all__ = ["after_exploration", "after_failure", "after_push"]
+
+
+def after_push(
+    problem: PlanningProblem,
+    id: str,
+    displacement_m: Float[np.ndarray, "2"],
+    robot_m: Float[np.ndarray, "2"],
+    *,
+    turn_rad: float = 0.0,
+) -> PlanningProblem:
+    """After a success: footprint and map cells have moved, the counter of explorations has grown.
+
+    Parameters
+    ----------
+    problem
+        As it was before the push.
+    id
+        Object that was pushed.
+    displacement_m
+        Way of the object as it was measured, not as it was planned.
+    robot_m
+        Where the robot is now.
+    turn_rad
+        By which the object has turned, about its centroid.
+    """
+    item = _object(problem, id)
+    tag = item.tag or HapticTag()
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    turned = np.array([[c, s], [-s, c]])
+    aside_m = np.array(item.friction_offset_m) @ turned
+    moved = replace(
+        item,
+        footprint_m=(item.footprint_m - item.centre_m) @ turned + item.centre_m + np.asarray(displacement_m),
+        friction_offset_m=(float(aside_m[0]), float(aside_m[1])),
+        tag=tag.updated(explored=tag.explored + 1, fixed=False),
+    )
+    grid = problem.map
+    blocked = grid.cells >= OBSTACLE_FROM
+    before = blocked.copy()
+    clear_cells(blocked, grid_from_world(grid, item.footprint_m))
+    cells = grid.cells.copy()
+    cells[before & ~blocked] = FREE
+    filled = np.zeros(grid.shape, dtype=bool)
+    fill_cells(filled, grid_from_world(grid, moved.footprint_m))
+    cells[filled] = OCCUPIED
+    return _with(problem, moved, robot_m, OccupancyMap(cells, grid.resolution_m, grid.origin))
+
+
+def after_failure(
+    problem: PlanningProblem, id: str, robot_m: Float[np.ndarray, "2"], *, fixed: bool = True
+) -> PlanningProblem:
+    """After a failure: the counter grows.
+
+    With ``fixed`` no plan goes through this object until it was explored again;
+    without, as after an object that slipped away, the next push is only thought less reliable.
+    """
+    item = _object(problem, id)
+    tag = item.tag or HapticTag()
+    failed = tag.updated(explored=tag.explored + 1, failed=tag.failed + 1)
+    if fixed:
+        failed = failed.updated(fixed=True)
+    return _with(problem, replace(item, tag=failed), robot_m)
+
+
+def after_exploration(
+    problem: PlanningProblem, id: str, tag: HapticTag, robot_m: Float[np.ndarray, "2"]
+) -> PlanningProblem:
+    """With what an exploration has found: decide by planning again."""
+    return _with(problem, replace(_object(problem, id), tag=tag), robot_m)
+
+
+def _object(problem: PlanningProblem, id: str) -> MovableObject:
+    for item in problem.objects:
+        if item.id == id:
+            return item
+    names = ", ".join(item.id for item in problem.objects) or "none"
+    raise InputError("problem", f"has no object '{id}', there are: {names}", field="objects")
+
+
+def _with(
+    problem: PlanningProblem,
+    changed: MovableObject,
+    robot_m: Float[np.ndarray, "2"],
+    grid: OccupancyMap | None = None,
+) -> PlanningProblem:
+    objects = tuple(changed if item.id == changed.id else item for item in problem.objects)
+    return replace(problem, map=grid or problem.map, start_m=np.asarray(robot_m), objects=objects)

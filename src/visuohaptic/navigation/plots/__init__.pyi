@@ -1,0 +1,2 @@
+from .map_plots import plot_navigation as plot_navigation
+from .plan_plots import plot_plan as plot_plan

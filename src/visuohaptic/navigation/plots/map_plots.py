@@ -1,0 +1,97 @@
+"""Pictures of a navigation map, as in figure 4.1 of Alt 2016."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..graph.navigation_graph import NavigationGraph
+from ..graph.regions import Regions
+from ..grid.cost_grid import GridLayers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["plot_navigation"]
+
+_RED, _INK = "#d55e00", "#1c2430"
+
+
+def plot_navigation(regions: Regions, *, path_m: np.ndarray | None = None) -> Figure:
+    """Distance with skeleton edges (a), and graph with regions (b), as figure 4.1 of Alt 2016.
+
+    Parameters
+    ----------
+    regions
+        With the layers and the graph they were made from.
+    path_m
+        A way (x, y) [m] to draw on top, shape (k, 2).
+    """
+    from matplotlib.figure import Figure
+
+    layers, graph = regions.layers, regions.graph
+    width_m, height_m = layers.map.size_m
+    tall = height_m > 0.8 * width_m
+    figure = Figure(figsize=(12, 6.2) if tall else (9, 10), dpi=130, layout="constrained")
+    left, right = figure.subplots(1, 2) if tall else figure.subplots(2, 1)
+    _walls(left, layers)
+    distance = np.where(layers.distance_m > 0, layers.distance_m, np.nan)
+    shown = left.imshow(distance, origin="lower", cmap="Greens", vmin=0, vmax=float(np.nanpercentile(distance, 99.5)) if np.isfinite(distance).any() else 1.0)  # fmt: skip
+    figure.colorbar(shown, ax=left, label="distance to the nearest obstacle [m]", shrink=0.7)
+    left.set_title("a  distance and skeleton", loc="left")
+    _edges(left, graph, 0.8)
+    _walls(right, layers)
+    number = regions.node
+    # Neighbouring numbers get far colours: the golden ratio spreads them round the circle.
+    pale = _pale_colours(max(graph.nodes, 1))
+    picture = np.ones((*number.shape, 4))
+    picture[..., 3] = 0.0
+    inside = number >= 0
+    picture[inside, :3] = pale[number[inside]]
+    picture[inside, 3] = 1.0
+    right.imshow(picture, origin="lower", interpolation="nearest")
+    _edges(right, graph, 0.7)
+    right.scatter(graph.node_cells[:, 1], graph.node_cells[:, 0], s=9, color=_INK, zorder=4, linewidths=0)
+    right.set_title(
+        f"b  graph: {graph.nodes} nodes, {len(graph.edges)} edges, {graph.loops} loops", loc="left"
+    )
+    if path_m is not None and len(path_m):
+        grid = layers.map.cell_from_world(path_m)
+        for axes in (left, right):
+            axes.plot(grid[:, 1], grid[:, 0], color="#0072b2", linewidth=2, zorder=5)
+    for axes in (left, right):
+        axes.set_xticks([])
+        axes.set_yticks([])
+    _scale(left, layers)
+    return figure
+
+
+def _walls(axes: Axes, layers: GridLayers) -> None:
+    shade = np.where(layers.map.cells >= 50, 0.25, np.where(layers.map.cells < 0, 0.82, 1.0))
+    axes.imshow(shade, origin="lower", cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+
+
+def _edges(axes: Axes, graph: NavigationGraph, linewidth: float) -> None:
+    from matplotlib.collections import LineCollection
+
+    lines = [graph.edge_path(edge)[:, ::-1] for edge in range(len(graph.edges))]
+    axes.add_collection(LineCollection(lines, colors=_RED, linewidths=linewidth, zorder=3))
+
+
+def _pale_colours(count: int) -> np.ndarray:
+    hue = (np.arange(count) * 0.61803398875) % 1.0
+    phase = 2 * np.pi * (hue[:, None] + np.array([0.0, 1 / 3, 2 / 3]))
+    colours: np.ndarray = 0.82 + 0.16 * np.cos(phase)
+    return colours
+
+
+def _scale(axes: Axes, layers: GridLayers) -> None:
+    """A bar of 1, 2, 5 or 10 m."""
+    rows, columns = layers.shape
+    resolution_m = layers.map.resolution_m
+    length_m = max((v for v in (1, 2, 5, 10, 20, 50) if v < 0.25 * columns * resolution_m), default=0.5)
+    x, y = 0.03 * columns, 0.03 * rows
+    axes.plot([x, x + length_m / resolution_m], [y, y], color=_INK, linewidth=3, zorder=6)
+    axes.text(x, y + 0.015 * rows, f"{length_m:g} m", color=_INK, zorder=6, fontsize=9)

@@ -1,0 +1,65 @@
+"""Pictures of plans, like figure 4.6 of the dissertation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ...core.files import atomic_path
+from ..problem.path_plan import Plan
+from ..problem.planning_problem import PlanningProblem
+
+__all__ = ["plot_plan"]
+
+
+def plot_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
+    """Draw map, objects, way (green) and pushes (red) into a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Polygon
+    from matplotlib.transforms import Affine2D
+
+    grid = problem.map
+    figure = Figure(figsize=(8, 8 * max(0.4, min(2.5, grid.shape[0] / grid.shape[1]))), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot(aspect="equal")
+    shade = np.where(grid.cells < 0, 0.8, 1.0 - np.clip(grid.cells, 0, 100) / 100.0)
+    width, height = grid.size_m
+    x, y, yaw = grid.origin
+    turn = Affine2D().rotate(yaw).translate(x, y) + axes.transData
+    axes.imshow(
+        shade, cmap="gray", vmin=0, vmax=1, origin="lower", extent=(0, width, 0, height), transform=turn,
+        interpolation="nearest",
+    )  # fmt: skip
+    moved = {task.object for task in plan.pushes}
+    for item in problem.objects:
+        colour = "tab:orange" if item.id in moved else "tab:gray" if item.known_immovable else "tan"
+        axes.add_patch(Polygon(item.footprint_m, facecolor=colour, edgecolor="black", lw=0.6, alpha=0.9))
+        axes.annotate(item.id, (item.centre_m[0], item.centre_m[1]), ha="center", va="center", fontsize=7)
+    for task in plan.tasks:
+        if task.path_m:
+            xs, ys = np.array(task.path_m).T
+            axes.plot(xs, ys, color="tab:red" if task.kind == "push" else "tab:green", lw=2)
+        if task.kind == "push" and task.goal_m is not None and task.displacement_m is not None:
+            item = next(item for item in problem.objects if item.id == task.object)
+            shift = np.array(task.goal_m) - item.centre_m
+            axes.add_patch(
+                Polygon(item.footprint_m + shift, facecolor="none", edgecolor="tab:red", ls="--", lw=1)
+            )
+    axes.plot(*problem.start_m, "o", color="tab:blue", label="start")
+    axes.plot(*problem.goal_m, "*", color="tab:blue", ms=11, label="goal")
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]])
+    c, s = np.cos(yaw), np.sin(yaw)
+    corners = corners @ np.array([[c, s], [-s, c]]) + (x, y)
+    axes.set_xlim(corners[:, 0].min(), corners[:, 0].max())
+    axes.set_ylim(corners[:, 1].min(), corners[:, 1].max())
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    if plan.reachable:
+        axes.set_title(f"{plan.cost_s:.1f} s, {plan.length_m:.2f} m, {len(plan.pushes)} pushes", fontsize=10)
+    else:
+        axes.set_title(plan.reason, fontsize=10)
+    axes.legend(loc="upper right", fontsize=8)
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, format="png", dpi=120)

@@ -1,0 +1,176 @@
+"""Plans: what to drive, push and explore, in order, with seconds and risks; JSON both ways."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import InputError
+
+__all__ = ["Plan", "Task", "plan_from_json"]
+
+#: Kinds of tasks. ``explore`` touches an unknown object and decides; ``wait`` and ``door`` come from their nodes.
+KINDS = ("navigate", "push", "explore", "wait", "door")
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One task for a local planner."""
+
+    kind: str
+    cost_s: float  #: expected duration, with the penalty for failures
+    length_m: float = 0.0  #: way of the robot
+    path_m: tuple[Point, ...] = ()  #: way of the robot's centre, map frame
+    object: str = ""  #: id of what is pushed, explored or waited for
+    contact_m: Point | None = None  #: where the robot touches the outline
+    goal_m: Point | None = None  #: where the centre of the object goes
+    displacement_m: Point | None = None  #: way of the object
+    failure_probability: float = 0.0
+    nodes: tuple[int, ...] = ()  #: nodes of the joint graph whose regions are crossed
+
+    def to_json(self) -> dict[str, Any]:
+        """As in the contract; what does not apply is left out."""
+        data: dict[str, Any] = {"kind": self.kind}
+        if self.object:
+            data["object"] = self.object
+        if self.path_m:
+            data["path_m"] = [_rounded(point) for point in self.path_m]
+        for name in ("contact_m", "goal_m", "displacement_m"):
+            if (value := getattr(self, name)) is not None:
+                data[name] = _rounded(value)
+        data["length_m"] = round(self.length_m, 6)
+        data["cost_s"] = round(self.cost_s, 6)
+        if self.kind != "navigate":
+            data["failure_probability"] = round(self.failure_probability, 6)
+        if self.nodes:
+            data["nodes"] = list(self.nodes)
+        return data
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """The answer to a planning problem."""
+
+    reachable: bool
+    tasks: tuple[Task, ...] = ()
+    reason: str = ""  #: why there is no plan
+    proved: bool = False  #: whether "no plan" holds for every sequence of pushes of the model
+    expanded: int = 0  #: configurations that the search has looked at
+    name: str = "cheapest"  #: side condition it was made under
+    expected_s: float | None = None  #: with what is driven when an exploration finds that nothing moves
+    notes: tuple[str, ...] = field(default=())  #: e.g. objects that are never pushed, and why
+
+    @property
+    def cost_s(self) -> float:
+        """Sum over the tasks; infinite without a plan."""
+        # Of what is written, so that a reader's sum is the same.
+        return sum(round(task.cost_s, 6) for task in self.tasks) if self.reachable else float("inf")
+
+    @property
+    def length_m(self) -> float:
+        """Way of the robot; infinite without a plan."""
+        return sum(round(task.length_m, 6) for task in self.tasks) if self.reachable else float("inf")
+
+    @property
+    def pushes(self) -> tuple[Task, ...]:
+        """The manipulation tasks."""
+        return tuple(task for task in self.tasks if task.kind == "push")
+
+    @property
+    def failure_probability(self) -> float:
+        """Probability that at least one task fails, tasks taken as independent."""
+        holds = 1.0
+        for task in self.tasks:
+            holds *= 1.0 - task.failure_probability
+        return 1.0 - holds
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain data for ``json.dumps``; costs are null where there is no plan."""
+        data: dict[str, Any] = {
+            "reachable": self.reachable,
+            "cost_s": round(self.cost_s, 6) if self.reachable else None,
+            "length_m": round(self.length_m, 6) if self.reachable else None,
+            "failure_probability": round(self.failure_probability, 6) if self.reachable else None,
+            "name": self.name,
+            "tasks": [task.to_json() for task in self.tasks],
+            "expanded": self.expanded,
+        }
+        if self.expected_s is not None:
+            data["expected_cost_s"] = round(self.expected_s, 6) if np.isfinite(self.expected_s) else None
+        if not self.reachable:
+            data["reason"] = self.reason
+            data["proved"] = self.proved
+        if self.notes:
+            data["notes"] = list(self.notes)
+        return data
+
+
+def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
+    """Read what :meth:`Plan.to_json` wrote.
+
+    Raises
+    ------
+    InputError
+        A field that is missing or of the wrong kind.
+    """
+    try:
+        tasks = tuple(_task(entry, f"{where}: tasks[{i}]") for i, entry in enumerate(data["tasks"]))
+        return Plan(
+            bool(data["reachable"]),
+            tasks,
+            str(data.get("reason", "")),
+            bool(data.get("proved", False)),
+            int(data.get("expanded", 0)),
+            str(data.get("name", "cheapest")),
+            _expected(data),
+            tuple(str(note) for note in data.get("notes", ())),
+        )
+    except KeyError as error:
+        raise InputError(where, "is missing", field=str(error.args[0])) from error
+    except (TypeError, ValueError, AttributeError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(where, f"is not a plan ({error})") from error
+
+
+def _expected(data: Mapping[str, Any]) -> float | None:
+    if "expected_cost_s" not in data:
+        return None
+    value = data["expected_cost_s"]
+    return float("inf") if value is None else float(value)
+
+
+def _task(entry: Mapping[str, Any], where: str) -> Task:
+    kind = entry["kind"]
+    if kind not in KINDS:
+        raise InputError(where, f"found {kind!r}, expected one of {', '.join(KINDS)}", field="kind")
+    points = {
+        name: _point(entry[name]) if entry.get(name) is not None else None
+        for name in ("contact_m", "goal_m", "displacement_m")
+    }
+    return Task(
+        kind,
+        float(entry["cost_s"]),
+        float(entry.get("length_m", 0.0)),
+        tuple(_point(point) for point in entry.get("path_m", ())),
+        str(entry.get("object", "")),
+        failure_probability=float(entry.get("failure_probability", 0.0)),
+        nodes=tuple(int(node) for node in entry.get("nodes", ())),
+        **points,
+    )
+
+
+def _point(values: Sequence[float]) -> Point:
+    x, y = (float(value) for value in values)
+    if not np.isfinite([x, y]).all():
+        raise ValueError(f"a point with {x}, {y}")
+    return x, y
+
+
+def _rounded(point: Point) -> list[float]:
+    return [round(point[0], 6), round(point[1], 6)]

@@ -1,0 +1,243 @@
+"""What a push costs and how likely it fails, told from the haptic tag (Alt 2016, Sec. 4.2.1 a-d).
+
+The components of ``t_mani`` are
+
+- setup: constant, to bring the platform into position (a);
+- manipulability: fixed, falls, too heavy, or drifting too far on this push length (b);
+- ``t_push``: length by speed, the speed falling with the effort (c);
+- ``t_fail``: the time that failures are expected to cost (d).
+
+The stool of Sec. 4.4 (8.1 N against 20 N, drift 0.03, explored once) pushed by
+0.15 m at 0.05 m/s costs 4 s + 3 s = 7 s.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import erf, isfinite, log, sqrt
+from typing import Protocol
+
+from ...core.errors import InputError
+from ...core.objects import Estimate, HapticTag
+from .planning_problem import RobotModel
+
+__all__ = [
+    "Manipulability",
+    "PushCost",
+    "PushCosts",
+    "failure_probability",
+    "manipulability",
+    "push_cost",
+    "push_speed_m_s",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class PushCosts:
+    """What the text leaves open, with its defaults."""
+
+    drift_limit_m: float = 0.10  #: the contact may wander so far sideways over one push
+    rotation_limit_rad: float = 1.05  #: the object may turn so far over one push
+    easy_fraction: float = 0.5  #: up to this share of the largest force the push has full speed
+    slowest_fraction: float = 0.5  #: of the full speed, at the largest force
+    prior_failures: float = 0.2  #: pseudo-counts: a first push fails with 0.2 / (0.2 + 0.8)
+    prior_successes: float = 0.8
+    unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
+    explore_time_s: float = 8.0  #: to approach, touch and decide
+    unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
+    oblique_failure: float = 0.15  #: added risk of a push that slants against a face
+    risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
+    longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
+
+
+@dataclass(frozen=True, slots=True)
+class Manipulability:
+    """Whether an object may be pushed at all, how far at most, and why not further."""
+
+    possible: bool
+    longest_m: float
+    reason: str = ""  #: what limits it, for people
+    unknown: bool = False  #: no tag: explore first, then decide
+
+
+@dataclass(frozen=True, slots=True)
+class PushCost:
+    """``t_mani`` and its parts [s]."""
+
+    setup_s: float
+    push_s: float
+    fail_s: float
+    failure_probability: float
+
+    @property
+    def total_s(self) -> float:
+        """``t_mani``."""
+        return self.setup_s + self.push_s + self.fail_s
+
+
+def manipulability(
+    tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None
+) -> Manipulability:
+    """Component (b): the events "fixed" and "falls", the force, and the push length that drift allows."""
+    costs = costs or PushCosts()
+    longest_m = costs.longest_push_m
+    if tag is None:
+        return Manipulability(True, longest_m, "never touched", unknown=True)
+    if tag.fixed:
+        return Manipulability(False, 0.0, "fixed")
+    if tag.falls:
+        return Manipulability(False, 0.0, "falls when pushed")
+    force = _largest_force(tag)
+    if force is not None and force.value > robot.push_force_max_N:
+        return Manipulability(
+            False, 0.0, f"needs {force.value:.1f} N, the platform has {robot.push_force_max_N:.1f} N"
+        )
+    if tag.needs_more_than(robot.push_force_max_N):
+        return Manipulability(
+            False,
+            0.0,
+            f"needs more than {tag.min_static_friction_N:.1f} N, the platform has {robot.push_force_max_N:.1f} N",
+        )
+    reason = ""
+    for name, estimate, limit in (
+        ("drift", tag.drift, costs.drift_limit_m),
+        ("rotation", tag.rotation_rad_per_m, costs.rotation_limit_rad),
+    ):
+        if estimate is not None and abs(estimate.value) * longest_m > limit:
+            longest_m = limit / abs(estimate.value)
+            reason = f"{name} allows {longest_m:.2f} m"
+    return Manipulability(True, longest_m, reason)
+
+
+def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None) -> float:
+    """Component (c): full speed while the effort is easy, then linearly slower to the largest force."""
+    costs = costs or PushCosts()
+    force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N
+    fraction = costs.unknown_force_fraction if force is None else force.value / robot.push_force_max_N
+    effort = min(max((fraction - costs.easy_fraction) / (1.0 - costs.easy_fraction), 0.0), 1.0)
+    return robot.v_push_m_s * (1.0 + effort * (costs.slowest_fraction - 1.0))
+
+
+class PushForce(Protocol):
+    """What has a largest pushing force: a robot, or the limits of a push."""
+
+    @property
+    def push_force_max_N(self) -> float:
+        """The platform pushes at most so hard [N]."""
+
+
+def failure_probability(
+    tag: HapticTag | None, length_m: float, robot: PushForce, costs: PushCosts | None = None
+) -> float:
+    """Probability that one push of a length fails: the counters, and what the tag is unsure of.
+
+    The counters give a Beta posterior mean; force, drift and rotation the
+    probability that the next push exceeds what the platform or the limits
+    allow, with the predictive sigma of each estimate. Drift and rotation go either way.
+
+    Parameters
+    ----------
+    tag
+        ``None`` for an object that was never touched. What is fixed or falls fails for certain.
+    length_m
+        Way of the object [m], 0 where only the counters and the force count.
+    robot
+        Its largest force.
+    costs
+        Limits and priors.
+    """
+    if not (isfinite(length_m) and length_m >= 0):
+        raise InputError("failure_probability", f"found a length of {length_m} m, expected at least 0")
+    costs = costs or PushCosts()
+    if tag is None:
+        return 1.0 - costs.unknown_movable
+    bound = tag.min_static_friction_N
+    if tag.fixed or tag.falls or (bound is not None and bound >= robot.push_force_max_N):
+        return 1.0
+    holds = 1.0 - _from_counters(tag, costs)
+    force = _largest_force(tag)
+    if force is not None:
+        holds *= 1.0 - _exceeds(force.value, force.predictive_sigma, robot.push_force_max_N)
+    for estimate, limit in (
+        (tag.drift, costs.drift_limit_m),
+        (tag.rotation_rad_per_m, costs.rotation_limit_rad),
+    ):
+        if estimate is not None and length_m > 0:
+            mean, sigma = estimate.value * length_m, estimate.predictive_sigma * length_m
+            holds *= 1.0 - min(_exceeds(mean, sigma, limit) + _exceeds(-mean, sigma, limit), 1.0)
+    return 1.0 - holds
+
+
+def push_cost(
+    tag: HapticTag | None,
+    length_m: float,
+    robot: RobotModel,
+    costs: PushCosts | None = None,
+    *,
+    oblique: bool = False,
+) -> PushCost:
+    """``t_mani`` of one push.
+
+    The failure penalty is what retries are expected to cost, ``p / (1 - p)``
+    times the attempt. An object that was explored once and did not fail has
+    none yet ("if the object was explored several times", Sec. 4.2.1); that of an
+    unknown object is the exploration.
+
+    Parameters
+    ----------
+    tag
+        ``None`` for an object that was never touched.
+    length_m
+        Way of the object [m].
+    robot
+        Platform.
+    costs
+        Limits and priors.
+    oblique
+        Whether the push slants against the face.
+
+    Returns
+    -------
+    PushCost
+        Seconds by part; infinite where the object must not be pushed so far.
+    """
+    costs = costs or PushCosts()
+    allowed = manipulability(tag, robot, costs)
+    if not allowed.possible or length_m > allowed.longest_m * (1 + 1e-9):
+        return PushCost(robot.setup_time_s, float("inf"), 0.0, 1.0)
+    push_s = length_m / push_speed_m_s(tag, robot, costs)
+    attempt_s = robot.setup_time_s + push_s
+    p = failure_probability(tag, length_m, robot, costs)
+    if oblique:
+        p = 1.0 - (1.0 - p) * (1.0 - costs.oblique_failure)
+    if tag is None:
+        # Touching comes first; what a refusal costs depends on the detour, see decide.py.
+        return PushCost(robot.setup_time_s, push_s, costs.explore_time_s + _risk(p, costs), p)
+    penalised = p
+    if tag.explored <= 1 and tag.failed == 0:
+        prior = _from_counters(tag, costs)
+        penalised = 1.0 - (1.0 - p) / (1.0 - prior)
+    penalised = min(max(penalised, 0.0), 0.99)  # endless retries are not a plan, nor an infinite cost
+    fail_s = penalised / (1.0 - penalised) * attempt_s + _risk(p, costs)
+    return PushCost(robot.setup_time_s, push_s, fail_s, p)
+
+
+def _risk(p: float, costs: PushCosts) -> float:
+    return -costs.risk_s * log(max(1.0 - p, 1e-3))
+
+
+def _from_counters(tag: HapticTag, costs: PushCosts) -> float:
+    tries = max(tag.explored, tag.failed)
+    return (tag.failed + costs.prior_failures) / (tries + costs.prior_failures + costs.prior_successes)
+
+
+def _largest_force(tag: HapticTag) -> Estimate | None:
+    forces = [force for force in (tag.static_friction_N, tag.dynamic_friction_N) if force is not None]
+    return max(forces, key=lambda force: force.value) if forces else None
+
+
+def _exceeds(value: float, sigma: float, limit: float) -> float:
+    """Probability that a normal variable is above a limit."""
+    if sigma <= 0 or not isfinite(limit):
+        return 1.0 if value > limit else 0.0
+    return 0.5 * (1.0 - erf((limit - value) / (sigma * sqrt(2.0))))

@@ -1,0 +1,440 @@
+"""Quasi-static motion of an object that a round platform drives against: one candidate is one call.
+
+Lengths in metres, angles in radians. Forces are shares of the floor's whole
+friction (coefficient times weight), so that neither mass nor friction of the
+floor are needed. Poses are (x, y, yaw) of the object's reference point.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
+SOFT_M = 1e-4
+#: A support point that moves less than this share of a step still holds less than its whole friction.
+CREEP = 2e-3
+#: Force that may remain out of balance, as a share of the floor's friction.
+TOLERANCE = 3e-3
+#: Share of a step by which the object may move otherwise than expected before the step is looked at again.
+SURPRISE = 0.3
+#: How often a step is looked at, at most.
+ATTEMPTS = 10
+#: Newton steps at most for one step of the platform.
+ITERATIONS = 40
+
+#: Columns of what is told of each step.
+X, Y, YAW, FORCE_X, FORCE_Y, CONTACT_X, CONTACT_Y, GAP = range(8)
+
+#: Sums over support points may be taken in any order, four at a time.
+_SUMS = {"reassoc", "contract", "arcp", "nsz"}
+#: Largest number of places where the rim can touch an outline at once.
+_CONTACTS = 4
+
+
+@kernel
+def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
+    """Places where the rim of a disc is nearest to the outline, those nearer than ``reach``.
+
+    Every local minimum of the distance is one: a foot of the perpendicular
+    inside an edge, or a corner that both its edges lead to. Rows of ``out``:
+    normal into the object (2), contact point from the object's reference
+    point (2), gap, and 1 for an edge. Returns their number and the smallest gap of all.
+    """
+    c, s = np.cos(yaw), np.sin(yaw)
+    # Centre of the disc in the object's frame.
+    px = c * (cx - x) + s * (cy - y)
+    py = -s * (cx - x) + c * (cy - y)
+    m = outline.shape[0]
+    found, least = 0, np.inf
+    for i in range(m):
+        ax, ay = outline[i, 0], outline[i, 1]
+        nx, ny = px - ax, py - ay
+        j = i + 1 if i + 1 < m else 0
+        h = i - 1 if i > 0 else m - 1
+        ex, ey = outline[j, 0] - ax, outline[j, 1] - ay
+        ahead = nx * ex + ny * ey
+        length2 = ex * ex + ey * ey
+        behind = nx * (outline[h, 0] - ax) + ny * (outline[h, 1] - ay)
+        if m > 1 and ahead > 0.0 and ahead < length2:
+            fraction = ahead / length2
+            qx, qy = ax + fraction * ex, ay + fraction * ey
+            edge = 1.0
+        elif m == 1 or (ahead <= 0.0 and behind <= 0.0):
+            qx, qy = ax, ay
+            edge = 0.0
+        else:
+            continue
+        nx, ny = px - qx, py - qy
+        distance = np.sqrt(nx * nx + ny * ny)
+        # Within an outline of three and more corners the disc's centre has no outer normal.
+        gap = distance - round_m - radius
+        least = min(least, gap)
+        if gap > reach or distance < 1e-9:
+            continue
+        nx, ny = nx / distance, ny / distance
+        qx, qy = qx + round_m * nx, qy + round_m * ny
+        at = found
+        if found == _CONTACTS:
+            at = 0
+            for k in range(1, found):
+                if out[k, 4] > out[at, 4]:
+                    at = k
+            if out[at, 4] <= gap:
+                continue
+        else:
+            found += 1
+        out[at, 0], out[at, 1] = -(c * nx - s * ny), -(s * nx + c * ny)
+        out[at, 2], out[at, 3] = c * qx - s * qy, s * qx + c * qy
+        out[at, 4], out[at, 5] = gap, edge
+    return found, least
+
+
+@kernel
+def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
+    """Gaps later on, when the disc has moved by ``shift`` and the object by (dx, dy, turn); the smallest."""
+    least = np.inf
+    c, s = np.cos(turn), np.sin(turn)
+    for k in range(count):
+        nx, ny, qx, qy = contacts[k, 0], contacts[k, 1], contacts[k, 2], contacts[k, 3]
+        # From the centre of the disc to the contact point of the object, before and after.
+        away = reach + contacts[k, 4]
+        bx = away * nx - shift_x + dx + (c - 1.0) * qx - s * qy
+        by = away * ny - shift_y + dy + s * qx + (c - 1.0) * qy
+        if contacts[k, 5] > 0.5:
+            contacts[k, 4] = (c * nx - s * ny) * bx + (s * nx + c * ny) * by - reach
+        else:
+            contacts[k, 4] = np.sqrt(bx * bx + by * by) - reach
+        least = min(least, contacts[k, 4])
+    return least
+
+
+@kernel(fastmath=_SUMS)
+def _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full):
+    """Floor friction minus contact forces for an increment ``z`` = (dx, dy, rho dyaw), and derivatives.
+
+    ``even`` is the derivative with the bound of the contact's friction held,
+    ``full`` the whole one, which is not symmetric.
+    """
+    r[0] = r[1] = r[2] = 0.0
+    xx = xy = xa = yy = ya = aa = 0.0
+    for i in range(load.shape[0]):
+        gx, gy = -arms[i, 1] / rho, arms[i, 0] / rho
+        vx, vy = z[0] + gx * z[2], z[1] + gy * z[2]
+        one = 1.0 / np.sqrt(vx * vx + vy * vy + eps * eps)
+        ux, uy, w = vx * one, vy * one, load[i]
+        r[0] += w * ux
+        r[1] += w * uy
+        r[2] += w * (gx * ux + gy * uy)
+        w *= one
+        hxx, hxy, hyy = w * (1.0 - ux * ux), -w * ux * uy, w * (1.0 - uy * uy)
+        xx += hxx
+        xy += hxy
+        yy += hyy
+        bx, by = hxx * gx + hxy * gy, hxy * gx + hyy * gy
+        xa += bx
+        ya += by
+        aa += gx * bx + gy * by
+    even[0, 0], even[0, 1], even[0, 2] = xx, xy, xa
+    even[1, 0], even[1, 1], even[1, 2] = xy, yy, ya
+    even[2, 0], even[2, 1], even[2, 2] = xa, ya, aa
+    for a in range(3):
+        for b in range(3):
+            full[a, b] = even[a, b]
+    fx, fy = 0.0, 0.0
+    for k in range(count):
+        nx, ny, qx, qy = contacts[k, 0], contacts[k, 1], contacts[k, 2], contacts[k, 3]
+        na, ta = (qx * ny - qy * nx) / rho, (qx * nx + qy * ny) / rho
+        gap = contacts[k, 4] + nx * (z[0] - known[0]) + ny * (z[1] - known[1]) + na * (z[2] - known[2])
+        pulls[k] = 0.0
+        if gap >= 0.0:
+            continue
+        push = -gap / SOFT_M
+        pulls[k] = push
+        # Surface of a disc that turns by ``turn`` while its centre moves by ``shift``.
+        slip = -ny * (z[0] - shift[0]) + nx * (z[1] - shift[1]) + ta * z[2] - turn
+        root = np.sqrt(slip * slip + eps * eps)
+        rub = -mu * slip / root
+        stiff = push * mu * eps * eps / (root * root * root)
+        px, py, pa = nx - rub * ny, ny + rub * nx, na + rub * ta
+        r[0] -= push * px
+        r[1] -= push * py
+        r[2] -= push * pa
+        fx += push * px
+        fy += push * py
+        n, t, p = (nx, ny, na), (-ny, nx, ta), (px, py, pa)
+        for a in range(3):
+            for b in range(3):
+                rubbed = stiff * t[a] * t[b]
+                even[a, b] += n[a] * n[b] / SOFT_M + rubbed
+                full[a, b] += p[a] * n[b] / SOFT_M + rubbed
+    return fx, fy
+
+
+@kernel(fastmath=_SUMS)
+def _energy(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known):
+    """Work against the floor, in the soft rim, and against contact friction bound by ``mu pulls``: convex."""
+    total = 0.0
+    for i in range(load.shape[0]):
+        vx, vy = z[0] - arms[i, 1] / rho * z[2], z[1] + arms[i, 0] / rho * z[2]
+        total += load[i] * np.sqrt(vx * vx + vy * vy + eps * eps)
+    for k in range(count):
+        nx, ny, qx, qy = contacts[k, 0], contacts[k, 1], contacts[k, 2], contacts[k, 3]
+        n2, t2 = (qx * ny - qy * nx) / rho, (qx * nx + qy * ny) / rho
+        gap = contacts[k, 4] + nx * (z[0] - known[0]) + ny * (z[1] - known[1]) + n2 * (z[2] - known[2])
+        if gap < 0.0:
+            total += 0.5 * gap * gap / SOFT_M
+        slip = -ny * (z[0] - shift[0]) + nx * (z[1] - shift[1]) + t2 * z[2] - turn
+        total += mu * pulls[k] * np.sqrt(slip * slip + eps * eps)
+    return total
+
+
+@kernel
+def _solve(jac, r, damp, step):
+    """``step`` = -inverse(jac + damp I) r by Cramer's rule; False where there is no inverse."""
+    a, b, c = jac[0, 0] + damp, jac[0, 1], jac[0, 2]
+    d, e, f = jac[1, 0], jac[1, 1] + damp, jac[1, 2]
+    g, h, i = jac[2, 0], jac[2, 1], jac[2, 2] + damp
+    A, B, C = e * i - f * h, f * g - d * i, d * h - e * g
+    det = a * A + b * B + c * C
+    if abs(det) < 1e-30:
+        return False
+    step[0] = -(A * r[0] + (c * h - b * i) * r[1] + (b * f - c * e) * r[2]) / det
+    step[1] = -(B * r[0] + (a * i - c * g) * r[1] + (c * d - a * f) * r[2]) / det
+    step[2] = -(C * r[0] + (b * g - a * h) * r[1] + (a * e - b * d) * r[2]) / det
+    return True
+
+
+@kernel
+def _newton(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, size, work):
+    """Find the increment ``z`` in balance; returns whether, and the contacts' force."""
+    r, even, full, step, trial, bound = work[0], work[1:4], work[4:7], work[7], work[8], work[9]
+    # A trace of stiffness against drifting far where nothing but friction acts.
+    damp = 1e-3 / size
+    fx, fy = _balance(z, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full)
+    size_r = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    for _ in range(ITERATIONS):
+        if size_r < TOLERANCE * TOLERANCE:
+            return True, fx, fy
+        slope = 0.0
+        if _solve(full, r, damp, step):
+            slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
+        if not slope < 0.0:
+            _solve(even, r, damp, step)
+            slope = r[0] * step[0] + r[1] * step[1] + r[2] * step[2]
+        length = np.sqrt(step[0] * step[0] + step[1] * step[1] + step[2] * step[2])
+        length = min(1.0, 2.0 * size / length)
+        for k in range(count):
+            bound[k] = pulls[k]
+        for a in range(3):
+            trial[a] = z[a] + length * step[a]
+        fx, fy = _balance(
+            trial, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full
+        )
+        size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+        if size_new > 0.5 * size_r:
+            # Newton's step overshot; the energy with the bound of friction held is convex.
+            here = _energy(z, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
+            for _ in range(10):
+                there = _energy(trial, bound, arms, load, rho, eps, contacts, count, shift, turn, mu, known)
+                if there <= here + 1e-3 * length * slope + 1e-15:
+                    break
+                length *= 0.4
+                for a in range(3):
+                    trial[a] = z[a] + length * step[a]
+            fx, fy = _balance(
+                trial, pulls, arms, load, rho, eps, contacts, count, shift, turn, mu, known, r, even, full
+            )
+            size_new = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+        for a in range(3):
+            z[a] = trial[a]
+        size_r = size_new
+    return False, fx, fy
+
+
+@kernel
+def _tilted(load, support, ox, oy, fraction):
+    """Fill ``share``: the load when its centre is moved by (ox, oy), in the object's frame."""
+    n = load.shape[0]
+    mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(n):
+        mx += load[i] * support[i, 0]
+        my += load[i] * support[i, 1]
+    for i in range(n):
+        dx, dy = support[i, 0] - mx, support[i, 1] - my
+        sxx += load[i] * dx * dx
+        sxy += load[i] * dx * dy
+        syy += load[i] * dy * dy
+    spread = sxx * syy - sxy * sxy
+    if spread <= 0.0:
+        fraction[:] = load
+        return
+    ax, ay = (syy * ox - sxy * oy) / spread, (sxx * oy - sxy * ox) / spread
+    total = 0.0
+    for i in range(n):
+        fraction[i] = max(0.0, load[i] * (1.0 + ax * (support[i, 0] - mx) + ay * (support[i, 1] - my)))
+        total += fraction[i]
+    for i in range(n):
+        fraction[i] /= total
+
+
+@kernel
+def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, start, trace):
+    """Drive a disc along ``path`` (k x 3: x, y, heading) and follow the object; fills ``trace`` (k x 8).
+
+    Each step solves for the increment of the object's pose at which the
+    friction of all support points (unit vectors against their motion, times
+    their load) balances the forces of the contacts. That is the exact limit
+    surface of the support points, and both slip directions and sticking of
+    the contact come out of the same equation. The rim is stiff, not rigid
+    (``SOFT_M``), so that any number of contacts may share the force.
+
+    Returns (steps with contact, last step with contact, steps not solved).
+    """
+    n = support.shape[0]
+    x, y, yaw = start[0], start[1], start[2]
+    arms, fraction = np.zeros((n, 2)), load.copy()
+    contacts, pulls = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS)
+    z, known, shift = np.zeros(3), np.zeros(3), np.zeros(2)
+    work = np.zeros((10, 4))
+    reach = 0.0
+    for i in range(outline.shape[0]):
+        reach = max(reach, np.hypot(outline[i, 0], outline[i, 1]))
+    reach += round_m + radius
+    touched, last, unsolved = 0, -1, 0
+    fx, fy = 0.0, 0.0
+    moving = False
+    for j in range(path.shape[0]):
+        cx, cy = path[j, 0], path[j, 1]
+        shift[0] = shift[1] = turn = 0.0
+        if j > 0:
+            shift[0], shift[1] = cx - path[j - 1, 0], cy - path[j - 1, 1]
+            turn = path[j, 2] - path[j - 1, 2]
+        size = np.hypot(shift[0], shift[1]) + abs(turn) * radius
+        gap = np.hypot(cx - x, cy - y) - reach
+        # What the object is expected to do: what it did in the last step, or nothing.
+        if not moving:
+            known[:] = 0.0
+        z[:] = 0.0
+        pulls[:] = 0.0
+        force_x, force_y, solved = 0.0, 0.0, True
+        if gap < size or j == 0:
+            for attempt in range(ATTEMPTS):
+                # Directions at the middle of the step, gaps at its end: errors of third order in the step.
+                count, gap_new = features(
+                    outline,
+                    round_m,
+                    x + 0.5 * known[0],
+                    y + 0.5 * known[1],
+                    yaw + 0.5 * known[2] / rho,
+                    cx - 0.5 * shift[0],
+                    cy - 0.5 * shift[1],
+                    radius,
+                    size,
+                    contacts,
+                )
+                if count > 0:
+                    gap_new = _advance(
+                        contacts,
+                        count,
+                        0.5 * shift[0],
+                        0.5 * shift[1],
+                        0.5 * known[0],
+                        0.5 * known[1],
+                        0.5 * known[2] / rho,
+                        radius,
+                    )
+                if attempt == 0:
+                    gap = gap_new
+                if count == 0 or size == 0.0 or (not moving and attempt == 0 and gap >= 0.0):
+                    break
+                # Arms at the middle of the step, so that a step of turning errs in its third order only.
+                middle = yaw + 0.5 * known[2] / rho
+                c, s = np.cos(middle), np.sin(middle)
+                for i in range(n):
+                    arms[i, 0] = c * support[i, 0] - s * support[i, 1]
+                    arms[i, 1] = s * support[i, 0] + c * support[i, 1]
+                if tip_m > 0.0 and attempt == 0:
+                    # A force above the floor moves the load towards where it pushes to.
+                    _tilted(load, support, tip_m * (c * fx + s * fy), tip_m * (-s * fx + c * fy), fraction)
+                if moving or attempt > 0:
+                    z[:] = known
+                else:
+                    z[0], z[1], z[2] = shift[0], shift[1], 0.0
+                # Where sticking goes over into slipping Newton may go in circles; a blunter edge ends that.
+                eps = CREEP * size
+                for _ in range(3):
+                    solved, force_x, force_y = _newton(
+                        z,
+                        pulls,
+                        arms,
+                        fraction,
+                        rho,
+                        eps,
+                        contacts,
+                        count,
+                        shift,
+                        turn * radius,
+                        mu,
+                        known,
+                        size,
+                        work,
+                    )
+                    if solved:
+                        break
+                    eps *= 6.0
+                off = abs(z[0] - known[0]) + abs(z[1] - known[1]) + abs(z[2] - known[2])
+                # Not what was expected: look again at where that leads to, at last half way.
+                if off < SURPRISE * size or not solved:
+                    break
+                if attempt + 1 < ATTEMPTS:
+                    weight = 1.0 if attempt == 0 else 0.5 if attempt < 4 else 0.25
+                    for a in range(3):
+                        known[a] += weight * (z[a] - known[a])
+        if not solved:
+            unsolved += 1
+        x, y, yaw = x + z[0], y + z[1], yaw + z[2] / rho
+        known[:] = z
+        fx, fy = force_x, force_y
+        best, pull = -1, 0.0
+        for a in range(_CONTACTS):
+            if pulls[a] > pull:
+                best, pull = a, pulls[a]
+        moving = best >= 0
+        trace[j, X], trace[j, Y], trace[j, YAW] = x, y, yaw
+        trace[j, FORCE_X], trace[j, FORCE_Y] = fx, fy
+        trace[j, CONTACT_X] = trace[j, CONTACT_Y] = np.nan
+        trace[j, GAP] = gap
+        if moving:
+            touched, last = touched + 1, j
+            trace[j, CONTACT_X] = cx + radius * contacts[best, 0]
+            trace[j, CONTACT_Y] = cy + radius * contacts[best, 1]
+            trace[j, GAP] = -SOFT_M * pull
+    return touched, last, unsolved
+
+
+@kernel
+def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
+    """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
+
+    Steps by the gap, which is never more than the way that is left. Negative
+    when the disc passes; otherwise row 0 of ``contacts`` is where it touches.
+    """
+    away = far
+    for _ in range(200):
+        count, gap = features(
+            outline, round_m, 0.0, 0.0, 0.0, px - away * dx, py - away * dy, radius, 1e-4, contacts
+        )
+        if gap < 1e-5 and count > 0:
+            best = 0
+            for k in range(1, count):
+                if contacts[k, 4] < contacts[best, 4]:
+                    best = k
+            for a in range(6):
+                contacts[0, a] = contacts[best, a]
+            return away
+        away -= max(gap, 5e-6)
+        if away < -far:
+            break
+    return -1.0

@@ -1,0 +1,214 @@
+"""The surroundings of one object: a window of the map without it, and what fits there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from ...core.errors import InputError
+from ...io.maps.occupancy_map import FREE, OccupancyMap
+from ..grid.cost_grid import OBSTACLE_FROM, window_distance
+
+__all__ = ["Footprint", "LocalGround", "local_ground"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """Samples of an outline at the spacing of a map, in the object's frame (reference point at the origin)."""
+
+    outline_m: Float[np.ndarray, "m 2"]  #: corners
+    border_m: Float[np.ndarray, "b 2"]  #: along the outline, a cell apart
+    inner_m: Float[np.ndarray, "i 2"]  #: on and in the outline, a cell apart
+    ring_m: Float[np.ndarray, "r 2"]  #: pi of Sec. 4.3.1: the platform's radius away from the outline
+    inside_m: (
+        float  #: radius of a circle that the outline holds, about any point of the reference point's cell
+    )
+    reach_m: float  #: radius of one that holds the outline
+
+    @classmethod
+    def of(
+        cls, outline_m: Float[np.ndarray, "m 2"], radius_m: float, cell_m: float, *, round_m: float = 0.0
+    ) -> Footprint:
+        """Sample an outline for a platform of a radius, on cells of a size."""
+        import shapely
+
+        core = np.asarray(outline_m, dtype=np.float64)
+        shape = (
+            shapely.Polygon(core)
+            if len(core) > 2
+            else (shapely.LineString(core) if len(core) == 2 else shapely.Point(core[0]))
+        )
+        if round_m > 0:
+            shape = shape.buffer(round_m)
+        if shape.geom_type != "Polygon" or not shape.is_valid or not shape.area > 0:
+            raise InputError(
+                "footprint",
+                f"found {len(core)} corners, area {shape.area:.3g} m^2; expected a simple outline",
+            )
+        corners = np.array(shapely.geometry.polygon.orient(shape).exterior.coords)[:-1]
+        border = _along(shape.exterior, cell_m)
+        x0, y0, x1, y1 = shape.bounds
+        grid = np.stack(
+            np.meshgrid(np.arange(x0 + 0.5 * cell_m, x1, cell_m), np.arange(y0 + 0.5 * cell_m, y1, cell_m)),
+            axis=-1,
+        ).reshape(-1, 2)
+        inner = grid[shapely.contains_xy(shape, grid[:, 0], grid[:, 1])]
+        ring = shape.buffer(radius_m)
+        origin = shapely.Point(0.0, 0.0)
+        inside = shape.exterior.distance(origin) if shape.contains(origin) else 0.0
+        half_diagonal = math.sqrt(0.5) * cell_m  # distances are looked up at the centre of the point's cell
+        return cls(
+            corners,
+            border,
+            np.concatenate([border, inner]),
+            _along(ring.exterior, 0.5 * cell_m),
+            max(float(inside) - half_diagonal, 0.0),
+            float(np.hypot(corners[:, 0], corners[:, 1]).max()) + half_diagonal,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalGround:
+    """A window of a map, and for each cell the distance to the nearest obstacle in it."""
+
+    map: OccupancyMap
+    distance_m: Float32[
+        np.ndarray, "rows columns"
+    ]  #: from a cell's centre to the border of the nearest obstacle's cell
+
+    @property
+    def grid(self) -> Float[np.ndarray, "5"]:
+        """Origin x, y [m], cosine and sine of its yaw, cells per metre: what kernels take."""
+        x, y, yaw = self.map.origin
+        return np.array([x, y, math.cos(yaw), math.sin(yaw), 1.0 / self.map.resolution_m])
+
+    @property
+    def margin_m(self) -> float:
+        """Distance at which a sample of a footprint, a cell apart from the next, is clear: in no obstacle's cell.
+
+        Between 0 in an obstacle and half a cell beside it.
+        """
+        return 0.25 * self.map.resolution_m
+
+    def distance_at(self, points_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
+        """Distance to the nearest obstacle [m]; 0 outside the window."""
+        cells = self.map.cell_from_world(points_m)
+        inside = self.map.inside(cells)
+        values = self.distance_m[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
+        return np.where(inside, values, 0.0).astype(np.float64)
+
+    def reachable(
+        self, robot_m: Float[np.ndarray, "2"], footprint_m: Float[np.ndarray, "p 2"], radius_m: float
+    ) -> Bool[np.ndarray, "rows columns"]:
+        """Cells that the platform can drive to in the window from ``robot_m`` while the object stands.
+
+        From outside the window it may come in over every part of its border.
+        """
+        from scipy import ndimage
+
+        free = (self.distance_m >= radius_m) & (
+            _distance_from(self.map, _burnt(self.map, footprint_m)) >= radius_m
+        )
+        labels, _ = ndimage.label(free, structure=np.ones((3, 3), dtype=int))
+        cell = self.map.cell_from_world(np.asarray(robot_m, dtype=np.float64))
+        if bool(self.map.inside(cell)):
+            near = np.zeros(self.map.shape, dtype=bool)
+            near[cell[0], cell[1]] = True
+            # It may stand a little nearer to the object than it would drive.
+            near = ndimage.binary_dilation(near, iterations=max(1, round(radius_m / self.map.resolution_m)))
+            found = np.unique(labels[near])
+        else:
+            border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+            found = np.unique(border)
+        return np.isin(labels, found[found > 0])
+
+
+def local_ground(
+    map: OccupancyMap,
+    footprint_m: Float[np.ndarray, "p 2"],
+    reach_m: float,
+    *,
+    unknown_is_free: bool = False,
+) -> LocalGround:
+    """Cut out the surroundings of an object and take the object away.
+
+    Parameters
+    ----------
+    map
+        With or without the object's cells.
+    footprint_m
+        Its outline in the map frame.
+    reach_m
+        How far from the outline planning goes, with the platform's diameter.
+    unknown_is_free
+        Whether the platform may enter cells that were never seen.
+    """
+    outline = np.asarray(footprint_m, dtype=np.float64)
+    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
+        raise InputError("local_ground", f"found shape {outline.shape}, expected an outline p x 2, p >= 3")
+    corners = np.concatenate([outline + np.array(d) * reach_m for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+    cells = map.cell_from_world(corners)
+    low = np.maximum(cells.min(axis=0), 0)
+    high = np.minimum(cells.max(axis=0) + 1, np.array(map.shape))
+    if (high <= low).any():
+        raise InputError(
+            "local_ground",
+            f"found a footprint about {outline.mean(axis=0).round(2)}, expected one on the map",
+            remedy="check the frame of the footprint",
+        )
+    x, y, yaw = map.origin
+    c, s = math.cos(yaw), math.sin(yaw)
+    dx, dy = low[1] * map.resolution_m, low[0] * map.resolution_m
+    window = OccupancyMap(
+        map.cells[low[0] : high[0], low[1] : high[1]].copy(),
+        map.resolution_m,
+        (x + c * dx - s * dy, y + s * dx + c * dy, yaw),
+    )
+    near = _burnt(window, outline)
+    window.cells[near] = FREE
+    blocked = window.cells >= OBSTACLE_FROM
+    if not unknown_is_free:
+        blocked |= window.cells < 0
+    rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+    distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
+    return LocalGround(window, distance * np.float32(map.resolution_m))
+
+
+def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
+    """Points on a closed line, at most ``spacing_m`` apart, its corners among them."""
+    import shapely
+
+    dense = shapely.segmentize(line, spacing_m)
+    return np.array(dense.coords)[:-1]
+
+
+def _burnt(map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, "rows columns"]:
+    """Cells that an outline covers in part, and those next to its border by less than half a cell."""
+    import shapely
+
+    polygon = shapely.Polygon(footprint_m).buffer(0.75 * map.resolution_m)
+    cells = map.cell_from_world(np.array(polygon.exterior.coords))
+    low, high = np.maximum(cells.min(axis=0), 0), np.minimum(cells.max(axis=0) + 1, np.array(map.shape))
+    burnt = np.zeros(map.shape, dtype=bool)
+    if (high <= low).any():
+        return burnt
+    index = np.moveaxis(np.mgrid[low[0] : high[0], low[1] : high[1]], 0, -1)
+    centre = map.world_from_cell(index)
+    burnt[low[0] : high[0], low[1] : high[1]] = shapely.contains_xy(polygon, centre[..., 0], centre[..., 1])
+    return burnt
+
+
+def _distance_from(
+    map: OccupancyMap, blocked: Bool[np.ndarray, "rows columns"]
+) -> Float32[np.ndarray, "rows columns"]:
+    """Distance of every cell from the nearest blocked one [m]; infinite where there is none."""
+    import cv2
+
+    if not blocked.any():
+        return np.full(map.shape, np.inf, dtype=np.float32)
+    free = np.where(blocked, 0, 255).astype(np.uint8)
+    exact = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return (exact * np.float32(map.resolution_m)).astype(np.float32)

@@ -1,0 +1,212 @@
+"""What has to be known of an object to foresee how it slides: outline, supports, contact friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+
+__all__ = ["PushModel", "area_and_centroid", "load_of_feet", "patch_points", "polar_moment"]
+
+#: Contact friction that is assumed where nothing is known (foam or plastic on furniture).
+CONTACT_FRICTION = 0.25
+#: Points of a flat bottom: enough for 1 % of its limit surface.
+PATCH_POINTS = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushModel:
+    """An object on the floor, in a frame whose origin is its reference point.
+
+    Mass and floor friction cancel out of quasi-static motion; what stays is
+    where the load rests. Motion of an object on a few feet differs much from
+    that of one with a flat bottom.
+    """
+
+    outline_m: Float[np.ndarray, "m 2"]  #: corners, counter-clockwise; one point and ``round_m`` for a disc
+    support_m: Float[np.ndarray, "n 2"]  #: where it rests on the floor
+    load: Float[np.ndarray, "n"]  #: share of the weight on each; sums to 1
+    contact_friction: float = CONTACT_FRICTION  #: between platform and object
+    round_m: float = 0.0  #: the outline is widened by this
+    tip_m: float = 0.0  #: floor friction times height of the push: load moves forward by this
+
+    def __post_init__(self) -> None:
+        outline = np.ascontiguousarray(self.outline_m, dtype=np.float64)
+        support = np.ascontiguousarray(self.support_m, dtype=np.float64)
+        load = np.ascontiguousarray(self.load, dtype=np.float64)
+        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 1 or not np.isfinite(outline).all():
+            raise InputError(
+                "PushModel", f"found shape {outline.shape}, expected finite corners m x 2", field="outline_m"
+            )
+        if (
+            support.ndim != 2
+            or support.shape[1] != 2
+            or len(support) < 1
+            or not np.isfinite(support).all()
+            or load.shape != (len(support),)
+        ):
+            raise InputError(
+                "PushModel",
+                f"found shapes {support.shape} and {load.shape}, expected n x 2 and n, all finite",
+                field="support_m",
+            )
+        if not (np.isfinite(load).all() and load.min() >= 0 and load.sum() > 0):
+            raise InputError("PushModel", f"found {load}, expected shares >= 0", field="load")
+        numbers = (self.contact_friction, self.round_m, self.tip_m)
+        if not all(math.isfinite(value) and value >= 0 for value in numbers):
+            raise InputError(
+                "PushModel", f"found contact_friction, round_m, tip_m = {numbers}, expected finite and >= 0"
+            )
+        if len(outline) > 2 and area_and_centroid(outline)[0] < 0:
+            outline = np.ascontiguousarray(outline[::-1])
+        object.__setattr__(self, "outline_m", outline)
+        object.__setattr__(self, "support_m", support)
+        object.__setattr__(self, "load", load / load.sum())
+
+    @property
+    def centre_m(self) -> Float[np.ndarray, "2"]:
+        """Centre of the load: a push through it along the floor's friction does not turn the object."""
+        return self.load @ self.support_m
+
+    @property
+    def gyration_m(self) -> float:
+        """Root mean square distance of the load from the reference point; scales turns to lengths."""
+        return max(float(np.sqrt(self.load @ (self.support_m**2).sum(axis=1))), 1e-3)
+
+    @property
+    def lever_m(self) -> float:
+        """Largest friction moment by largest friction force: the load's mean distance from its centre."""
+        away = self.support_m - self.centre_m
+        return float(self.load @ np.hypot(away[:, 0], away[:, 1]))
+
+    @property
+    def reach_m(self) -> float:
+        """Radius about the reference point that holds the outline."""
+        return float(np.hypot(self.outline_m[:, 0], self.outline_m[:, 1]).max()) + self.round_m
+
+    def with_friction(self, contact_friction: float) -> PushModel:
+        """The same with another contact friction."""
+        return replace(self, contact_friction=contact_friction)
+
+    def with_centre_moved(self, dx_m: float, dy_m: float) -> PushModel:
+        """The same with its supports moved: the centre of friction lies elsewhere than assumed."""
+        return replace(self, support_m=self.support_m + np.array([dx_m, dy_m]))
+
+    @classmethod
+    def patch(
+        cls, outline_m: Float[np.ndarray, "m 2"], contact_friction: float = CONTACT_FRICTION, **rest: float
+    ) -> PushModel:
+        """A flat bottom that rests evenly; ``outline_m`` relative to the reference point."""
+        points, load = patch_points(outline_m)
+        return cls(outline_m, points, load, contact_friction, **rest)
+
+    @classmethod
+    def disc(
+        cls, radius_m: float, contact_friction: float = CONTACT_FRICTION, *, tip_m: float = 0.0
+    ) -> PushModel:
+        """A round object with a flat bottom: two rings that have its limit surface to 1 %."""
+        angle = np.arange(12) * (math.pi / 6)
+        ring = np.column_stack([np.cos(angle), np.sin(angle)])
+        # Halves of equal area; the mean radius of each.
+        inner, outer = 2 / 3 * math.sqrt(0.5), 2 / 3 * (1 - 0.5**1.5) / 0.5
+        points = radius_m * np.concatenate([inner * ring, outer * ring])
+        return cls(np.zeros((1, 2)), points, np.full(24, 1 / 24), contact_friction, radius_m, tip_m)
+
+    @classmethod
+    def feet(
+        cls,
+        outline_m: Float[np.ndarray, "m 2"],
+        feet_m: Float[np.ndarray, "n 2"],
+        centre_m: tuple[float, float] = (0.0, 0.0),
+        contact_friction: float = CONTACT_FRICTION,
+        **rest: float,
+    ) -> PushModel:
+        """An object on feet; ``centre_m`` is its centre of mass from the reference point."""
+        return cls(outline_m, feet_m, load_of_feet(feet_m, centre_m), contact_friction, **rest)
+
+
+def area_and_centroid(outline_m: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndarray, "2"]]:
+    """Signed area [m^2] (positive when counter-clockwise) and centroid [m] of a polygon."""
+    p = np.asarray(outline_m, dtype=np.float64)
+    if len(p) < 3:
+        return 0.0, p.mean(axis=0)
+    shifted = p - p[0]
+    q = np.roll(shifted, -1, axis=0)
+    cross = shifted[:, 0] * q[:, 1] - shifted[:, 1] * q[:, 0]
+    area = 0.5 * float(cross.sum())
+    if abs(area) < 1e-12:
+        return 0.0, p.mean(axis=0)
+    return area, p[0] + ((shifted + q) * cross[:, None]).sum(axis=0) / (6.0 * area)
+
+
+def load_of_feet(
+    feet_m: Float[np.ndarray, "n 2"], centre_m: tuple[float, float] = (0.0, 0.0)
+) -> Float[np.ndarray, "n"]:
+    """Shares of the weight on feet that give way alike: balance of forces and moments.
+
+    Three feet have one answer. Of more, the load varies linearly with the
+    place, as it does on springs of equal stiffness.
+    """
+    feet = np.asarray(feet_m, dtype=np.float64)
+    if feet.ndim != 2 or feet.shape[1] != 2 or len(feet) < 3:
+        raise InputError("load_of_feet", f"found shape {feet.shape}, expected n x 2, 3 feet at least")
+    balance = np.vstack([feet.T, np.ones(len(feet))])
+    load, _, rank, _ = np.linalg.lstsq(balance, np.array([*centre_m, 1.0]), rcond=1e-9)
+    if rank < 3:
+        raise InputError("load_of_feet", "found all feet on one line, expected three that are not")
+    if load.min() < -1e-9:
+        raise InputError(
+            "load_of_feet",
+            f"found the centre of mass {tuple(centre_m)} where foot {int(load.argmin())} would be lifted",
+            remedy="the object would stand on fewer feet: give those",
+        )
+    return np.maximum(load, 0.0)
+
+
+def patch_points(
+    outline_m: Float[np.ndarray, "m 2"], count: int = PATCH_POINTS
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
+    """Points and shares that stand for even pressure on a polygon.
+
+    Cells of a square grid, each cut with the polygon: its centroid, and its
+    area as the share; then all are moved apart a little, so that not only area
+    and centroid but also the polar second moment are those of the whole.
+    """
+    import shapely
+
+    outline = np.asarray(outline_m, dtype=np.float64)
+    polygon = shapely.Polygon(outline) if len(outline) >= 3 else None
+    if polygon is None or not polygon.is_valid or not polygon.area > 0:
+        raise InputError(
+            "patch_points", f"found {len(outline)} corners, expected an outline without crossings"
+        )
+    edge = math.sqrt(polygon.area / count)
+    x0, y0, x1, y1 = polygon.bounds
+    nx, ny = max(2, round((x1 - x0) / edge)), max(2, round((y1 - y0) / edge))
+    xs, ys = np.linspace(x0, x1, nx + 1), np.linspace(y0, y1, ny + 1)
+    left, low = np.meshgrid(xs[:-1], ys[:-1])
+    right, high = np.meshgrid(xs[1:], ys[1:])
+    cells = shapely.box(left.ravel(), low.ravel(), right.ravel(), high.ravel())
+    cut = shapely.intersection(cells, polygon)
+    area = shapely.area(cut)
+    cut, area = cut[area > 1e-3 * edge * edge], area[area > 1e-3 * edge * edge]
+    centre = shapely.centroid(cut)
+    points, fraction = np.column_stack([shapely.get_x(centre), shapely.get_y(centre)]), area / area.sum()
+    middle = fraction @ points
+    away = points - middle
+    return middle + away * math.sqrt(
+        polar_moment(outline) / float(fraction @ (away**2).sum(axis=1))
+    ), fraction
+
+
+def polar_moment(outline_m: Float[np.ndarray, "m 2"]) -> float:
+    """Polar second moment about the centroid by the area [m^2]: squared radius of gyration."""
+    area, centroid = area_and_centroid(outline_m)
+    a = np.asarray(outline_m, dtype=np.float64) - centroid
+    b = np.roll(a, -1, axis=0)
+    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return float(((a * a + a * b + b * b).sum(axis=1) * cross).sum() / (12.0 * area))

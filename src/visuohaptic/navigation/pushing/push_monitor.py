@@ -1,0 +1,236 @@
+"""Online correction of a sideward push from the tracked contact point (Alt 2016, Sec. 4.3.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from .push_model import PushModel
+from .quasi_static import DROP_M, STEP_M, PushTrace, arc_path, rest_m, simulate_push
+
+__all__ = ["PushEstimate", "PushMonitor"]
+
+#: Standard deviation of a tracked contact point along the rim (m).
+CONTACT_SIGMA_M = 0.006
+#: Steps of the fit to one update.
+STEPS = 3
+#: Side steps of the path's end that a correction tries, in order (m).
+ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22, 0.3, -0.3)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushEstimate:
+    """What the contact's way along the rim has told so far."""
+
+    model: PushModel
+    object_m: Float[np.ndarray, "3"]  #: where the object is now
+    #: contact friction, centre of friction x, y from where the model had it [m], side step of the object [m]
+    value: Float[np.ndarray, "4"]
+    covariance: Float[np.ndarray, "4 4"]
+    residual_m: float  #: root mean square of contact positions along the rim
+
+
+class PushMonitor:
+    """Follows a push, learns contact friction and centre of friction, and bends the rest of the path.
+
+    After every :data:`~visuohaptic.navigation.pushing.quasi_static.STEP_M` of the drive
+    the push so far is simulated with four numbers changed (contact friction,
+    centre of friction, side step of the object), and those are chosen that
+    explain where the contact was on the rim, with the prior of ``model``.
+
+    Parameters
+    ----------
+    model, object_m, radius_m
+        What was believed when the push was planned.
+    friction_sigma, centre_sigma_m, place_sigma_m
+        Prior standard deviations.
+    """
+
+    def __init__(
+        self,
+        model: PushModel,
+        object_m: Sequence[float],
+        radius_m: float,
+        *,
+        friction_sigma: float = 0.12,
+        centre_sigma_m: float = 0.03,
+        place_sigma_m: float = 0.01,
+    ) -> None:
+        self._model, self._start = model, np.asarray(object_m, dtype=np.float64)
+        self._radius_m = radius_m
+        self._sigma = np.array([friction_sigma, centre_sigma_m, centre_sigma_m, place_sigma_m])
+        if not (self._sigma > 0).all() or not radius_m > 0:
+            raise InputError("PushMonitor", f"found sigmas {self._sigma}, radius {radius_m} m; expected > 0")
+        self._path: list[Float[np.ndarray, "3"]] = []
+        self._angle: list[float] = []
+        self._value = np.zeros(4)
+        self._covariance = np.diag(self._sigma**2)
+        self._lateral = np.zeros(2)
+
+    def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
+        """Tell where the platform is and where its rim is touched (map frame); ``None`` without contact.
+
+        Returns whether the estimate is new: readings nearer than a step to the last one are left out.
+        """
+        pose = np.asarray(platform_m, dtype=np.float64)
+        if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
+            return False
+        angle = np.nan
+        if contact_m is not None and np.isfinite(np.asarray(contact_m, dtype=np.float64)).all():
+            away = np.asarray(contact_m, dtype=np.float64) - pose[:2]
+            angle = float(np.arctan2(away[1], away[0]))
+        self._path.append(pose)
+        self._angle.append(angle)
+        if len(self._path) == 2:
+            way = self._path[1][:2] - self._path[0][:2]
+            self._lateral = np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
+        if len(self._path) > 3 and np.isfinite(self._angle).sum() >= 2:
+            self._fit()
+        return True
+
+    def estimate(self) -> PushEstimate:
+        """The model and the object's pose that explain the contacts so far."""
+        model, start = self._with(self._value)
+        residual = self._residual(self._value)[: -len(self._value)] * CONTACT_SIGMA_M
+        where = start
+        if len(self._path) > 1:
+            # Where contact was seen last: it stands there since, whatever the model would go on to do.
+            seen = np.flatnonzero(np.isfinite(self._angle))
+            if len(seen):
+                where = self._simulate(self._value).object_m[seen[-1]]
+        rms = float(np.sqrt(np.mean(residual**2))) if len(residual) else 0.0
+        return PushEstimate(model, where, self._value.copy(), self._covariance.copy(), rms)
+
+    def corrected(
+        self,
+        rest_path_m: Float[np.ndarray, "k 3"],
+        rng: np.random.Generator,
+        *,
+        allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None = None,
+        reserve_m: float = 0.1,
+        samples: int = 8,
+        fraction: float = 0.8,
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """The rest of the path with the smallest side step of its end that still drops the object.
+
+        Parameters
+        ----------
+        rest_path_m
+            What is left of the plan, from the platform's present pose.
+        allowed
+            Says whether path and motion of the object meet no obstacle.
+        reserve_m
+            The drop point has to lie so far before the end.
+        samples, share
+            Drawn models, and the share of them that has to succeed.
+
+        Returns
+        -------
+        The path, or ``None``: the manipulation has failed, plan anew.
+        """
+        begin, end = rest_path_m[0], rest_path_m[-1]
+        way = end[:2] - begin[:2]
+        length = float(np.hypot(*way))
+        if length < 2 * STEP_M:
+            return rest_path_m
+        aside = np.array([-way[1], way[0]]) / length
+        draws = [self._value]
+        root = np.linalg.cholesky(self._covariance + 1e-12 * np.eye(4))
+        draws += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
+        for step in ASIDE_M:
+            path = rest_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
+            won = [self._drops(value, path, allowed, reserve_m) for value in draws]
+            if won[0] and sum(won) >= fraction * len(won):
+                return path
+        return None
+
+    def _drops(
+        self,
+        value: Float[np.ndarray, "4"],
+        path: Float[np.ndarray, "k 3"],
+        allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None,
+        reserve_m: float,
+    ) -> bool:
+        done = np.array(self._path[:-1]) if len(self._path) > 1 else np.zeros((0, 3))
+        model, start = self._with(value)
+        whole = np.concatenate([done, path])
+        try:
+            trace = simulate_push(model, start, whole, self._radius_m)
+        except InputError:
+            return False
+        if allowed is not None and not allowed(path, trace):
+            return False
+        return not trace.touched or rest_m(whole, trace.last_contact) > max(reserve_m, DROP_M)
+
+    def _with(self, value: Float[np.ndarray, "4"]) -> tuple[PushModel, Float[np.ndarray, "3"]]:
+        """Model and start with the four numbers changed."""
+        model = replace(
+            self._model,
+            contact_friction=max(0.0, self._model.contact_friction + float(value[0])),
+            support_m=self._model.support_m + value[1:3],
+        )
+        start = self._start.copy()
+        start[:2] += value[3] * self._lateral
+        return model, start
+
+    def _simulate(self, value: Float[np.ndarray, "4"]) -> PushTrace:
+        model, start = self._with(value)
+        path = np.array(self._path)
+        try:
+            return simulate_push(model, start, path, self._radius_m)
+        except InputError:
+            # The changed place reaches into the platform: begin the drive earlier.
+            way = path[1] - path[0]
+            back = path[0] - way * (0.05 / max(float(np.hypot(way[0], way[1])), 1e-9))
+            trace = simulate_push(model, start, np.concatenate([back[None], path]), self._radius_m)
+            return replace(
+                trace,
+                platform_m=trace.platform_m[1:],
+                object_m=trace.object_m[1:],
+                contact_m=trace.contact_m[1:],
+            )
+
+    def _residual(self, value: Float[np.ndarray, "4"]) -> Float[np.ndarray, "n"]:
+        """Contact positions along the rim, and the prior, by their standard deviations."""
+        prior = value / self._sigma
+        angle = np.array(self._angle)
+        rows = np.isfinite(angle)
+        if len(self._path) < 2 or not rows.any():
+            return prior
+        trace = self._simulate(value)
+        away = trace.contact_m - trace.platform_m[:, :2]
+        told = np.arctan2(away[:, 1], away[:, 0])
+        # Contact seen where none is foreseen counts as far off, but not more than that.
+        off = np.arctan2(np.sin(told - angle), np.cos(told - angle))[rows]
+        off = np.clip(np.nan_to_num(off, nan=0.3), -0.5, 0.5)
+        return np.concatenate([off * self._radius_m / CONTACT_SIGMA_M, prior])
+
+    def _fit(self) -> None:
+        """A few steps of Gauss and Newton with damping from where the last fit ended."""
+        value, damp = self._value, 1e-2
+        residual = self._residual(value)
+        size = float(residual @ residual)
+        slope = np.zeros((len(residual), 4))
+        for _ in range(STEPS):
+            for i, step in enumerate(0.1 * self._sigma):
+                moved = value.copy()
+                moved[i] += step
+                slope[:, i] = (self._residual(moved) - residual) / step
+            normal = slope.T @ slope
+            for _ in range(4):
+                change = -np.linalg.solve(normal + damp * np.diag(np.diag(normal)), slope.T @ residual)
+                trial = value + np.clip(change, -self._sigma, self._sigma)
+                trial[0] = max(trial[0], -self._model.contact_friction)
+                new = self._residual(trial)
+                if float(new @ new) < size:
+                    value, residual, size, damp = trial, new, float(new @ new), 0.3 * damp
+                    break
+                damp *= 10.0
+            else:
+                break
+        self._value = value
+        self._covariance = np.linalg.inv(slope.T @ slope)

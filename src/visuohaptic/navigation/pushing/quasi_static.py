@@ -1,0 +1,179 @@
+"""Where an object goes when a round platform drives against it: quasi-static, with friction at the contact.
+
+The object stands still unless it is touched and stops at once when it is
+left: at 0.05 m/s its momentum carries it a third of a millimetre. Its motion
+then follows from three principles: each support point resists with its load
+times friction, against its own motion (Coulomb; all points together are the
+exact limit surface, no ellipsoid); the platform's rim is not entered; and
+the contact's force stays in its friction cone, at its edge where the rim
+slips along the object. Alt 2016, Algorithm 2, has none of the friction at
+the contact and moments of inertia in place of the floor's friction; see
+:mod:`~benchmarks.peers.impulse_push` for that.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from .push_model import PushModel
+
+__all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
+
+#: Distance between poses of the platform (m): trajectories are of second order in it, 2 mm off at 2 cm.
+STEP_M = 0.02
+#: Length before the path's end in which a contact counts as not lost yet (m).
+DROP_M = 0.01
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushTrace:
+    """The object along a path of the platform."""
+
+    platform_m: Float[np.ndarray, "k 3"]  #: x, y, heading [m, m, rad]
+    object_m: Float[np.ndarray, "k 3"]  #: x, y, yaw of its reference point [m, m, rad]
+    force: Float[np.ndarray, "k 2"]  #: on the object, by the floor's whole friction; 0 without contact
+    contact_m: Float[np.ndarray, "k 2"]  #: where the rim touches; NaN without contact
+    last_contact: int  #: row of the last contact; -1 when it was never touched
+    dropped: bool  #: touched, and lost before the end of the path
+    unsolved: int = 0  #: steps whose balance was not found to its tolerance
+
+    @property
+    def touched(self) -> bool:
+        """Whether the platform touched the object at all."""
+        return self.last_contact >= 0
+
+    @property
+    def moved_m(self) -> float:
+        """How far the reference point is from where it was."""
+        return float(np.hypot(*(self.object_m[-1, :2] - self.object_m[0, :2])))
+
+    @property
+    def contact_angle_rad(self) -> Float[np.ndarray, "k"]:
+        """Place of the contact on the rim, counter-clockwise from the heading: what the sensor sees."""
+        away = self.contact_m - self.platform_m[:, :2]
+        angle = np.arctan2(away[:, 1], away[:, 0]) - self.platform_m[:, 2]
+        return np.arctan2(np.sin(angle), np.cos(angle))
+
+
+def simulate_push(
+    model: PushModel,
+    object_m: tuple[float, float, float] | Float[np.ndarray, "3"],
+    path_m: Float[np.ndarray, "k 3"],
+    radius_m: float,
+) -> PushTrace:
+    """Drive a disc along a path and follow the object.
+
+    Parameters
+    ----------
+    model
+        Outline, supports and contact friction.
+    object_m
+        Where its reference point stands: x, y [m], yaw [rad].
+    path_m
+        Poses of the platform, x, y [m], heading [rad], a few centimetres apart
+        (:func:`line_path`, :func:`arc_path`). The heading matters only in so
+        far as the rim turns with it.
+    radius_m
+        Of the platform.
+
+    Raises
+    ------
+    InputError
+        When the platform stands in the object from the beginning.
+    """
+    from ._push_kernels import FORCE_X, GAP, X, push_object
+
+    start = np.asarray(object_m, dtype=np.float64)
+    path = check_path("simulate_push", path_m)
+    if start.shape != (3,) or not np.isfinite(start).all() or not radius_m > 0:
+        raise InputError(
+            "simulate_push", f"found object {start}, radius {radius_m} m; expected x, y, yaw and > 0"
+        )
+    trace = np.zeros((len(path), 8))
+    _, last, unsolved = push_object(
+        model.outline_m,
+        model.round_m,
+        model.support_m,
+        model.load,
+        model.gyration_m,
+        model.tip_m,
+        model.contact_friction,
+        radius_m,
+        path,
+        start,
+        trace,
+    )
+    if trace[0, GAP] < -1e-3:
+        raise InputError(
+            "simulate_push", f"the platform begins {-1e3 * trace[0, GAP]:.1f} mm inside the object's outline"
+        )
+    return PushTrace(
+        path,
+        trace[:, X : X + 3],
+        trace[:, FORCE_X : FORCE_X + 2],
+        trace[:, FORCE_X + 2 : FORCE_X + 4],
+        int(last),
+        last >= 0 and rest_m(path, int(last)) > DROP_M,
+        int(unsolved),
+    )
+
+
+def rest_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:
+    """Length of a path after one of its rows."""
+    steps = np.diff(path_m[row:, :2], axis=0)
+    return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+
+
+def line_path(
+    start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], step_m: float = STEP_M
+) -> Float[np.ndarray, "k 3"]:
+    """Poses on a straight line, heading along it."""
+    return arc_path(start_m, end_m, 0.0, step_m)
+
+
+def arc_path(
+    start_m: Float[np.ndarray, "2"],
+    end_m: Float[np.ndarray, "2"],
+    turn_rad: float,
+    step_m: float = STEP_M,
+) -> Float[np.ndarray, "k 3"]:
+    """Poses on an arc between two points that turns by ``turn_rad`` (left is positive; 0 is a line)."""
+    start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
+    chord = end - start
+    length = float(np.hypot(chord[0], chord[1]))
+    if not (np.isfinite(length) and length > 0 and abs(turn_rad) < 2 * math.pi and step_m > 0):
+        raise InputError(
+            "arc_path", f"found {start} to {end}, turn {turn_rad} rad, step {step_m} m; expected two points"
+        )
+    half = 0.5 * turn_rad
+    stretch = half / math.sin(half) if abs(half) > 1e-9 else 1.0
+    count = max(2, math.ceil(length * stretch / step_m - 1e-9) + 1)
+    fraction = np.linspace(0.0, 1.0, count)
+    along = math.atan2(chord[1], chord[0])
+    heading = along - half + fraction * turn_rad
+    if abs(half) > 1e-9:
+        # Chords of the arc from its beginning: length sin(part) / sin(half), direction half way.
+        reach = length * np.sin(fraction * half) / math.sin(half)
+        direction = along - half + fraction * half
+    else:
+        reach, direction = length * fraction, np.full(count, along)
+    return np.column_stack(
+        [start[0] + reach * np.cos(direction), start[1] + reach * np.sin(direction), heading]
+    )
+
+
+def check_path(where: str, path_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """The path as contiguous doubles, or an error that says what is wrong with it."""
+    path = np.ascontiguousarray(path_m, dtype=np.float64)
+    if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2 or not np.isfinite(path).all():
+        raise InputError(
+            where,
+            f"found shape {path.shape}, expected finite poses (x, y, heading), 2 at least",
+            field="path_m",
+        )
+    return path

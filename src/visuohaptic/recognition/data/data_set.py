@@ -1,0 +1,222 @@
+"""Training data: stiffness features of many variants of each class (Alt 2016, Sec. 6.4.1).
+
+Made from a folder of ``visuohaptic objects build``; kept as one small NPZ file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ...core.files import atomic_path, read_npz
+from .places import HEIGHTS, SIDES
+from .pose_error import posed_changes
+
+__all__ = ["HEIGHTS", "SIDES", "FeatureSet", "load_feature_set", "read_build", "save_feature_set"]
+
+#: What the file of a feature set must hold.
+_ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FeatureSet:
+    """Features of n objects with their classes."""
+
+    features: Float[np.ndarray, "n 16 4 3"]  #: i, I [N/m] and II [1]
+    width_m: Float[np.ndarray, "n 16 2"]  #: of the object at rest, across x and across y
+    label: tuple[str, ...]  #: class of each object
+    name: tuple[str, ...]  #: of each object, unique
+    nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
+    #: Change of log i under each of c wrong poses, see :mod:`.posed`; None without maps of the objects.
+    posed: Float[np.ndarray, "n c 16 4"] | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.label)
+        shapes = [(self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2))]
+        if self.posed is not None:
+            copies = np.shape(self.posed)[1] if np.ndim(self.posed) == 4 else 1
+            shapes.append((self.posed, (count, max(copies, 1), HEIGHTS, 4)))
+        for array, expected in shapes:
+            if np.shape(array) != expected:
+                raise InputError("FeatureSet", f"found shape {np.shape(array)}, expected {expected}")
+        if len(self.name) != count or len(set(self.name)) < count:
+            raise InputError("FeatureSet", "expected one name for each object, all different", field="name")
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of the classes, sorted."""
+        return tuple(sorted(set(self.label)))
+
+    @property
+    def number(self) -> Int[np.ndarray, "n"]:
+        """Class of each object as a place in ``classes``."""
+        place = {name: k for k, name in enumerate(self.classes)}
+        return np.array([place[name] for name in self.label], dtype=np.int64)
+
+    def take(self, chosen: Bool[np.ndarray, "n"] | Int[np.ndarray, "m"]) -> FeatureSet:
+        """Some of the objects."""
+        index = np.arange(len(self))[chosen]
+        return FeatureSet(
+            self.features[index],
+            self.width_m[index],
+            tuple(self.label[k] for k in index),
+            tuple(self.name[k] for k in index),
+            self.nonlinear,
+            None if self.posed is None else self.posed[index],
+        )
+
+    def of_classes(
+        self, classes: Sequence[str], groups: Mapping[str, Sequence[str]] | None = None
+    ) -> FeatureSet:
+        """The candidates of the moment: some classes, of which several may go under one name.
+
+        Parameters
+        ----------
+        classes
+            Candidates: names of classes or of groups.
+        groups
+            Name of a group -> its classes; a group may be called as one of its classes.
+
+        Raises
+        ------
+        InputError
+            A class that is not there.
+        """
+        groups = {} if groups is None else groups
+        target: dict[str, str] = {}
+        for wanted in classes:
+            for member in groups.get(wanted, (wanted,)):
+                if member not in self.label:
+                    raise InputError(
+                        "classes", f"found {member!r}, expected one of {', '.join(self.classes)}"
+                    )
+                target[member] = wanted
+        if len(set(target.values())) < 2:
+            raise InputError("classes", f"found {len(set(target.values()))} classes, expected at least 2")
+        kept = self.take(np.array([name in target for name in self.label]))
+        return replace(kept, label=tuple(target[name] for name in kept.label))
+
+
+def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -> FeatureSet:
+    """Features of all objects of an ``objects build`` folder, in one state of their contents.
+
+    Objects whose state is not in the build, or with a feature that is not finite, are an error:
+    a classifier that silently knows fewer objects answers wrongly.
+    """
+    folder = Path(folder)
+    listed = _manifest(folder)
+    features, widths, labels, names, nonlinear = [], [], [], [], False
+    posed: list[np.ndarray] = []
+    for number, entry in enumerate(listed):
+        path = folder / entry["file"]
+        data = read_npz(path, "a result of objects build", names=("states", "feature_points_m", "features"))
+        states, points = data["states"], data["feature_points_m"]
+        try:
+            row = np.flatnonzero((states[:, 0] == closed) & (not closed or states[:, 1] == fill))
+            values = data["features"][row[0]] if row.size else None
+        except (ValueError, IndexError) as error:
+            raise InputError(path, f"is not a result of objects build ({error})") from error
+        mapped = ("vertices_m", "stiffness_N_per_m")
+        surface = [data[key] for key in mapped] if set(mapped) <= set(data) else []
+        if values is None:
+            raise InputError(
+                path,
+                f"has no features of the state closed={closed}, fill={fill:g}",
+                remedy="add it to the plan's states and build again",
+            )
+        if values.shape != (HEIGHTS, 4, 3) or points.shape != (HEIGHTS, 4, 3):
+            raise InputError(path, f"found features of shape {values.shape}, expected {(HEIGHTS, 4, 3)}")
+        if not (np.isfinite(values[..., 0]).all() and (values[..., 0] > 0).all()):
+            raise InputError(path, "has stiffness that is not finite and positive", field="features")
+        features.append(values)
+        # Linear elasticity has no quadratic coefficient.
+        nonlinear = nonlinear or bool((np.nan_to_num(values[..., 2]) != 0).any())
+        across_x = np.linalg.norm(points[:, 0, :2] - points[:, 1, :2], axis=1)
+        across_y = np.linalg.norm(points[:, 2, :2] - points[:, 3, :2], axis=1)
+        widths.append(np.stack([across_x, across_y], axis=1))
+        labels.append(str(entry["class"]))
+        names.append(Path(entry["file"]).stem)
+        if surface:
+            posed.append(posed_changes(surface[0], surface[1], points, np.random.default_rng(number)))
+    return FeatureSet(
+        np.stack(features),
+        np.stack(widths),
+        tuple(labels),
+        tuple(names),
+        nonlinear,
+        np.stack(posed).astype(np.float32) if len(posed) == len(listed) else None,
+    )
+
+
+def save_feature_set(path: Path | str, found: FeatureSet) -> None:
+    """Write one NPZ file, whole or not at all."""
+    # Half precision: a thousandth of what is a standard deviation anyway.
+    extra: dict[str, Any] = {} if found.posed is None else {"posed": np.asarray(found.posed, np.float16)}
+    with atomic_path(path) as temporary:
+        np.savez_compressed(
+            temporary,
+            features=np.asarray(found.features, dtype=float),
+            width_m=np.asarray(found.width_m, dtype=float),
+            label=np.array(found.label),
+            name=np.array(found.name),
+            nonlinear=np.array(found.nonlinear),
+            **extra,
+        )
+
+
+def load_feature_set(source: Path | str) -> FeatureSet:
+    """Read the NPZ file of :func:`save_feature_set`, or the folder of a build."""
+    path = Path(source)
+    if path.is_dir():
+        return read_build(path)
+    remedy = "make one with classify train"
+    data = read_npz(path, "a feature set", names=_ARRAYS, remedy=remedy)
+    try:
+        found = FeatureSet(
+            data["features"],
+            data["width_m"],
+            tuple(str(text) for text in data["label"]),
+            tuple(str(text) for text in data["name"]),
+            bool(data["nonlinear"]),
+            data["posed"].astype(np.float32) if "posed" in data else None,
+        )
+    except InputError as error:
+        raise InputError(path, error.problem, field=error.field) from error
+    except (TypeError, ValueError) as error:
+        raise InputError(path, f"is not a feature set ({error})", remedy=remedy) from error
+    if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
+        raise InputError(path, "has numbers that are not finite", field="features")
+    if found.posed is not None and not np.isfinite(found.posed).all():
+        raise InputError(path, "has numbers that are not finite", field="posed")
+    if not (found.features[..., 0] > 0).all():
+        raise InputError(path, "has stiffness that is not positive", field="features")
+    return found
+
+
+def _manifest(folder: Path) -> list[dict[str, str]]:
+    path = folder / "manifest.json"
+    try:
+        listed = json.loads(path.read_text(encoding="utf-8"))["objects"]
+        found = [{"file": str(entry["file"]), "class": str(entry["class"])} for entry in listed]
+    except OSError as error:
+        raise InputError(
+            path, f"cannot be read ({error.strerror})", remedy="run visuohaptic objects build first"
+        ) from error
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(path, f"is no manifest of objects build ({error})") from error
+    if not found:
+        raise InputError(path, "lists no objects")
+    for entry in found:
+        if Path(entry["file"]).is_absolute() or ".." in Path(entry["file"]).parts:
+            raise InputError(path, f"found {entry['file']!r}, expected a file inside the folder")
+    return found

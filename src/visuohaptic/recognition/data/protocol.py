@@ -1,0 +1,54 @@
+"""How a gripper touches: what a closing curve can tell, and what it costs in robot time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from .places import Touch
+from .readings import SensorNoise
+
+__all__ = ["TouchProtocol", "travel_seconds"]
+
+
+@dataclass(frozen=True, slots=True)
+class TouchProtocol:
+    """One touch: close until force or deformation is enough, open again (Alt 2016, Sec. 6.4.2)."""
+
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    max_force_N: float = 20.0
+    max_deformation_m: float = 0.003
+    close_m_per_s: float = 0.005
+    rate_Hz: float = 30.0
+    approach_s: float = 2.0  #: to contact and back
+    travel_m_per_s: float = 0.05  #: along the height
+    place_m: float = 0.01  #: between two of the 16 heights
+    turn_s: float = 2.0  #: from one axis to the other
+
+    @property
+    def touch_s(self) -> float:
+        """Of one touch, without the way there."""
+        return self.approach_s + self.max_deformation_m / self.close_m_per_s
+
+    def relative_sigma(self, stiffness_N_per_m: float) -> float:
+        """Expected relative standard deviation of the linear coefficient."""
+        return float(self.relative_sigmas(np.array([stiffness_N_per_m]))[0])
+
+    def relative_sigmas(self, stiffness_N_per_m: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
+        """The same for many."""
+        reach = np.minimum(self.max_deformation_m, self.max_force_N / stiffness_N_per_m)
+        count = np.maximum(6.0, self.rate_Hz * reach / self.close_m_per_s)
+        square = count * reach**2 / 3
+        spread = (self.noise.force_N / stiffness_N_per_m) ** 2 + self.noise.deformation_m**2
+        out: np.ndarray = np.sqrt(spread / square)
+        return out
+
+
+def travel_seconds(protocol: TouchProtocol, start: Touch | None, goal: Touch) -> float:
+    """From touch to touch; the way to the first is free and part of its approach."""
+    if start is None:
+        return 0.0
+    way = abs(goal[0] - start[0]) * protocol.place_m / protocol.travel_m_per_s
+    return max(way, protocol.turn_s if goal[1] != start[1] else 0.0)

@@ -1,0 +1,212 @@
+"""What one touch says: coefficients of a measured curve with their doubt (Alt 2016, Secs. 6.1.6, 6.4.2).
+
+Deformation d and force F both carry noise. Least squares of F on a noisy d comes out too soft, by
+the share of the noise in d^2: its known part is taken off the moments (Fuller 1987). Where the
+fingers hardly move, only the weighted distance to the line (Deming) says anything.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from .places import HEIGHTS, SIDES
+
+__all__ = ["CurveFit", "SensorNoise", "TouchReading", "fit_curve", "read_curves", "stiffness_grid"]
+
+#: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
+LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
+#: Files with more samples are refused.
+MAX_SAMPLES = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """Standard deviations of one sample."""
+
+    force_N: float = 0.1
+    deformation_m: float = 1e-4
+
+
+@dataclass(frozen=True, slots=True)
+class CurveFit:
+    """Coefficients of one side; NaN where the curve does not reach far enough."""
+
+    i_N_per_m: float  #: linear, up to 3 mm
+    I_N_per_m: float  #: linear, all
+    II: float  #: quadratic, all, times (1 cm)^2 / 50 N
+    i_relative_sigma: float  #: of ``i_N_per_m``, by itself
+    II_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class TouchReading:
+    """One touch: both sides at one height, 1 .. 16."""
+
+    height: int
+    axis: str  #: "x" or "y", that the tips press along
+    sides: tuple[CurveFit | None, CurveFit | None]  #: + and -; None: not measured
+    width_m: float = math.nan  #: opening of the gripper at contact
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.height <= HEIGHTS or self.axis not in ("x", "y"):
+            raise InputError(
+                "touch", f"found {self.axis}{self.height}, expected x or y and 1 to {HEIGHTS}", field="height"
+            )
+
+
+def fit_curve(
+    deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: SensorNoise | None = None
+) -> CurveFit:
+    """Coefficients of a closing curve from contact on.
+
+    Raises
+    ------
+    InputError
+        Not two arrays of finite numbers, or no push in them.
+    """
+    noise = SensorNoise() if noise is None else noise
+    d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
+    if d.shape != f.shape or d.ndim != 1 or not d.size or not (np.isfinite(d).all() and np.isfinite(f).all()):
+        raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
+    low = d <= LOW_m * (1 + 1e-9)
+    if not low.any():
+        raise InputError("curve", f"no sample up to {LOW_m} m; the least is {d.min():.4g} m")
+    i, relative = _slope(d[low], f[low], noise)
+    if not i > 0:
+        raise InputError(
+            "curve", f"found {i:.4g} N/m, expected a force that rises with the deformation", field="force_N"
+        )
+    full, _ = _slope(d, f, noise)
+    quadratic, doubt = _quadratic(d, f, noise)
+    return CurveFit(i, full, quadratic, relative, doubt)
+
+
+def read_curves(path: Path | str, noise: SensorNoise | None = None) -> tuple[TouchReading, ...]:
+    """Measured curves of one object, in the order of their first sample.
+
+    The CSV has the columns ``height`` (1 .. 16), ``side`` (x+, x-, y+, y-), ``force_N``,
+    ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact.
+    """
+    path = Path(path)
+    samples: dict[tuple[int, str], list[tuple[float, float]]] = {}
+    widths: dict[tuple[int, str], float] = {}
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as handle:
+            rows = csv.DictReader(handle)
+            wanted = ("height", "side", "force_N", "deformation_m")
+            if missing := [name for name in wanted if name not in (rows.fieldnames or ())]:
+                raise InputError(path, f"has no column {missing[0]!r}, expected {', '.join(wanted)}")
+            for number, row in enumerate(rows):
+                if number >= MAX_SAMPLES:
+                    raise InputError(path, f"has more than {MAX_SAMPLES} samples")
+                line = f"line {rows.line_num}"
+                side = (row["side"] or "").strip()
+                if side not in SIDES:
+                    raise InputError(path, f"found {side!r}, expected one of {', '.join(SIDES)}", field=line)
+                height = _float(path, line, row["height"])
+                if height not in range(1, HEIGHTS + 1):
+                    raise InputError(path, f"found height {height:g}, expected 1 to {HEIGHTS}", field=line)
+                sample = _float(path, line, row["deformation_m"]), _float(path, line, row["force_N"])
+                samples.setdefault((int(height), side), []).append(sample)
+                if (row.get("width_m") or "").strip():
+                    width = _float(path, line, row["width_m"])
+                    if not 0 < width < 10:
+                        raise InputError(path, f"found width {width:g} m, expected 0 to 10 m", field=line)
+                    widths[int(height), side[0]] = width
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is no CSV file in UTF-8 ({error})") from error
+    if not samples:
+        raise InputError(path, "has no samples")
+    fits: dict[tuple[int, str], list[CurveFit | None]] = {}
+    for (height_number, side), pairs in samples.items():
+        d, f = np.array(pairs).T
+        try:
+            found = fit_curve(d, f, noise)
+        except InputError as error:
+            raise InputError(path, error.problem, field=f"curve of {side}{height_number}") from error
+        both = fits.setdefault((height_number, side[0]), [None, None])
+        both[side[1] == "-"] = found
+    return tuple(
+        TouchReading(height, axis, (both[0], both[1]), widths.get((height, axis), math.nan))
+        for (height, axis), both in fits.items()
+    )
+
+
+def stiffness_grid(readings: Sequence[TouchReading]) -> Float[np.ndarray, "16 4"]:
+    """i [N/m] of what was touched, NaN elsewhere.
+
+    A side that was not measured takes the value of the side opposite: a pinch presses both.
+    """
+    out = np.full((HEIGHTS, 4), np.nan)
+    for reading in readings:
+        column = 0 if reading.axis == "x" else 2
+        values = [side.i_N_per_m if side is not None else np.nan for side in reading.sides]
+        known = [value for value in values if np.isfinite(value)]
+        if known:
+            out[reading.height - 1, column : column + 2] = np.where(np.isfinite(values), values, known[0])
+    return out
+
+
+def _slope(d: np.ndarray, f: np.ndarray, noise: SensorNoise) -> tuple[float, float]:
+    """k of F = k d and its relative standard deviation."""
+    count = len(d)
+    dd, df, ff = float(d @ d), float(d @ f), float(f @ f)
+    var_d, var_f = noise.deformation_m**2, noise.force_N**2
+    inside = dd - count * var_d
+    if var_d == 0 or inside > 25 * count * var_d:
+        k = df / inside if inside > 0 else math.nan
+        square = inside
+    else:
+        # Deming: the line with the least weighted distance.
+        if df <= 0:
+            # Pressed and not moved: stiffer than the noise lets see.
+            seen = float(f.mean()) > 5 * noise.force_N / math.sqrt(count)
+            return (math.sqrt(ff / (count * var_d)), 1.0) if seen else (math.nan, math.nan)
+        ratio = var_f / var_d
+        half = 0.5 * (ff - ratio * dd)
+        k = (half + math.hypot(half, math.sqrt(ratio) * df)) / df
+        # d^2 along the line, from both sensors, less what is noise.
+        square = (ratio * dd + k * df) / (ratio + k * k)
+        square = max(square - count * var_d * ratio / (ratio + k * k), 0.25 * square)
+    return k, math.sqrt((var_f + k * k * var_d) / square) / abs(k) if k else math.nan
+
+
+def _quadratic(d: np.ndarray, f: np.ndarray, noise: SensorNoise) -> tuple[float, float]:
+    """b of F = a d + b d^2 and its standard deviation, nominal."""
+    if len(d) < 3:
+        return math.nan, math.nan
+    count, var = len(d), noise.deformation_m**2
+    s1, s2, s3, s4 = (float((d**k).sum()) for k in range(1, 5))
+    m2 = s2 - count * var
+    m3 = s3 - 3 * var * s1
+    m4 = s4 - 6 * var * s2 + 3 * count * var**2
+    right = np.array([d @ f, (d * d) @ f - var * f.sum()])
+    determinant = m2 * m4 - m3 * m3
+    if not (m2 > 0 and m4 > 0 and determinant > 1e-3 * m2 * m4):
+        return math.nan, math.nan
+    a = (m4 * right[0] - m3 * right[1]) / determinant
+    b = (m2 * right[1] - m3 * right[0]) / determinant
+    slope = a + 2 * b * float(np.mean(d))
+    sigma = math.sqrt((noise.force_N**2 + slope**2 * var) * m2 / determinant)
+    scale = NOMINAL_m**2 / NOMINAL_N
+    return b * scale, sigma * scale
+
+
+def _float(path: Path, line: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError as error:
+        raise InputError(path, f"found {text!r}, expected a number", field=line) from error
+    if not math.isfinite(value):
+        raise InputError(path, f"found {text!r}, expected a finite number", field=line)
+    return value

@@ -1,0 +1,287 @@
+"""Open or closed, and how full: from curves of large deformation (Alt 2016, Secs. 6.3.2, 6.4.2).
+
+Enclosed gas hardly changes the stiffness of a small deformation, but makes the curve bend upwards;
+a lid holds the mouth in shape. Features of one side are ``(log i, log I, II / II_0)`` with II_0 the
+quadratic coefficient that would double I at the nominal deformation: the first two have the scale
+of the object, the last has none. Each state is a Gaussian at each place; the covariance is common
+to the states (linear discriminant), so few variants are enough. Symbols: l places, s states.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError, VisuohapticError
+from ...core.files import write_text
+from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
+from ...deformation.nonlinear.contents import Contents
+from ...deformation.shapes.container import ContainerDescription
+from ...deformation.shapes.mesher import mesh_container
+from ..data.places import HEIGHTS, SIDES
+from ..data.protocol import TouchProtocol
+from ..data.readings import NOMINAL_N, NOMINAL_m, SensorNoise, TouchReading, fit_curve
+from .haptic_model import UNKNOWN
+from .unknown_state import posterior_with_unknown
+
+__all__ = [
+    "StateCurve",
+    "StateModel",
+    "fit_state_model",
+    "load_state_model",
+    "save_state_model",
+    "simulate_state_curves",
+    "state_features",
+    "state_probability",
+]
+
+_FORMAT = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateCurve:
+    """One simulated curve."""
+
+    state: str
+    variant: int
+    place: str  #: side and height, as y+8
+    deformation_m: Float[np.ndarray, "k"]
+    force_N: Float[np.ndarray, "k"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StateModel:
+    """What each state feels like at each place, of one object."""
+
+    states: tuple[str, ...]
+    places: tuple[str, ...]  #: the best first
+    mean: Float[np.ndarray, "l s 3"]
+    covariance: Float[np.ndarray, "l 3 3"]
+    accuracy: Float[np.ndarray, "l"]  #: share right at this place alone, variants left out in turn
+
+
+def simulate_state_curves(
+    container: ContainerDescription,
+    states: Mapping[str, Contents | None],
+    places: Sequence[str],
+    *,
+    variants: int = 8,
+    seed: int = 0,
+    wall: float = 0.1,
+    modulus: float = 0.1,
+    deformation_m: Sequence[float] = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008),
+    around: int = 32,
+) -> list[StateCurve]:
+    """Curves of one object whose wall and modulus are known to a share.
+
+    Parameters
+    ----------
+    container
+        Without ranges.
+    states
+        Name -> contents; None: open, without its cap.
+    places
+        As ``y+8``: side and height 1 .. 16.
+    variants
+        Draws of wall and modulus, within ``wall`` and ``modulus`` to either side.
+    seed
+        Of the draws.
+    """
+    rng = np.random.default_rng(seed)
+    for place in places:
+        _place(place)  # before minutes of simulation
+    out = []
+    for variant in range(variants):
+        thicker, stiffer = 1 + rng.uniform(-wall, wall), 1 + rng.uniform(-modulus, modulus)
+        for name, contents in states.items():
+            changes: dict[str, Any] = {"wall": tuple(value * thicker for value in container.wall)}
+            if contents is None:
+                changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
+            thing = mesh_container(container.model_copy(update=changes), around=around)
+            planes: dict[str, PinchPlane] = {}
+            for place in places:
+                side, height = _place(place)
+                angle = {"x+": 0.0, "x-": np.pi, "y+": np.pi / 2, "y-": -np.pi / 2}[side]
+                plane = planes.setdefault(side, PinchPlane(thing, angle))
+                vertex = side_vertex(thing, side, (height - 0.5) / HEIGHTS * thing.height_m)
+                try:
+                    curve = plane.curve(vertex, deformation_m=deformation_m, contents=contents)
+                except VisuohapticError as error:
+                    raise InputError(f"container {container.name}", str(error), field=place) from error
+                # The modulus scales the wall's part of the force; the gas has its own.
+                out.append(StateCurve(name, variant, place, curve.first_m, stiffer * curve.force_N))
+    return out
+
+
+def state_features(i_N_per_m: float, I_N_per_m: float, II: float) -> Float[np.ndarray, "3"]:
+    """``(log i, log I, II / II_0)`` of one side."""
+    return np.array([np.log(i_N_per_m), np.log(I_N_per_m), II * (NOMINAL_N / NOMINAL_m) / I_N_per_m])
+
+
+def fit_state_model(
+    curves: Sequence[StateCurve],
+    rng: np.random.Generator,
+    *,
+    noise: SensorNoise | None = None,
+    copies: int = 20,
+) -> StateModel:
+    """Learn Gaussians of each state from curves, read with noise, and rank the places.
+
+    The accuracy of a place is that of variants that had no part in the fit.
+    """
+    noise = SensorNoise() if noise is None else noise
+    states = tuple(dict.fromkeys(curve.state for curve in curves))
+    places = tuple(dict.fromkeys(curve.place for curve in curves))
+    if len(states) < 2:
+        raise InputError("fit_state_model", f"found {len(states)} states, expected at least 2")
+    found = []
+    for place in places:
+        rows, label, group = [], [], []
+        for curve in (one for one in curves if one.place == place):
+            for _ in range(copies):
+                features = _read(curve, noise, rng)
+                if features is not None:
+                    rows.append(features)
+                    label.append(states.index(curve.state))
+                    group.append(curve.variant)
+        x, y, g = np.array(rows).reshape(-1, 3), np.array(label), np.array(group)
+        if any(np.count_nonzero(y == k) < 4 for k in range(len(states))):
+            continue
+        hits = []
+        for one in np.unique(g):
+            held = g == one
+            if any(not ((y == k) & ~held).any() for k in range(len(states))):
+                continue
+            mean, covariance = _gaussians(x[~held], y[~held], len(states))
+            hits += (np.argmax(_scores(x[held], mean, covariance), axis=1) == y[held]).tolist()
+        mean, covariance = _gaussians(x, y, len(states))
+        found.append((float(np.mean(hits)) if hits else float("nan"), place, mean, covariance))
+    if not found:
+        raise InputError("fit_state_model", "no place has curves of all states")
+    found.sort(key=lambda one: -one[0])
+    return StateModel(
+        states,
+        tuple(one[1] for one in found),
+        np.stack([one[2] for one in found]),
+        np.stack([one[3] for one in found]),
+        np.array([one[0] for one in found]),
+    )
+
+
+def state_probability(model: StateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
+    """Probabilities of the states and of ``UNKNOWN`` from what was touched, and where it is told best.
+
+    Places are taken as independent, which their common wall makes them not: of several, only the
+    best place that was touched counts.
+    """
+    seen = {}
+    for reading in readings:
+        for sign, side in zip("+-", reading.sides, strict=True):
+            if side is not None and np.isfinite([side.i_N_per_m, side.I_N_per_m, side.II]).all():
+                seen[f"{reading.axis}{sign}{reading.height}"] = side
+    for k, place in enumerate(model.places):
+        # A pinch presses both sides alike.
+        side = seen.get(place, seen.get(place.replace("+", "-")))
+        if side is None or not (side.i_N_per_m > 0 and side.I_N_per_m > 0):
+            continue
+        x = state_features(side.i_N_per_m, side.I_N_per_m, side.II)
+        score = _scores(x[None], model.mean[k], model.covariance[k])[0]
+        known, unknown = posterior_with_unknown(score, -2.0 * score[:, None], np.array([x.size]))
+        fraction = {**dict(zip(model.states, known.tolist(), strict=True)), UNKNOWN: unknown}
+        return {
+            "state": max(fraction, key=lambda name: fraction[name]),
+            "probabilities": fraction,
+            "place": place,
+            "accuracy": float(model.accuracy[k]),
+            "best_place": model.places[0],
+        }
+    return {
+        "state": None, "probabilities": None, "place": None, "accuracy": None, "best_place": model.places[0]
+    }  # fmt: skip
+
+
+def save_state_model(path: Path | str, model: StateModel) -> None:
+    """Write JSON, whole or not at all."""
+    content = {
+        "format": _FORMAT,
+        "states": list(model.states),
+        "places": list(model.places),
+        "mean": model.mean.tolist(),
+        "covariance": model.covariance.tolist(),
+        "accuracy": model.accuracy.tolist(),
+    }
+    write_text(path, json.dumps(content, indent=1) + "\n")
+
+
+def load_state_model(path: Path | str) -> StateModel:
+    """Read and check what :func:`save_state_model` wrote."""
+    path = Path(path)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["format"] != _FORMAT:
+            raise InputError(path, f"found format {found['format']!r}, expected {_FORMAT}")
+        states, places = tuple(map(str, found["states"])), tuple(map(str, found["places"]))
+        mean, covariance, accuracy = (
+            np.array(found[key], dtype=float) for key in ("mean", "covariance", "accuracy")
+        )
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
+        raise InputError(path, f"is no state model ({error})") from error
+    count = len(places)
+    good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)
+    good = good and covariance.shape == (count, 3, 3) and accuracy.shape == (count,)
+    if not (good and np.isfinite(mean).all() and np.isfinite(covariance).all()):
+        raise InputError(path, "is no state model: its arrays do not fit together")
+    if not (np.linalg.eigvalsh(covariance) > 0).all():
+        raise InputError(path, "is no state model: a covariance is not positive", field="covariance")
+    for place in places:
+        _place(place)
+    return StateModel(states, places, mean, covariance, accuracy)
+
+
+def _read(curve: StateCurve, noise: SensorNoise, rng: np.random.Generator) -> np.ndarray | None:
+    """Features of a closing with noise, at the rate of the gripper."""
+    if len(curve.deformation_m) < 3:
+        return None
+    protocol = TouchProtocol()
+    step = protocol.close_m_per_s / protocol.rate_Hz
+    d = np.arange(1, int(curve.deformation_m[-1] / step) + 1) * step
+    f = np.interp(d, np.r_[0.0, curve.deformation_m], np.r_[0.0, curve.force_N])
+    try:
+        fit = fit_curve(
+            d + rng.normal(0, noise.deformation_m, len(d)), f + rng.normal(0, noise.force_N, len(d)), noise
+        )
+    except InputError:
+        return None
+    if not (fit.I_N_per_m > 0 and np.isfinite(fit.II)):
+        return None
+    return state_features(fit.i_N_per_m, fit.I_N_per_m, fit.II)
+
+
+def _gaussians(x: np.ndarray, y: np.ndarray, states: int) -> tuple[np.ndarray, np.ndarray]:
+    mean = np.stack([x[y == k].mean(axis=0) for k in range(states)])
+    away = x - mean[y]
+    # A floor for what has no noise at all.
+    return mean, away.T @ away / max(len(x) - states, 1) + 1e-6 * np.eye(3)
+
+
+def _scores(x: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    away = x[:, None, :] - mean
+    out: np.ndarray = -0.5 * np.einsum("nsi,ij,nsj->ns", away, np.linalg.inv(covariance), away)
+    return out
+
+
+def _place(text: str) -> tuple[str, int]:
+    side, height = text[:2], text[2:]
+    if side not in SIDES or not height.isascii() or not height.isdigit() or not 1 <= int(height) <= HEIGHTS:
+        raise InputError("place", f"found {text!r}, expected a side and a height 1 to {HEIGHTS}, as y+8")
+    return side, int(height)

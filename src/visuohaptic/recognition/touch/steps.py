@@ -1,0 +1,114 @@
+"""An exploration in words, as it happens: for a page, a log or a file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from ..data.places import Touch
+from ..data.readings import TouchReading
+from ..trees.tree_nodes import ClassificationTree, feature_name, next_touch, scaled_features, scaling_touches
+from .belief import update_belief
+from .haptic_model import HapticModel
+
+__all__ = ["Listener", "planner_follower", "planner_steps", "tree_follower", "tree_steps"]
+
+#: Question and answer; an open question has an empty answer.
+Step = tuple[str, str]
+
+
+class Listener(Protocol):
+    """Who is told; :class:`visuohaptic.viewer.StepsView` is one."""
+
+    def ask(self, question: str) -> None:
+        """A question that is now open."""
+
+    def answer(self, answer: str) -> None:
+        """Of the open question."""
+
+    def finish(self, result: str) -> None:
+        """What it is."""
+
+
+def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[tuple[Step, ...], str]:
+    """How far the tree comes with what was measured [N/m], NaN elsewhere; and its answer, at a leaf."""
+    steps: list[Step] = []
+    for height, axis in scaling_touches(tree.scheme):
+        column = 0 if axis == "x" else 2
+        both = measured[height - 1, column : column + 2]
+        known = bool(np.isfinite(both).all())
+        steps.append((f"touch {axis}{height} for the scale", _newtons(both) if known else ""))
+        if not known:
+            return tuple(steps), ""
+    values = scaled_features(measured, tree.scheme)
+    node = 0
+    while tree.feature[node] >= 0:
+        feature, threshold = int(tree.feature[node]), float(tree.threshold[node])
+        value, question = float(values[feature]), f"{feature_name(feature)} above {threshold:.3g}?"
+        if not np.isfinite(value):
+            return (*steps, (question, "")), ""
+        above = value > threshold
+        steps.append((question, f"{'yes' if above else 'no'}, {value:.3g}"))
+        node = int((tree.right if above else tree.left)[node])
+    _, leaf = next_touch(tree, measured)
+    return tuple(steps), tree.classes[int(tree.answer[leaf])]
+
+
+def planner_steps(
+    model: HapticModel, readings: Sequence[TouchReading], wanted: Touch | None
+) -> tuple[tuple[Step, ...], str]:
+    """Touches with what was believed after each; and the answer, if no touch is wanted any more."""
+    steps: list[Step] = []
+    for count, reading in enumerate(readings, start=1):
+        said = update_belief(model, readings[:count]).as_mapping()
+        best = sorted(said, key=lambda name: -said[name])[:2]
+        felt = _newtons([np.nan if side is None else side.i_N_per_m for side in reading.sides])
+        wide = f", {1e3 * reading.width_m:.1f} mm" if np.isfinite(reading.width_m) else ""
+        fractions = ", ".join(f"{name} {100 * said[name]:.0f} %" for name in best)
+        steps.append((f"touch {reading.axis}{reading.height}", f"{felt}{wide}: {fractions}"))
+    if wanted is not None:
+        return (*steps, (f"touch {wanted[1]}{wanted[0]}", "")), ""
+    belief = update_belief(model, readings)
+    return tuple(steps), f"{belief.answer}, {100 * belief.confidence:.0f} %"
+
+
+def tree_follower(
+    tree: ClassificationTree, listener: Listener
+) -> Callable[[Float[np.ndarray, "16 4"]], None]:
+    """For ``walk(..., follow=)``: tells the listener each question of the tree and its answer."""
+    tell = _teller(listener)
+    return lambda measured: tell(*tree_steps(tree, measured))
+
+
+def planner_follower(
+    model: HapticModel, listener: Listener
+) -> Callable[[Sequence[TouchReading], Touch | None], None]:
+    """For ``explore(..., follow=)``: tells the listener each touch and what is believed after it."""
+    tell = _teller(listener)
+    return lambda readings, wanted: tell(*planner_steps(model, readings, wanted))
+
+
+def _teller(listener: Listener) -> Callable[[Sequence[Step], str], None]:
+    """Tells what is new since the last time."""
+    asked = answered = 0
+
+    def tell(steps: Sequence[Step], result: str) -> None:
+        nonlocal asked, answered
+        for number, (question, answer) in enumerate(steps):
+            if number >= asked:
+                listener.ask(question)
+                asked += 1
+            if answer and number >= answered:
+                listener.answer(answer)
+                answered += 1
+        if result:
+            listener.finish(result)
+
+    return tell
+
+
+def _newtons(values: Sequence[float] | Float[np.ndarray, "2"]) -> str:
+    return " and ".join(f"{value / 1e3:.3g}" for value in values if np.isfinite(value)) + " N/mm"

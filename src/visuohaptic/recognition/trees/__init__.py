@@ -1,0 +1,5 @@
+"""Classification trees that plan touches (Alt 2016, Sec. 6.3.2)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

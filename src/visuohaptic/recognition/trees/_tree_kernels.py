@@ -1,0 +1,111 @@
+"""Splits and prunings of classification trees (:mod:`.tree_growth`, :mod:`.tree_pruning`).
+
+Symbols: p features, k objects of a node, n nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+
+@kernel
+def best_splits(
+    order: np.ndarray, values: np.ndarray, number: np.ndarray, weight: np.ndarray, classes: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Decrease of impurity, threshold and gap of the best split of each feature.
+
+    ``order`` (p, k) has the objects of the node in the order of each feature, ``values`` (p, all) the
+    features. The decrease is the sum over the children of weight * gini less that of the node. Of equal
+    splits of one feature the one in the widest gap is taken; -1 where nothing can be split.
+    """
+    features, count = order.shape
+    whole = np.zeros(classes)
+    for place in range(count):
+        thing = order[0, place]
+        whole[number[thing]] += weight[thing]
+    total, square = 0.0, 0.0
+    for k in range(classes):
+        total += whole[k]
+        square += whole[k] * whole[k]
+    decrease = np.full(features, -1.0)
+    threshold, widest = np.zeros(features), np.zeros(features)
+    below = np.zeros(classes)
+    for f in range(features):
+        below[:] = 0.0
+        # Sums of squares of the weights by class, kept up to date in place.
+        low, squares_low, squares_high = 0.0, 0.0, square
+        for place in range(count - 1):
+            thing = order[f, place]
+            w, c = weight[thing], number[thing]
+            above = whole[c] - below[c]
+            squares_low += w * (2 * below[c] + w)
+            squares_high += w * (w - 2 * above)
+            below[c] += w
+            low += w
+            here = values[f, thing]
+            gap = values[f, order[f, place + 1]] - here
+            if gap <= 1e-9:
+                continue
+            gain = squares_low / low + squares_high / (total - low) - square / total
+            if gain > decrease[f] + 1e-9 or (gain >= decrease[f] - 1e-9 and gap > widest[f]):
+                decrease[f] = max(gain, decrease[f])
+                threshold[f], widest[f] = here + 0.5 * gap, gap
+    return decrease, threshold, widest
+
+
+@kernel
+def parted(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
+    """The orders (p, k) of both children; ``left`` objects of the node are in the first."""
+    features, count = order.shape
+    first = np.empty((features, left), order.dtype)
+    second = np.empty((features, count - left), order.dtype)
+    for f in range(features):
+        a, b = 0, 0
+        for place in range(count):
+            thing = order[f, place]
+            if goes_left[thing]:
+                first[f, a] = thing
+                a += 1
+            else:
+                second[f, b] = thing
+                b += 1
+    return first, second
+
+
+@kernel
+def cut_nodes(
+    feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cost: float
+) -> np.ndarray:
+    """Which nodes (n,) are leaves in the smallest subtree with the least errors + cost * leaves."""
+    best = error + cost
+    cut = np.ones(len(feature), dtype=np.bool_)
+    for node in range(len(feature) - 1, -1, -1):  # children come after their parents
+        if feature[node] >= 0:
+            below = best[left[node]] + best[right[node]]
+            if below < best[node] - 1e-9:
+                best[node] = below
+                cut[node] = False
+    return cut
+
+
+@kernel
+def weakest_link(
+    feature: np.ndarray, left: np.ndarray, right: np.ndarray, error: np.ndarray, cut: np.ndarray
+) -> float:
+    """Cost of a leaf at which the next subtree is cut; infinite where there is none."""
+    leaves, below = np.ones(len(feature)), error.copy()
+    least = np.inf
+    for node in range(len(feature) - 1, -1, -1):
+        if feature[node] >= 0 and not cut[node]:
+            leaves[node] = leaves[left[node]] + leaves[right[node]]
+            below[node] = below[left[node]] + below[right[node]]
+    stack = [0]
+    while len(stack) > 0:
+        node = stack.pop()
+        if feature[node] >= 0 and not cut[node]:
+            least = min(least, (error[node] - below[node]) / (leaves[node] - 1.0))
+            stack.append(left[node])
+            stack.append(right[node])
+    return least

@@ -1,0 +1,159 @@
+"""Classification trees that are exploration plans (Alt 2016, Sec. 6.3.1): training.
+
+CART with Gini's index on classes that are smoothed (:mod:`.tree_growth`), pruned by cost complexity where
+cross-validation says so (:mod:`.tree_pruning`). What a tree is and how it is walked: :mod:`.tree_nodes`;
+its file: :mod:`.tree_file`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..data.data_set import FeatureSet
+from ..data.places import Touch
+from .tree_file import load_tree, plan_rows, save_tree, tree_mapping, tree_text
+from .tree_growth import DRAWS, grown, predictors, smoothed
+from .tree_nodes import (
+    SCHEMES,
+    ClassificationTree,
+    decide,
+    feature_name,
+    mean_touches,
+    next_touch,
+    predict,
+    scaled_features,
+    scaling_touches,
+    touch_of,
+    walk,
+)
+from .tree_pruning import pruned, pruning_middles, simplest, stratified_folds
+
+__all__ = [
+    "SCHEMES",
+    "ClassificationTree",
+    "Touch",
+    "feature_name",
+    "grow_tree",
+    "load_tree",
+    "mean_touches",
+    "next_touch",
+    "plan_rows",
+    "predict",
+    "save_tree",
+    "scaled_features",
+    "scaling_touches",
+    "touch_of",
+    "train_tree",
+    "tree_mapping",
+    "tree_text",
+    "walk",
+]
+
+
+def grow_tree(
+    data: FeatureSet,
+    *,
+    scheme: str = "centre",
+    alpha: float = 0.0,
+    reuse: float = 0.1,
+    draws: int = DRAWS,
+    rng: np.random.Generator | None = None,
+) -> ClassificationTree:
+    """Train on all objects, in milliseconds, with a pruning that is known.
+
+    Parameters
+    ----------
+    data
+        Candidates of the moment; see :meth:`.FeatureSet.of_classes`.
+    scheme
+        Of the features.
+    alpha
+        Cost of a leaf, as a share of all objects.
+    reuse
+        Share of the best split's decrease of impurity that may be given up for a feature that has
+        been touched already, 0 to 1.
+    draws
+        That fill up each class; 0 is plain CART, on the objects alone.
+    rng
+        Of the draws.
+    """
+    values = _log_stiffness(data, draws)
+    rng = np.random.default_rng(0) if rng is None else rng
+    whole = _grow(values, data, scheme, reuse, draws, rng, alpha=alpha)
+    return _in_feature_units(replace(pruned(whole, alpha), alpha=alpha))
+
+
+def train_tree(
+    data: FeatureSet,
+    *,
+    scheme: str = "centre",
+    reuse: float = 0.1,
+    folds: int = 10,
+    draws: int = DRAWS,
+    rng: np.random.Generator | None = None,
+) -> ClassificationTree:
+    """Train, prune by cross-validation, and say the loss.
+
+    The folds are stratified; draws are made from the objects of the other folds, and only objects are
+    judged. Of all prunings, the smallest tree is taken whose cross-validated loss is no more than one
+    standard error above the least (Breiman 1984), and its loss is given. ``nested_loss`` is that of the
+    whole process: for each fold, pruning is chosen by the others.
+    """
+    values, number = _log_stiffness(data, draws), data.number
+    rng = np.random.default_rng(0) if rng is None else rng
+    fewest = int(np.bincount(number).min())
+    if not 2 <= folds <= fewest:
+        raise InputError("train_tree", f"found {folds} folds, expected 2 to {fewest}, the smallest class")
+    fold = stratified_folds(number, folds, rng)
+    whole = _grow(values, data, scheme, reuse, draws, rng)
+    # No tree at all is the last, also in a fold whose classes are further apart than those of the whole.
+    middles = np.append(pruning_middles(whole), 1.0)
+    x = predictors(values, scheme)
+    wrong = np.zeros((folds, len(middles)))
+    for k in range(folds):
+        held = fold == k
+        part = _grow(values[~held], data.take(~held), scheme, reuse, draws, rng)
+        for place, alpha in enumerate(middles):
+            found = decide(pruned(part, float(alpha)), x[held])
+            wrong[k, place] = np.count_nonzero(found != number[held])
+    total = wrong.sum(axis=0)
+    best = simplest(total, len(data))
+    loss = float(total[best] / len(data))
+    others = [simplest(total - wrong[k], int(np.count_nonzero(fold != k))) for k in range(folds)]
+    nested = float(wrong[np.arange(folds), others].sum() / len(data))
+    sigma = float(np.sqrt(max(loss * (1 - loss), 1 / len(data) / 4) / len(data)))
+    alpha = float(middles[best])
+    return _in_feature_units(
+        replace(pruned(whole, alpha), alpha=alpha, loss=loss, loss_sigma=sigma, nested_loss=nested)
+    )
+
+
+def _log_stiffness(data: FeatureSet, draws: int) -> Float[np.ndarray, "m 64"]:
+    if draws < 0:
+        raise InputError("draws", f"found {draws}, expected 0 or more")
+    stiffness = data.features[..., 0].reshape(len(data), -1)
+    if not (np.isfinite(stiffness).all() and (stiffness > 0).all()):
+        raise InputError("features", "found stiffness that is not finite and above 0")
+    return np.log(stiffness)
+
+
+def _grow(
+    values: Float[np.ndarray, "m 64"],
+    data: FeatureSet,
+    scheme: str,
+    reuse: float,
+    draws: int,
+    rng: np.random.Generator,
+    *,
+    alpha: float = 0.0,
+) -> ClassificationTree:
+    more, number, weight = smoothed(values, data.number, draws, rng, posed=data.posed)
+    return grown(predictors(more, scheme), number, weight, data.classes, scheme, reuse, alpha=alpha)
+
+
+def _in_feature_units(tree: ClassificationTree) -> ClassificationTree:
+    return tree if tree.scheme == "norm" else replace(tree, threshold=np.expm1(tree.threshold))

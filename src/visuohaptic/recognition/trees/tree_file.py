@@ -1,0 +1,127 @@
+"""Trees as JSON, as text and as rows of a table."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.files import write_text
+from ..data.places import HEIGHTS, Touch
+from .tree_nodes import SCHEMES, ClassificationTree, feature_name, scaling_touches, touch_of
+
+__all__ = ["load_tree", "plan_rows", "save_tree", "tree_mapping", "tree_text"]
+
+_FORMAT = 1
+_LOSSES = ("loss", "loss_sigma", "nested_loss")
+
+
+def tree_text(tree: ClassificationTree) -> str:
+    """The plan in words: what to touch, in what order, and what follows."""
+    first = ", ".join(f"{axis}{height}" for height, axis in scaling_touches(tree.scheme))
+    lines = [f"touch {first} for the scale" if tree.scheme != "norm" else "touch all places for the scale"]
+
+    def shown(node: int, depth: int, touched: frozenset[Touch]) -> None:
+        pad = "  " * depth
+        if tree.feature[node] < 0:
+            fraction = tree.counts[node] / tree.counts[node].sum()
+            best = int(np.argmax(fraction))
+            lines.append(f"{pad}-> {tree.classes[best]} ({100 * fraction[best]:.0f} %)")
+            return
+        feature = int(tree.feature[node])
+        known = touch_of(feature) in touched
+        name, threshold = feature_name(feature), tree.threshold[node]
+        for word, child in (("<=", tree.left), (">", tree.right)):
+            lines.append(
+                f"{pad}{name} {word} {threshold:.3g}" + (" (touched already)" if known and depth else "")
+            )
+            shown(int(child[node]), depth + 1, touched | {touch_of(feature)})
+
+    shown(0, 0, frozenset(scaling_touches(tree.scheme)))
+    return "\n".join(lines)
+
+
+def save_tree(path: Path | str, tree: ClassificationTree) -> None:
+    """Write JSON, whole or not at all."""
+    write_text(path, json.dumps(tree_mapping(tree), indent=1) + "\n")
+
+
+def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
+    """Plain data of :func:`save_tree`."""
+    return {
+        "format": _FORMAT,
+        "classes": list(tree.classes),
+        "scheme": tree.scheme,
+        "feature": tree.feature.tolist(),
+        "threshold": tree.threshold.tolist(),
+        "left": tree.left.tolist(),
+        "right": tree.right.tolist(),
+        "counts": tree.counts.tolist(),
+        "alpha": tree.alpha,
+        **{key: None if np.isnan(getattr(tree, key)) else getattr(tree, key) for key in _LOSSES},
+    }
+
+
+def load_tree(path: Path | str) -> ClassificationTree:
+    """Read and check what :func:`save_tree` wrote.
+
+    Raises
+    ------
+    InputError
+        Missing, not JSON, or not a tree: each node has two later children or none.
+    """
+    path = Path(path)
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        if found["format"] != _FORMAT:
+            raise InputError(path, f"found format {found['format']!r}, expected {_FORMAT}")
+        classes = tuple(str(name) for name in found["classes"])
+        integers = {key: np.array(found[key], dtype=np.int64) for key in ("feature", "left", "right")}
+        threshold = np.array(found["threshold"], dtype=float)
+        counts = np.array(found["counts"], dtype=float)
+        alpha = float(found["alpha"])
+        losses = [float("nan") if found[key] is None else float(found[key]) for key in _LOSSES]
+        scheme = str(found["scheme"])
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except InputError:
+        raise
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise InputError(path, f"is no classification tree ({error})") from error
+    nodes = threshold.size if threshold.ndim == 1 else 0
+    place = np.arange(nodes)
+    inner = integers["feature"] >= 0 if integers["feature"].ndim == 1 else np.zeros(0, dtype=bool)
+    good = (
+        scheme in SCHEMES
+        and len(classes) > 0
+        and counts.shape == (nodes, len(classes))
+        and nodes > 0
+        and all(array.shape == (nodes,) for array in integers.values())
+        and bool((counts >= 0).all() and (counts.sum(axis=1) > 0).all())
+        and bool(np.isfinite(threshold[inner]).all() and (integers["feature"] < HEIGHTS * 4).all())
+    )
+    for key in ("left", "right"):
+        good = good and bool(((integers[key] > place) & (integers[key] < nodes))[inner].all())
+    if not good:
+        raise InputError(path, "is no classification tree: its arrays do not fit together")
+    index = integers
+    return ClassificationTree(
+        classes, scheme, index["feature"], threshold, index["left"], index["right"], counts, alpha, *losses
+    )
+
+
+def plan_rows(tree: ClassificationTree) -> list[dict[str, Any]]:
+    """Inner nodes in the order of a walk, for tables: feature, threshold, children."""
+    return [
+        {
+            "node": int(node),
+            "feature": feature_name(int(tree.feature[node])),
+            "threshold": float(tree.threshold[node]),
+            "left": int(tree.left[node]),
+            "right": int(tree.right[node]),
+        }
+        for node in np.flatnonzero(tree.feature >= 0)
+    ]

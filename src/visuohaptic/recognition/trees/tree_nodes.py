@@ -1,0 +1,181 @@
+"""A classification tree and its use as an exploration plan (Alt 2016, Sec. 6.3.1).
+
+Each inner node asks one normalised stiffness feature of one side at one height. One touch with two
+opposing tips measures both sides, so it answers two features. The scaling touches come first; what
+was touched on the way to a node is asked again for nothing.
+
+Symbols: n nodes, c classes, m objects, p features (height * 4 + side).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.errors import InputError
+from ..data.places import HEIGHTS, SIDES, Touch
+
+__all__ = [
+    "SCHEMES",
+    "ClassificationTree",
+    "decide",
+    "feature_name",
+    "mean_touches",
+    "next_touch",
+    "predict",
+    "scaled_features",
+    "scaling_touches",
+    "touch_of",
+    "walk",
+]
+
+#: How features lose their scale: Eqs. (6.4), (6.5) and by one point; see deformation.normalised.
+SCHEMES = ("norm", "centre", "point")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassificationTree:
+    """Nodes as arrays; the root is node 0, a leaf has feature -1."""
+
+    classes: tuple[str, ...]
+    scheme: str  #: of the features, one of SCHEMES
+    feature: Int[np.ndarray, "n"]
+    threshold: Float[np.ndarray, "n"]  #: left if the feature is at most this
+    left: Int[np.ndarray, "n"]
+    right: Int[np.ndarray, "n"]
+    counts: Float[np.ndarray, "n c"]  #: training objects at the node, by class
+    alpha: float = 0.0  #: pruned at this cost of a leaf
+    loss: float = float("nan")  #: share classified wrongly, by cross-validation at the chosen pruning
+    loss_sigma: float = float("nan")  #: its standard error
+    nested_loss: float = float("nan")  #: the same with the pruning chosen without the objects judged
+
+    @property
+    def features(self) -> tuple[int, ...]:
+        """Features that are asked somewhere, without repetition."""
+        return tuple(int(k) for k in np.unique(self.feature[self.feature >= 0]))
+
+    @property
+    def answer(self) -> Int[np.ndarray, "n"]:
+        """Most frequent class at each node."""
+        return np.argmax(self.counts, axis=1)
+
+
+def feature_name(feature: int) -> str:
+    """``x+12`` for the side x+ at height 12 of 1 .. 16."""
+    return f"{SIDES[feature % 4]}{feature // 4 + 1}"
+
+
+def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[np.ndarray, "*m 64"]:
+    """Features without scale of many objects; see :func:`visuohaptic.deformation.normalised`.
+
+    With the schemes ``centre`` and ``point``, NaN stands for what was not measured.
+    """
+    values = np.asarray(values, dtype=float)
+    flat = values.reshape(*values.shape[:-2], HEIGHTS * 4)
+    if scheme == "norm":
+        moved = flat - np.median(flat, axis=-1, keepdims=True)
+        length = np.linalg.norm(moved, axis=-1, keepdims=True)
+        out: np.ndarray = moved / np.where(length > 0, length, 1.0)
+        return out
+    if scheme not in SCHEMES:
+        raise InputError("scheme", f"found {scheme!r}, expected one of {', '.join(SCHEMES)}")
+    scale = values[..., 7, :].mean(axis=-1) if scheme == "centre" else values[..., 7, 0]
+    relative: np.ndarray = flat / scale[..., None] - 1
+    return relative
+
+
+def scaling_touches(scheme: str) -> tuple[Touch, ...]:
+    """What has to be touched before any feature has a value."""
+    if scheme == "norm":
+        return tuple((height, axis) for axis in "xy" for height in range(1, HEIGHTS + 1))
+    return ((8, "x"), (8, "y")) if scheme == "centre" else ((8, "x"),)
+
+
+def touch_of(feature: int) -> Touch:
+    """The touch that measures a feature."""
+    return feature // 4 + 1, SIDES[feature % 4][0]
+
+
+def predict(tree: ClassificationTree, values: Float[np.ndarray, "m 16 4"]) -> tuple[str, ...]:
+    """Classes of objects of which every feature is known [N/m]."""
+    found = decide(tree, scaled_features(values, tree.scheme))
+    return tuple(tree.classes[k] for k in found)
+
+
+def next_touch(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[Touch | None, int]:
+    """What to touch next, and the node that was reached.
+
+    ``measured`` has the stiffness [N/m] of what was touched and NaN elsewhere. None: it is a leaf.
+    """
+    known = np.isfinite(measured)
+    for height, axis in scaling_touches(tree.scheme):
+        column = 0 if axis == "x" else 2
+        if not known[height - 1, column : column + 2].all():
+            return (height, axis), 0
+    values = scaled_features(measured, tree.scheme)
+    node = 0
+    while tree.feature[node] >= 0:
+        feature = int(tree.feature[node])
+        if not np.isfinite(values[feature]):
+            return touch_of(feature), node
+        node = int((tree.left if values[feature] <= tree.threshold[node] else tree.right)[node])
+    return None, node
+
+
+def walk(
+    tree: ClassificationTree,
+    touch: Callable[[int, str], tuple[float, float]],
+    *,
+    follow: Callable[[Float[np.ndarray, "16 4"]], object] | None = None,
+) -> tuple[str, tuple[Touch, ...]]:
+    """Explore: ``touch(height, axis)`` measures both sides [N/m]; the class and what was touched.
+
+    ``follow`` is called before each touch, and at the end, with what was measured; see :mod:`.steps`.
+    """
+    measured = np.full((HEIGHTS, 4), np.nan)
+    touched: list[Touch] = []
+    while True:
+        if follow is not None:
+            follow(measured.copy())
+        wanted, node = next_touch(tree, measured)
+        if wanted is None:
+            return tree.classes[int(tree.answer[node])], tuple(touched)
+        height, axis = wanted
+        column = 0 if axis == "x" else 2
+        both = np.asarray(touch(height, axis), dtype=float)
+        if both.shape != (2,) or not (np.isfinite(both).all() and (both > 0).all()):
+            raise InputError(f"touch {axis}{height}", f"found {both}, expected two stiffnesses above 0")
+        measured[height - 1, column : column + 2] = both
+        touched.append(wanted)
+
+
+def mean_touches(tree: ClassificationTree) -> float:
+    """Touches until a leaf, in the mean over the training objects with all classes alike."""
+    weight = tree.counts / tree.counts[0]
+    total = 0.0
+
+    def down(node: int, touched: frozenset[Touch]) -> None:
+        nonlocal total
+        if tree.feature[node] < 0:
+            total += len(touched) * float(weight[node].sum())
+            return
+        here = touched | {touch_of(int(tree.feature[node]))}
+        down(int(tree.left[node]), here)
+        down(int(tree.right[node]), here)
+
+    down(0, frozenset(scaling_touches(tree.scheme)))
+    return total / len(tree.classes)
+
+
+def decide(tree: ClassificationTree, x: Float[np.ndarray, "m p"]) -> Int[np.ndarray, "m"]:
+    """Answers, as places in the classes, to features in the unit of the thresholds."""
+    node = np.zeros(len(x), dtype=np.int64)
+    row = np.arange(len(x))
+    while (inner := tree.feature[node] >= 0).any():
+        value = x[row, np.maximum(tree.feature[node], 0)]
+        down = np.where(value <= tree.threshold[node], tree.left[node], tree.right[node])
+        node = np.where(inner, down, node)
+    return tree.answer[node]

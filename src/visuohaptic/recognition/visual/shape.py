@@ -1,0 +1,276 @@
+"""Shapes from one side: a global descriptor that no rigid motion changes, then ICP.
+
+Alt 2016, Sec. 2.3.5: for simple shapes local features say too little, so a global one proposes and iterated
+closest points decide. A camera sees one side; a stored object is therefore described as seen from many sides.
+Sizes stay in metres: a small cup is no large one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ...core.errors import InputError, MissingExtraError
+
+__all__ = [
+    "DESCRIPTOR_LENGTH",
+    "ShapeFit",
+    "ShapeViews",
+    "describe_cloud",
+    "fit_shape",
+    "shape_views",
+    "thinned",
+]
+
+#: Distances of two points fall into bins between these [m].
+_NEAR_M, _FAR_M, _DISTANCE_BINS = 0.004, 2.0, 32
+_ANGLE_BINS = 12
+#: Weights of the parts of a descriptor, so that what noise and holes do to each is alike.
+_ANGLE_WEIGHT, _EXTENT_WEIGHT = 0.5, 0.6
+DESCRIPTOR_LENGTH = _DISTANCE_BINS + _ANGLE_BINS + 3
+#: Points of a description, after thinning; pairs and triples that are drawn from them.
+_POINTS, _PAIRS, _TRIPLES = 400, 4000, 2000
+#: Points that are needed to speak of a shape.
+FEWEST_POINTS = 20
+#: Starts that are refined.
+_STARTS = 4
+#: Points of a stored surface.
+STORED_POINTS = 1200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeViews:
+    """A surface and its descriptors from all around."""
+
+    points_m: Float32[np.ndarray, "n 3"]  #: evenly over the surface, in the object's frame
+    directions: Float32[np.ndarray, "views 3"]  #: unit, from the object to the eye
+    descriptors: Float32[np.ndarray, "views d"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShapeFit:
+    """How well a cloud lies on a stored surface."""
+
+    residual_m: float  #: root mean square of cut distances, cloud to surface and visible surface to cloud
+    T_cloud_object: Float[np.ndarray, "4 4"]  #: maps the object's frame to that of the cloud
+
+
+def describe_cloud(points_m: Float[np.ndarray, "n 3"]) -> Float32[np.ndarray, "d"]:
+    """Histograms of distances (D2) and angles (A3) of random points, and the extents.
+
+    After Osada et al. 2002 and the ESF of Wohlkinger and Vincze 2011, with the distances on a logarithmic
+    scale in metres. Roots of the shares are kept, so that the Euclidean distance of descriptors is the
+    Hellinger distance of the histograms.
+
+    Parameters
+    ----------
+    points_m
+        At least 20 points; their density does not matter.
+    """
+    cloud = thinned(_checked(points_m), _POINTS)
+    rng = np.random.default_rng(len(cloud))  # the same cloud is always described alike
+    a, b = (cloud[rng.integers(0, len(cloud), _PAIRS)] for _ in range(2))
+    length = np.linalg.norm(a - b, axis=1)
+    place = np.log(np.maximum(length, _NEAR_M) / _NEAR_M) / np.log(_FAR_M / _NEAR_M) * (_DISTANCE_BINS - 1)
+    distances = _soft_fractions(place, _DISTANCE_BINS)
+    p, q, r = (cloud[rng.integers(0, len(cloud), _TRIPLES)] for _ in range(3))
+    u, v = q - p, r - p
+    size = np.linalg.norm(u, axis=1) * np.linalg.norm(v, axis=1)
+    cosine = np.einsum("ij,ij->i", u, v)[size > 0] / size[size > 0]
+    angles = _soft_fractions(np.arccos(np.clip(cosine, -1, 1)) / np.pi * (_ANGLE_BINS - 1), _ANGLE_BINS)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(cloud.T)), _NEAR_M**2 / 4))
+    return np.concatenate(
+        [np.sqrt(distances), _ANGLE_WEIGHT * np.sqrt(angles), _EXTENT_WEIGHT * np.log(spread)]
+    ).astype(np.float32)
+
+
+def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> ShapeViews:
+    """Descriptors of a whole surface as seen from directions spread over the sphere.
+
+    Parameters
+    ----------
+    points_m
+        Evenly over the surface, best 1000 or more; a cloud of one side alone is described as it is, too.
+    views
+        How many directions, of a Fibonacci lattice.
+    """
+    cloud = thinned(_checked(points_m), STORED_POINTS)
+    k = np.arange(views) + 0.5
+    z, turn = 1 - 2 * k / views, np.pi * (1 + np.sqrt(5)) * k
+    flat = np.sqrt(1 - z**2)
+    directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+    described = [describe_cloud(cloud)]
+    seen = [directions[0] * 0]  # no direction: the cloud as a whole
+    for direction in directions:
+        side = cloud[visible_from(cloud, direction)]
+        if len(side) >= FEWEST_POINTS:
+            described.append(describe_cloud(side))
+            seen.append(direction)
+    return ShapeViews(cloud.astype(np.float32), np.array(seen, np.float32), np.array(described, np.float32))
+
+
+def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int) -> ShapeFit:
+    """Lay a stored surface on a cloud that looks like one of its views, by ICP.
+
+    The principal axes of view and cloud agree up to signs, and up to their order where extents are alike;
+    the best of these starts are refined.
+    Distances are cut at a tenth of the size. A quarter of the weight goes to the way back, from what should
+    be visible to the cloud, without its worst fifth: holes are not held against an object, a missing half is.
+    """
+    small_gicp = _small_gicp()
+    from scipy.spatial import cKDTree
+
+    seen = thinned(_checked(points_m), _POINTS)
+    model = stored.points_m.astype(np.float64)
+    direction = stored.directions[view].astype(np.float64)
+    part = model[visible_from(model, direction)] if direction.any() else model
+    cut = 0.1 * float(np.linalg.norm(np.ptp(seen, axis=0)))
+    clouds = []
+    for points in (model, seen):
+        cloud = small_gicp.PointCloud(points)
+        tree = small_gicp.KdTree(cloud)
+        small_gicp.estimate_normals_covariances(cloud, tree, 12)
+        clouds.append((cloud, tree))
+    (target, target_tree), (source, _) = clouds
+    surface = _Surface(cKDTree(model), model, np.asarray(target.normals())[:, :3])
+    surface_seen = _Surface(cKDTree(seen), seen, np.asarray(source.normals())[:, :3])
+
+    def residual(pose: np.ndarray) -> float:  # pose: T_object_cloud
+        there = np.minimum(surface.distances(seen @ pose[:3, :3].T + pose[:3, 3]), cut)
+        back = np.minimum(surface_seen.distances((part - pose[:3, 3]) @ pose[:3, :3]), cut)
+        back = np.sort(back)[: max(int(0.8 * len(back)), 1)]
+        return float(np.sqrt(0.75 * np.mean(there**2) + 0.25 * np.mean(back**2)))
+
+    def roughly(pose: np.ndarray) -> float:
+        return float(np.mean(np.minimum(tree.query(few @ pose[:3, :3].T + pose[:3, 3])[0], 4 * cut)))
+
+    tree, few = surface.tree, seen[:: max(len(seen) // 80, 1)]
+    starts = sorted(_axis_poses(seen, part), key=roughly)[:_STARTS]
+    best, pose = min(((residual(start), start) for start in starts), key=lambda one: one[0])
+    for start in starts:
+        found = small_gicp.align(
+            target, source, target_tree, init_T_target_source=start, registration_type="PLANE_ICP",
+            max_correspondence_distance=cut, max_iterations=15,
+        ).T_target_source  # fmt: skip
+        if np.isfinite(found).all() and (value := residual(found)) < best:
+            best, pose = value, found
+    return ShapeFit(best, np.linalg.inv(pose))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    """Points with normals, to which distances are measured."""
+
+    tree: Any  #: scipy's cKDTree
+    points_m: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+
+    def distances(self, points_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k"]:
+        """To the tangent plane of the nearest point; beside the surface, to that point."""
+        far, nearest = self.tree.query(points_m)
+        off = np.abs(np.einsum("ij,ij->i", points_m - self.points_m[nearest], self.normals[nearest]))
+        # Points are up to about 10 mm apart on the largest objects of a table.
+        return np.where(far**2 - off**2 < 0.01**2, off, far)
+
+
+def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"]) -> np.ndarray:
+    """Indices of the points of a surface that an eye far away in ``direction`` sees.
+
+    The points are drawn into a picture whose cells are a little wider than they are apart; a point is hidden
+    where a cell around it has one that is much nearer.
+    """
+    from scipy.ndimage import maximum_filter
+
+    direction = direction / np.linalg.norm(direction)
+    across = np.linalg.svd(direction[None])[2][1:]
+    plane, height = points_m @ across.T, points_m @ direction
+    low = plane.min(axis=0)
+    extent = np.ptp(plane, axis=0)
+    # About two points in a cell, if both sides fall into the picture.
+    cell = max(2.0 * float(np.sqrt(max(extent[0] * extent[1], 1e-12) / len(points_m))), 1e-6)
+    index = ((plane - low) / cell).astype(np.int64)
+    shape = index.max(axis=0) + 1
+    nearest = np.full(tuple(shape), -np.inf)
+    np.maximum.at(nearest, (index[:, 0], index[:, 1]), height)
+    # Steep walls rise within a cell and its neighbours; hidden is what lies further behind.
+    around = maximum_filter(nearest, size=3, mode="constant", cval=-np.inf)
+    own = nearest[index[:, 0], index[:, 1]]
+    near = around[index[:, 0], index[:, 1]]
+    return np.flatnonzero((height >= own - 2.0 * cell) & (height >= near - 5.0 * cell))
+
+
+def thinned(points_m: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
+    """At most ``count`` points of even density: the means of cubes of the smallest fitting size."""
+    if len(points_m) <= count // 2:
+        return points_m
+    centred = points_m - points_m.min(axis=0)
+    size = float(centred.max())
+    if not size > 0:
+        return points_m[:1]
+    low, high = size / 200, size
+    for _ in range(7):  # the number of cubes falls with their side
+        middle = float(np.sqrt(low * high))
+        if len(np.unique(_cube(centred, middle))) > count:
+            low = middle
+        else:
+            high = middle
+    cubes, label = np.unique(_cube(centred, high), return_inverse=True)
+    sums = np.stack(
+        [np.bincount(label, points_m[:, axis], minlength=len(cubes)) for axis in range(3)], axis=1
+    )
+    return np.asarray(sums / np.bincount(label)[:, None])
+
+
+def _cube(centred: np.ndarray, side: float) -> np.ndarray:
+    x, y, z = (centred / side).astype(np.int64).T
+    return np.asarray((x * 1024 + y) * 1024 + z)
+
+
+def _soft_fractions(place: np.ndarray, bins: int) -> Float[np.ndarray, "bins"]:
+    """Shares of a histogram in which each value is divided between its two nearest bins."""
+    place = np.clip(place, 0, bins - 1)
+    low = np.minimum(place.astype(np.int64), bins - 2)
+    rest = place - low
+    out = np.bincount(low, 1 - rest, minlength=bins) + np.bincount(low + 1, rest, minlength=bins)
+    return out / max(len(place), 1)
+
+
+def _axis_poses(seen: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
+    """The 24 rotations, with the shifts, that bring principal axes of ``seen`` onto axes of ``part``."""
+    axes_seen = np.linalg.eigh(np.cov(seen.T))[1]
+    axes_part = np.linalg.eigh(np.cov(part.T))[1]
+    poses = []
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            rotation = (axes_part[:, order] * np.array(signs)) @ axes_seen.T
+            if np.linalg.det(rotation) > 0:
+                pose = np.eye(4)
+                pose[:3, :3] = rotation
+                pose[:3, 3] = part.mean(axis=0) - rotation @ seen.mean(axis=0)
+                poses.append(pose)
+    return poses
+
+
+def _checked(points_m: np.ndarray) -> Float[np.ndarray, "n 3"]:
+    points = np.asarray(points_m, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < FEWEST_POINTS:
+        raise InputError(
+            "cloud", f"found shape {points.shape}, expected (n, 3) with {FEWEST_POINTS} points or more"
+        )
+    if not np.isfinite(points).all():
+        raise InputError("cloud", "found points that are not finite", remedy="leave them out")
+    if not 1e-3 < float(np.ptp(points, axis=0).max()) < 100.0:
+        raise InputError("cloud", f"found a size of {np.ptp(points, axis=0).max():.3g}, expected metres")
+    return points
+
+
+def _small_gicp() -> Any:
+    try:
+        import small_gicp
+    except ImportError as error:
+        raise MissingExtraError("small_gicp", "geometry", "registration of point clouds") from error
+    return small_gicp

@@ -1,0 +1,230 @@
+"""Pictures by their words: local features, quantised, in an inverted index, then checked by geometry.
+
+Alt 2016, Sec. 2.3.5 and 6.3.3. SIFT descriptors are compared by the Hellinger kernel (RootSIFT), their words
+come from k-means on the pictures that are stored, and a picture is first found by the cosine of tf-idf weights
+(Sivic and Zisserman 2003). Words know nothing of where they are: the best pictures are matched feature by
+feature, and only matches that agree on one homography count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ...core.errors import InputError
+from ...tracking.points.homography import estimate_homography_robust
+from ...tracking.templates.warp import is_proper
+
+__all__ = [
+    "LocalFeatures",
+    "WordIndex",
+    "agreeing_matches",
+    "find_features",
+    "nearest_words",
+    "train_vocabulary",
+]
+
+#: Larger pictures are shrunk to this side: finer detail is not seen again from elsewhere [px].
+SIDE_PX = 800
+#: RootSIFT numbers are at most about a half; so many steps to 1 fill a byte.
+_BYTE_STEPS = 510.0
+#: Descriptors that a vocabulary is learnt from.
+_TRAINING = 60_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalFeatures:
+    """Features of one picture."""
+
+    points_px: Float32[np.ndarray, "k 2"]  #: in the picture as it was given
+    descriptors: UInt8[np.ndarray, "k 128"]  #: RootSIFT
+
+    def __len__(self) -> int:
+        return len(self.points_px)
+
+
+def find_features(image: UInt8[np.ndarray, "height width *colours"], *, most: int = 300) -> LocalFeatures:
+    """The strongest SIFT features of a grey or colour picture.
+
+    Parameters
+    ----------
+    image
+        8 bits; colours are only averaged.
+    most
+        Of the strongest features.
+    """
+    import cv2
+
+    image = np.asarray(image)
+    if image.dtype != np.uint8 or image.ndim not in (2, 3) or (image.ndim == 3 and image.shape[2] != 3):
+        raise InputError(
+            "image",
+            f"found {image.dtype} {image.shape}, expected uint8 (rows, columns) or (rows, columns, 3)",
+        )
+    grey = image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8)
+    none = LocalFeatures(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))
+    if min(grey.shape) < 16:
+        return none
+    scale = min(1.0, SIDE_PX / max(grey.shape))
+    if scale < 1:
+        size = (max(round(grey.shape[1] * scale), 1), max(round(grey.shape[0] * scale), 1))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    points, found = cv2.SIFT.create(most).detectAndCompute(np.ascontiguousarray(grey), None)
+    if found is None or len(found) == 0:
+        return none
+    # OpenCV keeps ties beyond the number that was asked for.
+    order = np.argsort([-point.response for point in points], kind="stable")[:most]
+    places = (np.array([points[i].pt for i in order]) + 0.5) / scale - 0.5
+    root = np.sqrt(found[order] / np.maximum(found[order].sum(axis=1, keepdims=True), 1e-12))
+    return LocalFeatures(
+        places.astype(np.float32), np.clip(np.rint(root * _BYTE_STEPS), 0, 255).astype(np.uint8)
+    )
+
+
+def train_vocabulary(
+    descriptors: UInt8[np.ndarray, "n 128"], words: int, rng: np.random.Generator, *, rounds: int = 6
+) -> Float32[np.ndarray, "w 128"]:
+    """Centres of at most ``words`` groups of descriptors: k-means in two levels.
+
+    A coarse k-means of about the root of ``words`` groups, then one inside each group with a share of the
+    words after its size: the effort grows with ``words ** 1.5`` instead of ``words ** 2``, and the
+    assignment afterwards is to the nearest of all centres, so that only the training is approximate.
+    """
+    if words < 1 or len(descriptors) < 1:
+        raise InputError("train_vocabulary", f"found {len(descriptors)} descriptors for {words} words")
+    if len(descriptors) > _TRAINING:
+        descriptors = descriptors[np.sort(rng.choice(len(descriptors), _TRAINING, replace=False))]
+    data = descriptors.astype(np.float32)
+    words = min(words, len(data))
+    coarse = _k_means(data, max(round(words**0.5), 1), rng, rounds)
+    group = nearest_words(data, coarse)
+    centres = []
+    for k in range(len(coarse)):
+        members = data[group == k]
+        if len(members):
+            fraction = min(max(round(words * len(members) / len(data)), 1), len(members))
+            centres.append(_k_means(members, fraction, rng, rounds))
+    return np.concatenate(centres)
+
+
+def nearest_words(descriptors: np.ndarray, centres: Float32[np.ndarray, "w 128"]) -> Int[np.ndarray, "n"]:
+    """Number of the nearest centre of each descriptor."""
+    half = 0.5 * np.einsum("ij,ij->i", centres, centres)
+    out = np.empty(len(descriptors), np.int64)
+    for start in range(0, len(descriptors), 2048):
+        part = descriptors[start : start + 2048].astype(np.float32)
+        out[start : start + 2048] = np.argmax(part @ centres.T - half, axis=1)
+    return out
+
+
+def _k_means(
+    data: Float32[np.ndarray, "n 128"], count: int, rng: np.random.Generator, rounds: int
+) -> Float32[np.ndarray, "k 128"]:
+    """Lloyd's rounds from random members; a centre that loses all members stays where it is."""
+    centres = data[np.sort(rng.choice(len(data), min(count, len(data)), replace=False))]
+    for _ in range(rounds):
+        label = nearest_words(data, centres)
+        order = np.argsort(label, kind="stable")
+        filled, first = np.unique(label[order], return_index=True)
+        sums = np.add.reduceat(data[order], first, axis=0)
+        centres = centres.copy()
+        centres[filled] = sums / np.diff(np.append(first, len(data)))[:, None]
+    return centres
+
+
+class WordIndex:
+    """Which stored pictures share the rare words of a new one; an inverted index with tf-idf weights.
+
+    Parameters
+    ----------
+    centres
+        The vocabulary, of :func:`train_vocabulary`.
+    pictures
+        Words of each stored picture, of :func:`nearest_words`.
+    """
+
+    def __init__(
+        self, centres: Float32[np.ndarray, "w 128"], pictures: Sequence[Int[np.ndarray, "_"]]
+    ) -> None:
+        self._centres = centres
+        self._count = len(pictures)
+        lengths = np.array([len(one) for one in pictures], dtype=np.int64)
+        together = np.concatenate(list(pictures)) if len(pictures) else np.zeros(0, np.int64)
+        place = np.repeat(np.arange(self._count), lengths) * len(centres) + together
+        cells, times = np.unique(place, return_counts=True)
+        document, word = cells // len(centres), cells % len(centres)
+        self._rarity = np.log((1.0 + self._count) / (1.0 + np.bincount(word, minlength=len(centres))))
+        # The root of the count: one feature of a repeated pattern says little about the next.
+        weight = np.sqrt(times) * self._rarity[word]
+        length = np.sqrt(np.bincount(document, weight**2, minlength=self._count))
+        weight = weight / np.maximum(length, 1e-12)[document]
+        order = np.lexsort((document, word))
+        self._starts = np.searchsorted(word[order], np.arange(len(centres) + 1))
+        self._documents, self._weights = document[order], weight[order]
+
+    def __len__(self) -> int:
+        return self._count
+
+    def scores(self, descriptors: UInt8[np.ndarray, "k 128"]) -> Float[np.ndarray, "pictures"]:
+        """Cosine of the word weights of a picture with each stored one, 0..1."""
+        out = np.zeros(self._count)
+        if len(descriptors) == 0:
+            return out
+        words, times = np.unique(nearest_words(descriptors, self._centres), return_counts=True)
+        weight = np.sqrt(times) * self._rarity[words]
+        weight = weight / max(float(np.linalg.norm(weight)), 1e-12)
+        for word, w in zip(words, weight, strict=True):
+            part = slice(self._starts[word], self._starts[word + 1])
+            out[self._documents[part]] += w * self._weights[part]
+        return out
+
+
+def agreeing_matches(
+    stored: LocalFeatures,
+    seen: LocalFeatures,
+    *,
+    ratio: float = 0.8,
+    threshold_px: float = 5.0,
+    minimum: int = 6,
+    seed: int = 0,
+) -> int:
+    """How many matches agree on one homography from the stored picture to the seen one; 0 below ``minimum``.
+
+    Nearest over second-nearest distance below ``ratio`` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
+    turned), each seen feature used once. Matches at one place count once: they prove one thing.
+    """
+    if len(stored) < minimum or len(seen) < minimum:
+        return 0
+    a, b = stored.descriptors.astype(np.float32), seen.descriptors.astype(np.float32)
+    squared = np.einsum("ij,ij->i", a, a)[:, None] + np.einsum("ij,ij->i", b, b)[None] - 2.0 * (a @ b.T)
+    rows = np.arange(len(a))
+    nearest = np.argmin(squared, axis=1)
+    best = squared[rows, nearest]
+    squared[rows, nearest] = np.inf
+    good = np.flatnonzero(best < ratio**2 * squared.min(axis=1))
+    # The best stored feature of each seen one.
+    good = good[np.argsort(best[good], kind="stable")]
+    good = good[np.unique(nearest[good], return_index=True)[1]]
+    if len(good) < minimum:
+        return 0
+    source = stored.points_px[good].astype(np.float64)
+    target = seen.points_px[nearest[good]].astype(np.float64)
+    try:
+        robust = estimate_homography_robust(
+            source, target, threshold=threshold_px, minimum=minimum, seed=seed
+        )
+    except InputError:  # all on a line: no plane is proven
+        return 0
+    if not robust.valid:
+        return 0
+    agreeing = source[robust.inliers]
+    low, high = agreeing.min(axis=0), agreeing.max(axis=0)
+    frame = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
+    # A mirrored or folded picture is no view of a plane.
+    if not (is_proper(robust.matrix, frame) or is_proper(-robust.matrix, frame)):
+        return 0
+    different = min(len(np.unique(np.round(side[robust.inliers] / 4), axis=0)) for side in (source, target))
+    return int(different) if different >= minimum else 0

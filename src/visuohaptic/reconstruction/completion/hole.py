@@ -1,0 +1,167 @@
+"""Holes of a visual surface: their rims, the region where the surface is missing, the band around it.
+
+The transparency region is a rough estimate of the missing part and a bit
+smaller than it. It is grown until it touches the visual surface at every rim,
+and by a band more: the known points in it are what the surface is extended
+from (Alt 2016, Sec. 5.3.1).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.errors import InputError
+from ..mesh import SurfaceMesh
+from .hole_region import HoleRegion, load_hole_regions
+from .visibility import open_sight
+
+__all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "support_band"]
+
+#: Rims farther from the region than this part of its size belong to other holes.
+_RIM_REACH = 0.5
+#: What lies deeper in the region, in parts of its size, was read in the glass and is no surface.
+_DEEPEST = 0.1
+#: Share of the half space that a point of the outline sees at least.
+_MIN_SIGHT = 0.2
+#: Cosine between a normal and the way to the middle of the region from which on a surface faces the region.
+_FACING = 0.3
+#: Separate parts of the surface with a smaller share of the area near the region are crumbs.
+_MIN_PART = 0.03
+
+
+def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
+    """Vertices of the rims of a welded mesh, longest rim first.
+
+    A rim is a connected set of edges that have one triangle only; vertices
+    where rims meet join them.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    faces = mesh.faces
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    rim = unique[counts == 1]
+    if not len(rim):
+        return []
+    n = len(mesh.vertices_m)
+    links = coo_matrix((np.ones(len(rim)), (rim[:, 0], rim[:, 1])), shape=(n, n))
+    _, labels = connected_components(links, directed=False)
+    on_rim = np.unique(rim)
+    groups = [on_rim[labels[on_rim] == label] for label in np.unique(labels[on_rim])]
+    return sorted(groups, key=len, reverse=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SupportBand:
+    """Known points near a hole."""
+
+    points_m: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    gap_m: float  #: growth of the region until it touched the surface at every rim
+    margin_m: float  #: growth that holds the band
+
+
+def support_band(
+    mesh: SurfaceMesh, region: HoleRegion, *, most: int = 320, band_m: float | None = None
+) -> SupportBand:
+    """Points of the visual surface around a hole, evenly spread, at most ``most``.
+
+    Parameters
+    ----------
+    band_m
+        Width of the band behind each rim [m]; a quarter of the region by default.
+
+    Raises
+    ------
+    InputError
+        The surface has no part near the region.
+    """
+    width = 0.25 * region.size_m if band_m is None else band_m
+    welded = mesh.welded()
+    nearest = float(region.distance_m(welded.vertices_m).min())
+    if nearest > region.size_m:
+        raise InputError(
+            "support_band",
+            f"the region is {nearest:.3g} m away from the surface and {region.size_m:.3g} m large",
+            remedy="check that model and region are in the same frame",
+        )
+    outline = _outline(welded, region, max(_RIM_REACH * region.size_m, nearest) + width)
+    if not len(outline.faces):
+        raise InputError(
+            "support_band",
+            "the surface near the region cannot be seen from outside",
+            remedy="check the orientation of the model's triangles",
+        )
+    gap = max([*_gaps(outline, region), nearest, 0.0])
+    margin = gap + width
+    centres = outline.vertices_m[outline.faces].mean(axis=1)
+    kept = np.flatnonzero((region.distance_m(centres) < margin) & (outline.face_areas_m2 > 0))
+    if len(kept) < 4:
+        raise InputError(
+            "support_band",
+            f"found {len(kept)} triangles within {margin:.3g} m of the region, expected a surface around it",
+            remedy="check that model and region are in the same frame",
+        )
+    part = outline.submesh(kept)
+    normals = part.face_normals
+    # Many samples, thinned to even spacing: a mesh's own vertices may crowd.
+    rng = np.random.default_rng(0)
+    points, face = part.sampled(max(8 * most, 400), rng)
+    chosen = _spread(points, most)
+    return SupportBand(points[chosen], normals[face[chosen]], gap, margin)
+
+
+def _outline(welded: SurfaceMesh, region: HoleRegion, reach_m: float) -> SurfaceMesh:
+    """The surface near a region without inner walls, what was read in the glass, and what faces the region.
+
+    Of a convex body no normal points to a part that is missing. What faces the region is what it stands on, or
+    where the truncated distances of a fused surface curl in at its rim.
+    """
+    centres = welded.vertices_m[welded.faces].mean(axis=1)
+    distance = region.distance_m(centres)
+    near = np.flatnonzero((distance < reach_m) & (distance > -_DEEPEST * region.size_m))
+    ways = region.hull_m.mean(axis=0) - centres[near]
+    facing = (welded.face_normals[near] * ways).sum(axis=1) > _FACING * np.linalg.norm(ways, axis=1)
+    near = near[~facing]
+    sight = open_sight(welded, region, centres[near], welded.face_normals[near])
+    return welded.submesh(near[sight >= _MIN_SIGHT])
+
+
+def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
+    """How far each rim and each separate part of an outline is from the region."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    reach = region.distance_m(outline.vertices_m)
+    max_m = _RIM_REACH * region.size_m
+    # Rims beyond the band are where the outline was cut off.
+    rims = [float(reach[loop].min()) for loop in boundary_loops(outline) if len(loop) > 4]
+    n = len(outline.vertices_m)
+    ends = outline.faces.ravel(), np.roll(outline.faces, 1, axis=1).ravel()
+    links = coo_matrix((np.ones(ends[0].size), ends), shape=(n, n))
+    _, labels = connected_components(links, directed=False)
+    areas = np.bincount(labels[outline.faces[:, 0]], weights=outline.face_areas_m2)
+    whole = areas >= _MIN_PART * areas.sum()
+    parts = [float(reach[labels == label].min()) for label in np.flatnonzero(whole)]
+    return [gap for gap in (*rims, *parts) if gap < max_m]
+
+
+def _spread(points: Float[np.ndarray, "n 3"], most: int) -> Int[np.ndarray, "k"]:
+    """About ``most`` of the points, one for each cell of a grid whose step is searched for."""
+    low, high = 0.0, float(np.ptp(points, axis=0).max())
+    best = np.arange(len(points))
+    if len(points) <= most:
+        return best
+    for _ in range(20):
+        step = 0.5 * (low + high)
+        keys = np.floor((points - points.min(axis=0)) / step).astype(np.int64)
+        _, first = np.unique(keys @ np.array([1 << 40, 1 << 20, 1]), return_index=True)
+        if len(first) > most:
+            low = step
+        else:
+            high, best = step, np.sort(first)
+    return best

@@ -1,0 +1,124 @@
+"""The region where a surface is missing: a convex hull, made of points or read from ``regions.json``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
+
+from ...core.errors import InputError
+
+__all__ = ["HoleRegion", "load_hole_regions"]
+
+_MAX_FILE_BYTES = 1 << 26
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HoleRegion:
+    """Where the surface is missing: a convex hull."""
+
+    hull_m: Float[np.ndarray, "v 3"]  #: its corners [m]
+    planes: Float[np.ndarray, "p 4"]  #: unit normals outwards and offsets, n . x + o <= 0 inside
+    score: float = 1.0  #: of the transparency detector
+
+    @classmethod
+    def of_points(cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0) -> HoleRegion:
+        """The hull of points.
+
+        Raises
+        ------
+        InputError
+            The points span no volume.
+        """
+        from scipy.spatial import ConvexHull, QhullError
+
+        points = np.asarray(points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or len(points) < 4 or not np.isfinite(points).all():
+            raise InputError("HoleRegion", f"found shape {points.shape}, expected at least 4 finite points")
+        try:
+            hull = ConvexHull(points)
+        except QhullError as error:
+            raise InputError(
+                "HoleRegion", "its points span no volume, expected corners of a solid"
+            ) from error
+        # The triangles of a flat side share their plane.
+        return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score)
+
+    def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """How far the hull must grow to hold a point; negative inside."""
+        from .._hull_kernels import hull_distance
+
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        result = np.empty(len(points))
+        hull_distance(points, np.ascontiguousarray(self.planes.T), result)
+        return result
+
+    def within(self, points_m: Float[np.ndarray, "n 3"], reach_m: float = 0.0) -> Bool[np.ndarray, "n"]:
+        """Whether points are in the hull grown by ``reach_m``; much faster than their distances."""
+        from .._hull_kernels import within_hull
+
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
+        result = np.empty(len(points), dtype=np.bool_)
+        # Planes side by side judge alike: in random order one of the first few finds a point outside.
+        order = np.random.default_rng(0).permutation(len(self.planes))
+        within_hull(points, np.ascontiguousarray(self.planes[order].T), reach_m, result)
+        return result
+
+    def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+        """Corners of the hull drawn to its middle by ``share``, the middle, and how deep each is inside [m]."""
+        middle = self.hull_m.mean(axis=0)
+        points = np.concatenate([[middle], middle + fraction * (self.hull_m - middle)])
+        return points, -self.distance_m(points)
+
+    @property
+    def size_m(self) -> float:
+        """Longest edge of its box."""
+        return float(np.ptp(self.hull_m, axis=0).max())
+
+
+class _Cluster(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    hull: list[tuple[FiniteFloat, FiniteFloat, FiniteFloat]] = Field(min_length=4, max_length=100_000)
+    score: FiniteFloat = 1.0
+
+
+class _RegionsFile(BaseModel):
+    model_config = ConfigDict(extra="ignore")
+    clusters: list[_Cluster] = Field(min_length=1, max_length=10_000)
+
+
+def load_hole_regions(path: Path | str) -> list[HoleRegion]:
+    """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and ``score``.
+
+    Raises
+    ------
+    InputError
+        The file is missing, no JSON, or has no usable cluster.
+    """
+    path = Path(path)
+    try:
+        if path.stat().st_size > _MAX_FILE_BYTES:
+            raise InputError(path, f"is larger than {_MAX_FILE_BYTES} bytes")
+        data = json.loads(path.read_text(encoding="utf-8"))
+        found = _RegionsFile.model_validate(data if isinstance(data, dict) else {"clusters": data})
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except ValidationError as error:
+        problem = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in problem["loc"])
+        raise InputError(path, f"{problem['msg']}; expected clusters with hull", field=place) from error
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(path, f"is not valid JSON ({error})") from error
+    regions = []
+    for number, cluster in enumerate(found.clusters):
+        try:
+            regions.append(HoleRegion.of_points(np.array(cluster.hull), cluster.score))
+        except InputError as error:
+            raise InputError(path, error.problem, field=f"clusters.{number}.hull") from error
+    return regions

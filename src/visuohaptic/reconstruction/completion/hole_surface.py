@@ -1,0 +1,71 @@
+"""The estimated surface in the grown region: grids over it, the zero surface, its supported part."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.errors import InputError
+from ..mesh import SurfaceMesh
+from ..surfaces.rbf import Grid, RbfSurface, isosurface
+from .hole import SupportBand
+from .hole_region import HoleRegion
+
+__all__ = ["HoleSpace", "supported_part"]
+
+
+class HoleSpace:
+    """The region grown by the band, and grids over it that are made once."""
+
+    def __init__(self, region: HoleRegion, band: SupportBand) -> None:
+        self._region, self._band = region, band
+        self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
+
+    def grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
+        """``nodes`` along the longest edge, and which nodes are in the grown region; both never change."""
+        if nodes not in self._grids:
+            margin = self._band.margin_m
+            low, high = self._region.hull_m.min(axis=0) - margin, self._region.hull_m.max(axis=0) + margin
+            grid = Grid.over(low, high, float((high - low).max()) / (nodes - 1))
+            inside = self._region.within(grid.all_nodes_m, margin)
+            self._grids[nodes] = grid, inside.reshape(grid.shape)
+        return self._grids[nodes]
+
+    def surface(self, fit: RbfSurface, nodes: int, supports_m: Float[np.ndarray, "s 3"]) -> SurfaceMesh:
+        """The zero surface in the grown region; parts without supports are left out.
+
+        Raises
+        ------
+        InputError
+            The surface does not pass through the region.
+        """
+        grid, inside = self.grid(nodes)
+        vertices, faces = isosurface(fit, grid, inside)
+        if not len(faces):
+            raise InputError(
+                "Completion",
+                "the estimated surface does not pass through the region",
+                remedy="check the orientation of the model's triangles",
+            )
+        return supported_part(SurfaceMesh(vertices, faces), supports_m, 2.0 * grid.step_m)
+
+
+def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near_m: float) -> SurfaceMesh:
+    """The connected parts of a mesh that pass within ``near_m`` of enough supports."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    n = len(mesh.vertices_m)
+    ends = mesh.faces[:, [0, 1, 2]], mesh.faces[:, [1, 2, 0]]
+    links = coo_matrix((np.ones(ends[0].size), (ends[0].ravel(), ends[1].ravel())), shape=(n, n))
+    count, labels = connected_components(links, directed=False)
+    if count == 1:
+        return mesh
+    gaps, near = cKDTree(mesh.vertices_m).query(supports_m)
+    kept = np.bincount(labels[near[gaps < near_m]], minlength=count)
+    # A crumb that one support brushes is no part of the object.
+    good = kept >= max(1, 0.02 * kept.sum())
+    if not good.any():
+        good = np.bincount(labels, minlength=count) == np.bincount(labels).max()
+    return mesh.submesh(np.flatnonzero(good[labels[mesh.faces[:, 0]]]))

@@ -1,0 +1,317 @@
+"""A second opinion on the hidden wall: a Gaussian process of its radius around the height axis.
+
+In cylinder coordinates (rho, theta, z)
+
+    log rho = p(z) + e0(theta) + w(z) (e1(theta) - e0(theta)) + g(theta, z)
+
+with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below
+and above the hole (:mod:`.symmetry`), the share ``w`` of the upper one, which
+is 0 and 1 in the bands and unknown between them, and what the cross-sections
+leave over, ``g``. ``p`` and ``g`` are processes with Matern's covariance over the
+height; ``w`` is a Brownian bridge around a straight line. Walls are smooth and
+have kinks: ``p`` is of order 3/2 or 5/2, and how long, how rough and which of
+both is not decided. The processes count by their likelihood, and where they
+contradict each other the wall is less certain.
+
+The spline of space and this process err in different ways: the one overshoots
+between rings, the other knows walls around an axis only. With the mean m and
+the variance v of the process, an estimate r of a wall f is off by
+
+    E (r - f)^2 = (r - m)^2 + v
+
+where the first part ranks the places and the second is what no model knows.
+``v`` is scaled by how far each contact is off what all the others foretell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ...core.threads import one_blas_thread
+from .hole import SupportBand
+from .symmetry import ShapePrior
+
+__all__ = ["Profile", "RadialModel", "WallSeen", "fit_radial_model", "wall_seen"]
+
+#: Correlation lengths in sizes of the region, and deviations of p, that are compared in both orders.
+_LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
+#: Processes less likely than this part of the likeliest are left out, and all after so many.
+_LEAST_LIKELY, _MAX = 0.03, 6
+#: Deviation of the unknown mean of log rho, and of a bin of the visible band.
+_MEAN, _BAND = 0.3, 0.003
+#: Bins of each band: heights and angles. Where the rim leads says much of the wall behind it.
+_HEIGHTS, _ANGLES = 10, 8
+#: Correlation of g: length in sizes of the region, and over the angle [rad].
+_OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
+#: Scale of the variance before contacts tell (on 48 bottles the processes were too rough by this), in contacts.
+_SCALE, _SCALE_WEIGHT = 0.2, 8.0
+#: Squared standardised misses above this count as this: one contact with something else must not rule.
+_LARGEST_MISS = 9.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallSeen:
+    """Bins of the visible wall, in rows of one height."""
+
+    theta: Float[np.ndarray, "k"]  #: angles [rad]
+    row: Int[np.ndarray, "k"]  #: row of each in ``z_m``
+    z_m: Float[np.ndarray, "q"]  #: heights of the rows [m]
+    logs: Float[np.ndarray, "k"]  #: log rho less that of the cross-section
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """One process of p, given what is known at the heights of the model."""
+
+    fraction: float  #: probability among the processes of a model
+    order: int  #: twice that of Matern's covariance, 3 or 5
+    length: float  #: correlation length, in sizes of the region
+    deviation: float  #: of p
+    lower: Float[np.ndarray, "q q"]  #: Cholesky factor of the correlation of the known heights
+    mean: Float[np.ndarray, "q"]  #: expected p at the known heights
+    root: Float[np.ndarray, "q q"]  #: its covariance is root root^T
+    scale: float = 1.0  #: of the variance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadialModel:
+    """The processes given the bands and the contacts.
+
+    With y what is known of log rho less its cross-section, y = B p + e, where B picks a known height for each place
+    and e has the covariance L L^T of all that is not p.
+    """
+
+    prior: ShapePrior
+    size_m: float  #: of the region
+    theta: Float[np.ndarray, "k"]  #: angles of the known places [rad]
+    row: Int[np.ndarray, "k"]  #: height of each, a row of ``z_m``
+    z_m: Float[np.ndarray, "q"]  #: known heights [m]
+    middle: float  #: mean of log rho without its cross-section
+    lower: Float[np.ndarray, "k k"]  #: L
+    whitened: Float[np.ndarray, "k"]  #: L^-1 y
+    picked: Float[np.ndarray, "k q"]  #: L^-1 B
+    profiles: tuple[Profile, ...]  #: likeliest first
+
+    @one_blas_thread()
+    def expected(
+        self, points_m: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
+        """Distance of the wall from the axis at the angles and heights of points [m], and its deviation [m]."""
+        theta, _ = _polar(points_m, self.prior)
+        z_m = points_m[:, 2]
+        here, known = (theta, z_m, np.arange(len(z_m))), (self.theta, self.z_m, self.row)
+        cross = _solved(self.lower, _besides_p(self.prior, self.size_m, here, known).T)
+        predicted = self.middle + self.prior.section(theta, z_m) + self.whitened @ cross
+        leading = cross.T @ self.picked
+        at = _share(self.prior, z_m)
+        own = _MEAN**2 + self.prior.residual**2 + at * (1 - at) * _difference(self.prior, theta) ** 2
+        own = own - (cross**2).sum(axis=0)
+        gap = (z_m[:, None] - self.z_m) / self.size_m
+        mean_m, square_m2 = np.zeros(len(z_m)), np.zeros(len(z_m))
+        for profile in self.profiles:
+            near = _solved(profile.lower, _matern(gap, profile.length, profile.order).T)
+            # What a known p says here, less what the rest of the model already took from the same places.
+            weight = _solved(profile.lower, near, transposed=True).T - leading
+            between = profile.deviation**2 * (1 - (near**2).sum(axis=0))
+            variance = own + between + ((weight @ profile.root) ** 2).sum(axis=1)
+            rho_m = np.exp(np.clip(predicted + weight @ profile.mean, -20.0, 20.0))
+            mean_m += profile.fraction * rho_m
+            square_m2 += profile.fraction * rho_m**2 * (1 + profile.scale * np.maximum(variance, 0.0))
+        return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
+
+    def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """Root mean square radial distance of estimated points from the wall [m]; no less than to the wall itself."""
+        if not len(points_m):
+            return np.zeros(0)
+        expected_m, sigma_m = self.expected(points_m)
+        return np.hypot(_polar(points_m, self.prior)[1] - expected_m, sigma_m)
+
+
+def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
+    """The walls of the bands, each row told at its middle height."""
+    points_m = band.points_m[np.abs(band.normals[:, 2]) < 0.85]
+    theta, rho_m = _polar(points_m, prior)
+    logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])
+    sector = np.floor((theta + np.pi) / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
+    nearest = np.abs(points_m[:, 2:] - prior.heights_m).argmin(axis=1)
+    bins: list[tuple[float, int, float]] = []
+    heights: list[float] = []
+    for number in range(len(prior.heights_m)):
+        rows = np.flatnonzero(nearest == number)
+        for part in np.array_split(rows[np.argsort(points_m[rows, 2])], _HEIGHTS):
+            if not len(part):
+                continue
+            above_m = points_m[part, 2] - points_m[part, 2].mean()
+            # All bins of a row tell of its own height: what the wall leans in the row is taken off.
+            lean = float(above_m @ logs[part]) / max(float(above_m @ above_m), 1e-12)
+            level = logs[part] - lean * above_m
+            for place in np.unique(sector[part]):
+                chosen = sector[part] == place
+                angle = theta[part][chosen]
+                turn = np.arctan2(np.sin(angle).mean(), np.cos(angle).mean())
+                bins.append((turn, len(heights), level[chosen].mean()))
+            heights.append(float(points_m[part, 2].mean()))
+    turns, row, means = np.array(bins).T
+    return WallSeen(turns, row.astype(int), np.array(heights), means)
+
+
+@one_blas_thread()
+def fit_radial_model(
+    prior: ShapePrior,
+    seen: WallSeen,
+    contacts: Sequence[tuple[Float[np.ndarray, "3"], float]],
+    size_m: float,
+) -> RadialModel:
+    """The likely processes, and the scale of each by leaving out one contact after the other.
+
+    Parameters
+    ----------
+    prior
+        Axis and cross-sections of the bands.
+    seen, contacts
+        The visible wall; contacts with their standard deviation [m].
+    size_m
+        Of the region.
+    """
+    theta, row, z_m, logs = seen.theta, seen.row, seen.z_m, seen.logs
+    noise = np.full(len(logs), _BAND**2)
+    if contacts:
+        touched = np.array([contact for contact, _ in contacts])
+        angle, rho_m = _polar(touched, prior)
+        row = np.append(row, len(z_m) + np.arange(len(touched)))
+        theta, z_m = np.append(theta, angle), np.append(z_m, touched[:, 2])
+        logs = np.append(logs, np.log(rho_m) - prior.section(angle, touched[:, 2]))
+        noise = np.append(noise, (np.array([sigma for _, sigma in contacts]) / rho_m) ** 2)
+    middle = float(logs.mean())
+    known = (theta, z_m, row)
+    lower = np.linalg.cholesky(_besides_p(prior, size_m, known, known) + np.diag(noise + 1e-10))
+    pick = (row[:, None] == np.arange(len(z_m))).astype(float)
+    # The last columns are for leaving out contacts.
+    count = len(contacts)
+    ones = np.eye(len(logs))[:, len(logs) - count :]
+    whole = _solved(lower, np.column_stack([logs - middle, pick, ones]))
+    whitened, picked, each = whole[:, 0], whole[:, 1 : 1 + len(z_m)], whole[:, 1 + len(z_m) :]
+    found = []
+    for order in (3, 5):
+        for length in _LENGTHS:
+            shape = _matern((z_m[:, None] - z_m) / size_m, length, order)
+            found.extend(_given(shape, picked, whitened, order, length))
+    found.sort(key=lambda one: -one[0])
+    best = found[0][0]
+    kept = [one for one in found[:_MAX] if one[0] >= best + np.log(_LEAST_LIKELY)]
+    total = sum(np.exp(one[0] - best) for one in kept)
+    profiles = []
+    for likelihood, make in kept:
+        profile = make()
+        told = _misses(profile, picked, whitened, each).sum()
+        scale = float((_SCALE_WEIGHT * _SCALE + told) / (_SCALE_WEIGHT + count))
+        fraction = float(np.exp(likelihood - best) / total)
+        profiles.append(replace(profile, fraction=fraction, scale=scale))
+    return RadialModel(prior, size_m, theta, row, z_m, middle, lower, whitened, picked, tuple(profiles))
+
+
+def _given(
+    shape: Float[np.ndarray, "q q"],
+    picked: Float[np.ndarray, "k q"],
+    whitened: Float[np.ndarray, "k"],
+    order: int,
+    length: float,
+) -> list[tuple[float, Callable[[], Profile]]]:
+    """Log likelihood of each deviation of p, and the process given what is known.
+
+    With S the correlation of p and C = B^T (L L^T)^-1 B, all deviations share the eigenvectors of S^1/2 C S^1/2.
+    """
+    lower = np.linalg.cholesky(shape + 1e-8 * np.eye(len(shape)))
+    across = picked @ lower
+    values, vectors = np.linalg.eigh(across.T @ across)
+    along = vectors.T @ (across.T @ whitened)
+    turned = lower @ vectors
+    found: list[tuple[float, Callable[[], Profile]]] = []
+    for deviation in _DEVIATIONS:
+        gain = 1 + deviation**2 * np.maximum(values, 0.0)
+        likelihood = 0.5 * float(((deviation * along) ** 2 / gain).sum() - np.log(gain).sum())
+
+        def make(deviation: float = deviation, gain: np.ndarray = gain) -> Profile:
+            root = deviation * turned / np.sqrt(gain)
+            return Profile(
+                1.0, order, length, deviation, lower, root @ (deviation * along / np.sqrt(gain)), root
+            )
+
+        found.append((likelihood, make))
+    return found
+
+
+def _misses(
+    profile: Profile,
+    picked: Float[np.ndarray, "k q"],
+    whitened: Float[np.ndarray, "k"],
+    each: Float[np.ndarray, "k n"],
+) -> Float[np.ndarray, "n"]:
+    """Squared standardised distance of each contact from what all others foretell.
+
+    y_i - mean_without_i = (K^-1 y)_i / (K^-1)_ii, with variance 1 / (K^-1)_ii.
+    """
+    through = picked.T @ each
+    inverse = (each**2).sum(axis=0) - ((profile.root.T @ through) ** 2).sum(axis=0)
+    off = each.T @ (whitened - picked @ profile.mean)
+    found: np.ndarray = np.minimum(off**2 / np.maximum(inverse, 1e-12), _LARGEST_MISS)
+    return found
+
+
+def _solved(lower: np.ndarray, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
+    from scipy.linalg import solve_triangular
+
+    found: np.ndarray = solve_triangular(
+        lower, right, lower=True, trans=1 if transposed else 0, check_finite=False
+    )
+    return found
+
+
+def _matern(gap: np.ndarray, length: float, order: int = 3) -> np.ndarray:
+    """Matern's correlation of order 3/2 or 5/2."""
+    reach = np.sqrt(float(order)) / length * np.abs(gap)
+    near: np.ndarray = (1 + reach if order == 3 else 1 + reach + reach**2 / 3) * np.exp(-reach)
+    return near
+
+
+_Places = tuple[np.ndarray, np.ndarray, np.ndarray]  # angles [rad], heights [m], and which height each has
+
+
+def _besides_p(prior: ShapePrior, size_m: float, here: _Places, there: _Places) -> np.ndarray:
+    """Covariance of log rho between places without that of the profile."""
+    (theta, z_m, row), (theta2, z2_m, row2) = here, there
+    turned = np.cos(theta)[:, None] * np.cos(theta2) + np.sin(theta)[:, None] * np.sin(theta2)
+    near = prior.residual**2 * _matern((z_m[:, None] - z2_m) / size_m, _OVER_HEIGHT)
+    found = np.exp((turned - 1) / _OVER_ANGLE_RAD**2) * near[row[:, None], row2]
+    found += _MEAN**2
+    if len(prior.heights_m) > 1:
+        at, at2 = _share(prior, z_m)[:, None], _share(prior, z2_m)
+        bridge = np.minimum(at, at2) * (1 - np.maximum(at, at2))
+        found += bridge[row[:, None], row2] * np.outer(_difference(prior, theta), _difference(prior, theta2))
+    return found
+
+
+def _polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.ndarray, np.ndarray]:
+    """Angle [rad] and distance from the axis [m]."""
+    offset = points_m[:, :2] - prior.axis_m
+    return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)
+
+
+def _share(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:
+    """Expected share of the upper cross-section."""
+    low, high = prior.heights_m[0], prior.heights_m[-1]
+    found: np.ndarray = np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0)
+    return found
+
+
+def _difference(prior: ShapePrior, theta: np.ndarray) -> np.ndarray:
+    """Upper cross-section less the lower one."""
+    low, high = prior.heights_m[0], prior.heights_m[-1]
+    found: np.ndarray = prior.section(theta, np.full(len(theta), high)) - prior.section(
+        theta, np.full(len(theta), low)
+    )
+    return found

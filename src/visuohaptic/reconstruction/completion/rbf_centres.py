@@ -1,0 +1,94 @@
+"""Centres of the spline: beside the visible surface, around the core of the region, along what was free."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ..surfaces.rbf import RbfSurface
+from .hole_region import HoleRegion
+from .touch import Touch
+
+__all__ = ["Centres", "around_core", "free_points", "with_off_surface"]
+
+#: Rounds in which inner points of the region that the surface leaves outside are added, and how many each.
+_CORE_ROUNDS, _CORE_POINTS = 4, 6
+
+
+@dataclass(slots=True)
+class Centres:
+    """Places, wanted signed distances and their deviations [m]."""
+
+    points: list[np.ndarray] = field(default_factory=list)
+    values: list[float] = field(default_factory=list)
+    sigmas: list[float] = field(default_factory=list)
+
+    def put(self, point: np.ndarray, value: float, sigma_m: float) -> None:
+        self.points.append(point)
+        self.values.append(value)
+        self.sigmas.append(sigma_m)
+
+
+def with_off_surface(
+    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], d_m: float
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
+    """Centres on, outside (+d) and inside (-d); d is shortened near other points (Sec. 5.3.1)."""
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(points)
+    centers, values = [points], [np.zeros(len(points))]
+    for sign in (1.0, -1.0):
+        reach = np.full(len(points), d_m)
+        for _ in range(5):
+            gaps, _ = tree.query(points + sign * reach[:, None] * normals)
+            crowded = gaps < 0.98 * reach
+            if not crowded.any():
+                break
+            reach[crowded] *= 0.6
+        kept = ~crowded
+        centers.append((points + sign * reach[:, None] * normals)[kept])
+        values.append((sign * reach)[kept])
+    return np.concatenate(centers), np.concatenate(values)
+
+
+def around_core(
+    fit: RbfSurface,
+    region: HoleRegion,
+    rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
+) -> RbfSurface:
+    """Inside is where the region's core is: bands far from each other would close each on its own.
+
+    Parameters
+    ----------
+    rho
+        Smoothing of centres by their deviation [m] and the extent of the fit [m].
+    """
+    core, depth_m = region.core()
+    for _ in range(_CORE_ROUNDS):
+        # Only what is plainly outside: a region is rough, and says little of where the surface is.
+        excess = fit(core) + 0.02 * depth_m
+        worst = np.argsort(-excess)[:_CORE_POINTS]
+        worst = worst[excess[worst] > 0]
+        if not len(worst):
+            break
+        fit = fit.added(core[worst], -0.5 * depth_m[worst], rho(0.25 * depth_m[worst], fit.extent_m))
+        core, depth_m = np.delete(core, worst, axis=0), np.delete(depth_m, worst)
+    return fit
+
+
+def free_points(touch: Touch, d_m: float) -> list[np.ndarray]:
+    """Points that a probe passed without contact, half of ``d_m`` apart and that much before a contact."""
+    if touch.start_m is None:
+        return []
+    end = touch.end_m if touch.contact_m is None else touch.contact_m
+    assert end is not None
+    way = end - touch.start_m
+    length = float(np.linalg.norm(way))
+    back = d_m if touch.contact_m is not None else 0.0
+    if length <= back:
+        return []
+    count = max(2, int((length - back) / (0.5 * d_m)))
+    return list(touch.start_m + np.outer(np.linspace(0.0, 1 - back / length, count), way))

@@ -1,0 +1,134 @@
+"""Touches: where a probe met the object or did not, where to send it next, and both frames joined."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import CalibrationError, InputError
+
+__all__ = ["Touch", "TouchPlan", "read_touches", "rigid_fit"]
+
+_MAX_ROWS = 100_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """One movement of a point probe along a line.
+
+    With a contact, the line up to it was free; without one, the whole line.
+    """
+
+    contact_m: Float[np.ndarray, "3"] | None  #: point of the surface; ``None``: nothing was met
+    start_m: Float[np.ndarray, "3"] | None = None  #: where the line began
+    end_m: Float[np.ndarray, "3"] | None = None  #: where the probe stopped when nothing was met
+    sigma_m: float = 0.001  #: standard deviation of the contact
+
+    def __post_init__(self) -> None:
+        for name in ("contact_m", "start_m", "end_m"):
+            value = getattr(self, name)
+            if value is not None:
+                array = np.asarray(value, dtype=np.float64)
+                if array.shape != (3,) or not np.isfinite(array).all():
+                    raise InputError(
+                        "Touch", f"found {array.tolist()}, expected 3 finite numbers", field=name
+                    )
+                object.__setattr__(self, name, array)
+        if self.contact_m is None and (self.start_m is None or self.end_m is None):
+            raise InputError("Touch", "has no contact, expected start and end of the free line")
+        if not (np.isfinite(self.sigma_m) and self.sigma_m > 0):
+            raise InputError("Touch", f"found {self.sigma_m}, expected > 0", field="sigma_m")
+
+    def moved(self, pose: Pose) -> Touch:
+        """The same touch in another frame."""
+        points = (
+            None if point is None else pose.apply(point)
+            for point in (self.contact_m, self.start_m, self.end_m)
+        )
+        contact, start, end = points
+        return Touch(contact, start, end, self.sigma_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchPlan:
+    """A line for the probe: from the start, straight through the target to the height axis."""
+
+    target_m: Float[np.ndarray, "3"]  #: least supported point of the estimated surface
+    start_m: Float[np.ndarray, "3"]  #: at a safe distance outside
+    end_m: Float[np.ndarray, "3"]  #: on the height axis: a probe that comes here has missed
+    direction: Float[np.ndarray, "3"]  #: unit vector, horizontal
+    score: float  #: biharmonic distance from the nearest support
+    sigma_m: float  #: expected distance of the surface from the target
+
+
+_AXES = ("x", "y", "z")
+
+
+def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
+    """Read a table of touches.
+
+    Columns ``x_m, y_m, z_m`` (contact; empty when nothing was met), optionally
+    ``start_x_m, start_y_m, start_z_m``, ``end_x_m, ...`` and ``sigma_m``.
+
+    Raises
+    ------
+    InputError
+        The file is missing, or a row has no such numbers.
+    """
+    path = Path(path)
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"cannot be read ({type(error).__name__})") from error
+    if not rows or not {"x_m", "y_m", "z_m"} <= set(rows[0]):
+        found = ", ".join(str(name) for name in rows[0]) if rows else "no rows"
+        raise InputError(path, f"found {found}, expected columns x_m, y_m, z_m")
+    if len(rows) > _MAX_ROWS:
+        raise InputError(path, f"has {len(rows)} rows, expected at most {_MAX_ROWS}")
+    touches = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            contact, start, end = (_point(row, prefix) for prefix in ("", "start_", "end_"))
+            touches.append(Touch(contact, start, end, float(row.get("sigma_m") or sigma_m)))
+        except InputError as error:
+            raise InputError(path, error.problem, field=f"line {line}") from error
+        except (TypeError, ValueError) as error:
+            raise InputError(path, f"found no number ({error})", field=f"line {line}") from error
+    return touches
+
+
+def _point(row: dict[str, str], prefix: str) -> Float[np.ndarray, "3"] | None:
+    words = [(row.get(f"{prefix}{axis}_m") or "").strip() for axis in _AXES]
+    return np.array([float(word) for word in words]) if any(words) else None
+
+
+def rigid_fit(
+    points_haptic_m: Float[np.ndarray, "n 3"], points_visual_m: Float[np.ndarray, "n 3"]
+) -> tuple[Pose, float]:
+    """``T_visual_haptic`` by least squares from points seen and touched, and the rms residual [m].
+
+    Raises
+    ------
+    CalibrationError
+        Fewer than three pairs, or all on one line.
+    """
+    a = np.asarray(points_haptic_m, dtype=np.float64)
+    b = np.asarray(points_visual_m, dtype=np.float64)
+    if a.shape != b.shape or a.ndim != 2 or a.shape[1] != 3 or len(a) < 3:
+        raise CalibrationError("rigid_fit", f"found {a.shape} and {b.shape}, expected 3 or more pairs")
+    if not (np.isfinite(a).all() and np.isfinite(b).all()):
+        raise CalibrationError("rigid_fit", "points must be finite")
+    ca, cb = a.mean(axis=0), b.mean(axis=0)
+    left, spread, right = np.linalg.svd((a - ca).T @ (b - cb))
+    if not spread[1] > 1e-6 * max(spread[0], 1e-12):
+        raise CalibrationError("rigid_fit", "all points lie on one line, expected three apart")
+    flip = np.diag([1.0, 1.0, np.sign(np.linalg.det(right.T @ left.T))])
+    rotation = right.T @ flip @ left.T
+    pose = Pose(rotation, cb - rotation @ ca)
+    return pose, float(np.sqrt(np.mean(np.sum((pose.apply(a) - b) ** 2, axis=1))))

@@ -1,0 +1,104 @@
+"""The haptic frame fitted to the visual one by touches of what both know: the visible surface.
+
+Point-to-plane ICP of few contacts, held to the told calibration as firmly as it deserves: what the touched parts
+leave open, as the turn of a round bottle about its axis, stays as it was told.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import CalibrationError, InputError
+from ..mesh import SurfaceMesh
+
+__all__ = ["MIN_CONTACTS", "register_touches"]
+
+#: Contacts for the six degrees of freedom.
+MIN_CONTACTS = 6
+_SAMPLES = 20_000
+
+
+def register_touches(
+    contacts_haptic_m: Float[np.ndarray, "n 3"],
+    surface: SurfaceMesh,
+    told: Pose | None = None,
+    *,
+    contact_sigma_m: float = 0.001,
+    sigma_m: float = 0.02,
+    sigma_rad: float = math.radians(5.0),
+    rounds: int = 30,
+) -> tuple[Pose, float]:
+    """``T_visual_haptic`` that lays contacts on a visible surface, and the rms distance that is left [m].
+
+    Parameters
+    ----------
+    contacts_haptic_m
+        Contacts on parts of the object that are seen, in the haptic frame [m]; few others are borne.
+    surface
+        The visible surface.
+    told
+        ``T_visual_haptic`` as it was calibrated before; identity by default.
+    contact_sigma_m
+        Standard deviation of contacts and surface along the normal [m].
+    sigma_m, sigma_rad
+        Standard deviation of the told pose, per axis, about the middle of the contacts [m], [rad].
+    rounds
+        Steps of the fit at most.
+
+    Raises
+    ------
+    InputError
+        Contacts that are not finite, or fewer than six.
+    CalibrationError
+        Half of the contacts are farther from the surface than the told pose may be off.
+    """
+    from scipy.spatial import cKDTree
+
+    contacts = np.asarray(contacts_haptic_m, dtype=np.float64)
+    if contacts.ndim != 2 or contacts.shape[1] != 3 or len(contacts) < MIN_CONTACTS:
+        raise InputError(
+            "register_touches", f"found shape {contacts.shape}, expected {MIN_CONTACTS} or more contacts"
+        )
+    if not np.isfinite(contacts).all():
+        raise InputError("register_touches", "contacts must be finite")
+    told = told or Pose.identity()
+    points, face = surface.sampled(_SAMPLES, np.random.default_rng(0))
+    normals = surface.face_normals[face]
+    tree = cKDTree(points)
+    placed = told.apply(contacts)
+    middle = placed.mean(axis=0)
+    reach_m = 3 * (sigma_m + sigma_rad * float(np.linalg.norm(placed - middle, axis=1).max()))
+    stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
+    vector = np.zeros(6)
+    correction = Pose.identity()
+    distance = np.zeros(len(contacts))
+    for _ in range(rounds):
+        moved = correction.apply(placed - middle) + middle
+        gaps, near = tree.query(moved)
+        if np.median(gaps) > reach_m:
+            raise CalibrationError(
+                "register_touches",
+                f"half of the contacts are over {reach_m:.3g} m from the surface",
+                remedy="check frames and units, or give the told pose a larger deviation",
+            )
+        normal = normals[near]
+        distance = ((moved - points[near]) * normal).sum(axis=1)
+        # Robust: a contact on what is not seen has no surface to lie on; its pull falls with its distance.
+        scale = max(contact_sigma_m, 1.5 * float(np.median(gaps)))
+        weight = (1 + (gaps / (2 * scale)) ** 2) ** -2 / scale**2
+        jacobian = np.concatenate([np.cross(moved - middle, normal), normal], axis=1)
+        matrix = (jacobian * weight[:, None]).T @ jacobian + np.diag(stiffness)
+        step = np.linalg.solve(matrix, -(jacobian * weight[:, None]).T @ distance - stiffness * vector)
+        correction = Pose.from_rotation_vector(step[:3], step[3:]) @ correction
+        vector = vector + step
+        if np.linalg.norm(step[3:]) < 1e-7 and np.linalg.norm(step[:3]) < 1e-6:
+            break
+    about = Pose(np.eye(3), middle) @ correction @ Pose(np.eye(3), -middle)
+    moved = (about @ told).apply(contacts)
+    _, near = tree.query(moved)
+    distance = ((moved - points[near]) * normals[near]).sum(axis=1)
+    return about @ told, float(np.sqrt(np.mean(distance**2)))

@@ -1,0 +1,82 @@
+"""Which parts of a surface can be seen from outside, past the surface itself and past a region of glass.
+
+Through an empty bottle a camera sees the inside of its own label, and fused views make inner walls where they
+end. Such walls are no part of the outline that a hole is to be closed along.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ..mesh import SurfaceMesh
+from .hole_region import HoleRegion
+
+__all__ = ["open_sight"]
+
+#: Directions of the whole sphere that are tried, evenly spread.
+_DIRECTIONS = 48
+#: Cells along the size of the region.
+_CELLS = 24
+
+
+def open_sight(
+    mesh: SurfaceMesh,
+    region: HoleRegion,
+    points_m: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n"]:
+    """Share of the half space before each point that is seen past the mesh and the region, weighted by cosine.
+
+    Parameters
+    ----------
+    mesh
+        The surface, outside counter-clockwise.
+    region
+        What blocks the sight as well.
+    points_m, normals
+        Points of the surface and their unit normals.
+    """
+    from .._hull_kernels import seen_fraction
+
+    size_m = region.size_m
+    step_m = size_m / _CELLS
+    low = region.hull_m.min(axis=0) - size_m
+    shape = np.ceil((region.hull_m.max(axis=0) + size_m - low) / step_m).astype(int)
+    blocked = _blocked(mesh, region, low, shape, step_m)
+    # Fibonacci's sphere: even, and the same at every call.
+    k = np.arange(_DIRECTIONS) + 0.5
+    z, turn = 1 - 2 * k / _DIRECTIONS, np.pi * (1 + 5**0.5) * k
+    ways = np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    fraction = np.empty(len(points_m))
+    starts = (points_m - low) / step_m + 2.0 * normals
+    seen_fraction(blocked, np.ascontiguousarray(starts), np.ascontiguousarray(normals), ways, fraction)
+    return fraction
+
+
+def _blocked(
+    mesh: SurfaceMesh,
+    region: HoleRegion,
+    low: Float[np.ndarray, "3"],
+    shape: np.ndarray,
+    step_m: float,
+) -> Bool[np.ndarray, "x y z"]:
+    """Cells that hold a piece of the surface or lie in the region."""
+    blocked = np.zeros(shape, dtype=bool)
+    high = low + shape * step_m
+    corners = mesh.vertices_m[mesh.faces]
+    near = ((corners.max(axis=1) >= low) & (corners.min(axis=1) <= high)).all(axis=1)
+    corners = corners[near]
+    # Points of each triangle closer than a cell to each other.
+    edge_m = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1, initial=0.0)
+    for parts in np.unique(np.ceil(edge_m / (0.7 * step_m)).clip(1, 64).astype(int)):
+        chosen = corners[np.ceil(edge_m / (0.7 * step_m)).clip(1, 64).astype(int) == parts]
+        i, j = (part.ravel() for part in np.mgrid[0 : parts + 1, 0 : parts + 1])
+        i, j = i[i + j <= parts] / parts, j[i + j <= parts] / parts
+        weights = np.column_stack([i, j, 1 - i - j])
+        cell = np.floor((np.einsum("wk,fkx->fwx", weights, chosen).reshape(-1, 3) - low) / step_m).astype(int)
+        cell = cell[((cell >= 0) & (cell < shape)).all(axis=1)]
+        blocked[tuple(cell.T)] = True
+    axes = [low[k] + step_m * (np.arange(shape[k]) + 0.5) for k in range(3)]
+    centres = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    return blocked | region.within(centres).reshape(tuple(shape))

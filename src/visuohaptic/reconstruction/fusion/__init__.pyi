@@ -1,0 +1,7 @@
+from .depth_fusion import TsdfVolume as TsdfVolume
+from .depth_noise import SENSOR_NOISE as SENSOR_NOISE
+from .depth_noise import SensorNoise as SensorNoise
+from .depth_noise import sensor_noise as sensor_noise
+from .sparse_fusion import SparseTsdfVolume as SparseTsdfVolume
+from .volume import SpaceGrid as SpaceGrid
+from .volume import space_of_interest as space_of_interest

@@ -1,0 +1,83 @@
+"""The zero surface of bricks of voxels: marching cubes over all of them side by side, then welded."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from ...core.errors import InputError
+from . import _fusion_kernels as kernels
+
+__all__ = ["brick_surface", "cube_of_tiles"]
+
+
+def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Room for bricks side by side: tiles along an edge, values, and which of them are known.
+
+    A cube rather than a row, because the coordinates that come back are
+    float32 and must stay small.
+    """
+    side = max(1, int(np.ceil(np.cbrt(count))))
+    side += side**3 < count
+    layers = -(-count // side**2)
+    edge = kernels.BRICK + 1
+    shape = (layers * edge, side * edge, side * edge)
+    return side, np.ones(shape, dtype=np.float32), np.zeros(shape, dtype=np.bool_)
+
+
+def brick_surface(
+    tiled: Float32[np.ndarray, "x y z"], known: np.ndarray, places: Int[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Marching cubes over bricks side by side; vertices in voxels, joined where bricks meet."""
+    from skimage.measure import marching_cubes
+
+    if not known.any() or not (tiled[known].min() < 0 <= tiled[known].max()):
+        raise InputError("TsdfVolume", "no surface was seen", remedy="integrate views of the volume first")
+    edge = kernels.BRICK + 1
+    # A cell counts when all its corners are known and it is inside one brick.
+    cell = known
+    for axis in range(3):
+        along = np.moveaxis(cell, axis, 0)
+        cell = np.moveaxis(along[:-1] & along[1:], 0, axis)
+    cell[edge - 1 :: edge] = False
+    cell[:, edge - 1 :: edge] = False
+    cell[:, :, edge - 1 :: edge] = False
+    mask = np.zeros(known.shape, dtype=np.bool_)
+    mask[1:, 1:, 1:] = cell  # skimage asks the mask at the upper corner of a cell
+    try:
+        # Distances fall towards the inside: triangles are counter-clockwise from the seen side.
+        vertices, faces, _, _ = marching_cubes(tiled, 0.0, mask=mask, gradient_direction="descent")
+    except (RuntimeError, ValueError) as error:
+        raise InputError("TsdfVolume", f"no surface was seen ({error})") from error
+    side = tiled.shape[1] // edge
+    return _welded(vertices.astype(np.float64), faces.astype(np.int64), places, edge, side)
+
+
+def _welded(
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    places: Int[np.ndarray, "n 3"],
+    edge: int,
+    side: int,
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Vertices put to the place of their brick; those of one edge of the grid become one."""
+    # Cells between bricks are masked, so that a vertex is never beyond its own brick.
+    tile = (vertices // edge).astype(np.int64)
+    vertices -= tile * edge
+    border = np.flatnonzero(((vertices == 0) | (vertices == edge - 1)).any(axis=1))
+    vertices += places[(tile[:, 0] * side + tile[:, 1]) * side + tile[:, 2]]
+    # A vertex lies on one edge of the grid, named by its lower end and its direction.
+    low = np.floor(vertices[border]).astype(np.int64)
+    along = vertices[border] - low > 0
+    axis = np.where(along.any(axis=1), along.argmax(axis=1), 3)
+    low -= low.min(axis=0, initial=0)
+    packed = ((low[:, 0] << 20 | low[:, 1]) << 20 | low[:, 2]) << 2 | axis
+    _, first, where = np.unique(packed, return_index=True, return_inverse=True)
+    to = np.arange(len(vertices))
+    to[border] = border[first[where]]
+    kept = np.flatnonzero(to == np.arange(len(vertices)))
+    number = np.zeros(len(vertices), dtype=np.int64)
+    number[kept] = np.arange(len(kept))
+    faces = number[to[faces]]
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return vertices[kept], faces[whole]

@@ -1,0 +1,78 @@
+"""A depth view as the kernels of the fusion take it."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...io.depth.depth_sequence import DepthFrame
+from . import _fusion_kernels as kernels
+
+__all__ = ["NO_COLOR", "FusionView", "checked_sizes"]
+
+NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float32)
+
+
+def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float]:
+    """Distance of voxels and half width of the band [m], by default 4 voxels."""
+    if not (np.isfinite(voxel_m) and voxel_m > 0):
+        raise InputError("TsdfVolume", f"found {voxel_m}, expected > 0", field="voxel_m")
+    band_m = 4 * voxel_m if truncation_m is None else truncation_m
+    if not (np.isfinite(band_m) and band_m >= voxel_m):
+        raise InputError(
+            "TsdfVolume", f"found {band_m}, expected at least one voxel ({voxel_m})", field="truncation_m"
+        )
+    return float(voxel_m), float(band_m)
+
+
+class FusionView:
+    """A frame as the kernels take it: pinhole pixels, float32."""
+
+    def __init__(self, frame: DepthFrame, color: bool) -> None:
+        camera = frame.camera
+        depth, image = frame.depth_m, frame.color
+        if camera.distortion.any() or camera.matrix[0, 1]:
+            depth, image = _undistorted(camera, depth, image)
+        k = camera.matrix
+        self.depth: Float32[np.ndarray, "rows columns"] = np.ascontiguousarray(depth, dtype=np.float32)
+        self.use_color = color and image is not None
+        self.image = np.ascontiguousarray(image) if image is not None else np.zeros((1, 1, 3), np.uint8)
+        self.intrinsics: Float32[np.ndarray, "4"] = np.array(
+            [k[0, 0], k[1, 1], k[0, 2], k[1, 2]], dtype=np.float32
+        )
+        self.T_camera_world: Pose = frame.T_world_camera.inverse()
+
+    def grid(
+        self, origin_m: Float[np.ndarray, "3"], voxel_m: float
+    ) -> tuple[Float32[np.ndarray, "3"], Float32[np.ndarray, "3 3"]]:
+        """First voxel and the steps along x, y, z in the camera frame."""
+        origin = self.T_camera_world.apply(origin_m)
+        return origin.astype(np.float32), (self.T_camera_world.rotation.T * voxel_m).astype(np.float32)
+
+    def tiles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Range of the depth in each tile of the picture."""
+        shape = tuple(-(-n // kernels.TILE) for n in self.depth.shape)
+        low, high = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
+        holes = np.zeros(shape, np.uint8)
+        kernels.tile_ranges(self.depth, low, high, holes)
+        return low, high, holes
+
+
+def _undistorted(
+    camera: Camera, depth: np.ndarray, image: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Pixels of the ideal camera; depth from the nearest pixel, so that edges are not mixed."""
+    import cv2
+
+    matrix = camera.matrix.copy()
+    matrix[0, 1] = 0.0
+    x, y = cv2.initUndistortRectifyMap(
+        camera.matrix, camera.distortion, None, matrix, (camera.width, camera.height), cv2.CV_32FC1
+    )
+    depth = cv2.remap(depth, x, y, cv2.INTER_NEAREST, borderValue=float("nan"))
+    if image is not None:
+        image = cv2.remap(image, x, y, cv2.INTER_LINEAR)
+    return depth, image

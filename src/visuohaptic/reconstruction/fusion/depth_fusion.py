@@ -1,0 +1,139 @@
+"""Surface fusion: depth views averaged into truncated signed distances, and their zero surface.
+
+A voxel holds the mean over the views of the distance to the seen surface
+along the optical axis, divided by the band width and cut to [-1, 1], positive
+towards the camera, with the sum of the weights (Curless and Levoy 1996; the
+volume that KinectFusion integrates, Alt 2016, Sec. 2.2.1 and 5.3).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Float32
+
+from ...core.errors import InputError
+from ...io.depth.depth_sequence import DepthFrame
+from ..mesh import SurfaceMesh
+from . import _fusion_kernels as kernels
+from ._brick_surface import brick_surface, cube_of_tiles
+from ._fusion_view import NO_COLOR, FusionView, checked_sizes
+
+__all__ = ["TsdfVolume"]
+
+#: Grids with more voxels are refused before memory is taken.
+MAX_VOXELS = 1 << 30
+
+
+class TsdfVolume:
+    """A dense grid of truncated signed distances; its arrays may be read and set.
+
+    Parameters
+    ----------
+    origin_m
+        Place of voxel (0, 0, 0) in the world [m].
+    shape
+        Number of voxels along x, y, z.
+    voxel_m
+        Distance between voxels [m].
+    truncation_m
+        Half width of the band around the surface [m]; 4 voxels by default.
+    max_weight
+        Weights stop here, so that the volume follows a scene that changes.
+    color
+        Whether to average colour as well.
+
+    Attributes
+    ----------
+    distance
+        float32, in units of ``truncation_m``; 1 where nothing was seen.
+    weight
+        float32; 0 where nothing was seen.
+    color
+        float32 (x, y, z, 3), blue, green, red 0..255, or ``None``.
+    """
+
+    def __init__(
+        self,
+        origin_m: Float[np.ndarray, "3"],
+        shape: tuple[int, int, int],
+        voxel_m: float = 0.005,
+        *,
+        truncation_m: float | None = None,
+        max_weight: float = 64.0,
+        color: bool = True,
+    ) -> None:
+        if len(shape) != 3 or min(shape) < 2 or np.prod(shape, dtype=np.float64) > MAX_VOXELS:
+            raise InputError(
+                "TsdfVolume",
+                f"found {shape}, expected three sizes, at most {MAX_VOXELS} voxels",
+                field="shape",
+            )
+        self.voxel_m, self.truncation_m = checked_sizes(voxel_m, truncation_m)
+        self.origin_m: Float[np.ndarray, "3"] = np.asarray(origin_m, dtype=np.float64).reshape(3)
+        self.max_weight = float(max_weight)
+        self.distance: Float32[np.ndarray, "x y z"] = np.ones(shape, dtype=np.float32)
+        self.weight: Float32[np.ndarray, "x y z"] = np.zeros(shape, dtype=np.float32)
+        self.color: Float32[np.ndarray, "x y z 3"] | None = (
+            np.zeros((*shape, 3), dtype=np.float32) if color else None
+        )
+        self.views = 0  #: how many were integrated
+
+    @classmethod
+    def around(
+        cls,
+        low_m: Float[np.ndarray, "3"],
+        high_m: Float[np.ndarray, "3"],
+        voxel_m: float = 0.005,
+        **more: Any,
+    ) -> TsdfVolume:
+        """A volume that holds the box from ``low_m`` to ``high_m``."""
+        low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
+        shape = np.ceil((high - low) / voxel_m - 1e-9).astype(int) + 1
+        return cls(low, (int(shape[0]), int(shape[1]), int(shape[2])), voxel_m, **more)
+
+    def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
+        """Average a view into the grid; NaN depths say nothing."""
+        view = FusionView(frame, self.color is not None)
+        origin, steps = view.grid(self.origin_m, self.voxel_m)
+        kernels.fuse_dense(
+            self.distance,
+            self.weight,
+            self.color if self.color is not None else NO_COLOR,
+            view.use_color,
+            origin,
+            steps,
+            view.intrinsics,
+            view.depth,
+            view.image,
+            *view.tiles(),
+            np.float32(self.truncation_m),
+            np.float32(weight),
+            np.float32(self.max_weight),
+        )
+        self.views += 1
+
+    def mesh(self, min_weight: float = 1.0) -> SurfaceMesh:
+        """The zero surface between voxels of at least this weight, in the world [m].
+
+        Raises
+        ------
+        InputError
+            No surface was seen.
+        """
+        bricks = [-(-(n - 1) // kernels.BRICK) for n in self.distance.shape]
+        places = np.zeros((int(np.prod(bricks)), 3), dtype=np.int64)
+        least = np.float32(max(min_weight, 1e-6))
+        count = kernels.active_cells(self.distance, self.weight, least, places)
+        places = places[:count]
+        side, tiled, known = cube_of_tiles(count)
+        kernels.gather_cells(self.distance, self.weight, least, places, side, tiled, known)
+        vertices, faces = brick_surface(tiled, known, places)
+        colors = None
+        if self.color is not None:
+            near = np.rint(vertices).astype(np.int64)
+            near = np.minimum(near, np.array(self.distance.shape) - 1)
+            bgr = self.color[near[:, 0], near[:, 1], near[:, 2]]
+            colors = np.clip(np.rint(bgr[:, ::-1]), 0, 255).astype(np.uint8)
+        return SurfaceMesh(vertices * self.voxel_m + self.origin_m, faces, colors)

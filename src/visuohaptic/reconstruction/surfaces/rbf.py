@@ -1,0 +1,270 @@
+"""Triharmonic radial basis functions: an implicit surface from points with signed distances.
+
+    r(X) = p(X) + sum_i w_i |X - X_i|^3         (Alt 2016, Eq. 5.5)
+
+with a linear polynomial p: |x|^3 is conditionally positive definite of order
+two, so sum w_i = 0 and sum w_i X_i = 0 hold beside r(X_i) + rho_i w_i = f_i.
+``rho`` smooths: it is the variance of a noisy value over the scale of the
+spline. The same matrix gives the variance of kriging with this generalised
+covariance (thin-plate Gaussian process): ``-b^T A^-1 b`` with ``b = (|X - X_i|^3, p)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ...core.threads import one_blas_thread
+from . import _rbf_kernels as kernels
+
+__all__ = ["Grid", "RbfSurface", "isosurface"]
+
+#: Added centres are solved through the old factors up to this many, then all is factored anew.
+MAX_ADDED = 150
+
+
+class RbfSurface:
+    """A fitted r(X); centres can be added without a new factorisation.
+
+    Parameters
+    ----------
+    centers_m
+        Centres [m].
+    values_m
+        Signed distance wanted at each [m], positive outside.
+    rho
+        Smoothing of each, in units of the cube of the extent; 0 interpolates.
+
+    Raises
+    ------
+    InputError
+        Fewer than four centres, centres in one plane, or not finite.
+    """
+
+    def __init__(
+        self,
+        centers_m: Float[np.ndarray, "n 3"],
+        values_m: Float[np.ndarray, "n"],
+        rho: Float[np.ndarray, "n"] | float = 0.0,
+    ) -> None:
+        centers = np.asarray(centers_m, dtype=np.float64)
+        values = np.asarray(values_m, dtype=np.float64)
+        if centers.ndim != 2 or centers.shape[1] != 3 or len(centers) < 4:
+            raise InputError("RbfSurface", f"found shape {centers.shape}, expected at least 4 x 3")
+        if values.shape != (len(centers),) or not (np.isfinite(centers).all() and np.isfinite(values).all()):
+            raise InputError("RbfSurface", "centres and values must be finite and equally many")
+        self.origin_m: Float[np.ndarray, "3"] = centers.mean(axis=0)
+        #: Half the extent [m]; lengths are divided by it, or the matrix has entries from 1e-9 to 1.
+        self.extent_m = float(np.abs(centers - self.origin_m).max())
+        if self.extent_m <= 0 or np.linalg.matrix_rank(centers - self.origin_m, tol=1e-9) < 3:
+            raise InputError("RbfSurface", "the centres lie in one plane, expected points in space")
+        self._base = (centers - self.origin_m) / self.extent_m
+        self._values = values / self.extent_m
+        self._rho = np.broadcast_to(np.asarray(rho, dtype=np.float64), values.shape).copy()
+        self._factor()
+
+    @property
+    def count(self) -> int:
+        """Number of centres."""
+        return len(self._centers)
+
+    @one_blas_thread()
+    def _factor(self) -> None:
+        from scipy.linalg import lu_factor
+
+        n = len(self._base)
+        matrix = np.zeros((n + 4, n + 4), order="F")
+        block = np.zeros((n, n))
+        kernels.cubic_matrix(self._base, self._base, block)
+        matrix[:n, :n] = block
+        matrix[np.arange(n), np.arange(n)] += self._rho
+        matrix[:n, n:] = _linear(self._base)
+        matrix[n:, :n] = matrix[:n, n:].T
+        self._lu = lu_factor(matrix, overwrite_a=True, check_finite=False)
+        self._right = self._solve(np.concatenate([self._values, np.zeros(4)]))
+        self._added = np.zeros((0, 3))
+        self._added_values = np.zeros(0)
+        self._added_rho = np.zeros(0)
+        self._columns = np.zeros((n + 4, 0))
+        self._solved = np.zeros((n + 4, 0))
+        self._weigh()
+
+    def _solve(self, right: np.ndarray) -> np.ndarray:
+        from scipy.linalg import lu_solve
+
+        return lu_solve(self._lu, right, check_finite=False)
+
+    @one_blas_thread()
+    def added(
+        self,
+        centers_m: Float[np.ndarray, "m 3"],
+        values_m: Float[np.ndarray, "m"],
+        rho: Float[np.ndarray, "m"] | float = 0.0,
+    ) -> RbfSurface:
+        """The fit with further centres, by the Schur complement of the old factors.
+
+        Equal to a fit of all at once; costs one solve for each new centre.
+        """
+        new = (np.asarray(centers_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
+        values = np.asarray(values_m, dtype=np.float64).reshape(-1) / self.extent_m
+        extra = np.broadcast_to(np.asarray(rho, dtype=np.float64), values.shape)
+        made: RbfSurface = object.__new__(RbfSurface)
+        made.__dict__.update(self.__dict__)
+        if len(self._added) + len(new) > MAX_ADDED:
+            made._base = np.concatenate([self._base, self._added, new])
+            made._values = np.concatenate([self._values, self._added_values, values])
+            made._rho = np.concatenate([self._rho, self._added_rho, extra])
+            made._factor()
+            return made
+        block = np.zeros((len(self._base), len(new)))
+        kernels.cubic_matrix(self._base, new, block)
+        columns = np.concatenate([block, _linear(new).T])
+        made._columns = np.concatenate([self._columns, columns], axis=1)
+        made._solved = np.concatenate([self._solved, self._solve(columns)], axis=1)
+        made._added = np.concatenate([self._added, new])
+        made._added_values = np.concatenate([self._added_values, values])
+        made._added_rho = np.concatenate([self._added_rho, extra])
+        made._weigh()
+        return made
+
+    def _schur(self) -> np.ndarray:
+        k = len(self._added)
+        corner = np.zeros((k, k))
+        kernels.cubic_matrix(self._added, self._added, corner)
+        corner[np.arange(k), np.arange(k)] += self._added_rho
+        return corner - self._columns.T @ self._solved
+
+    def _weigh(self) -> None:
+        """Weights and polynomial from the factors and the added columns."""
+        n = len(self._base)
+        late = np.zeros(0)
+        early = self._right
+        if len(self._added):
+            late = np.linalg.solve(self._schur(), self._added_values - self._columns.T @ self._right)
+            early = self._right - self._solved @ late
+        self._centers = np.concatenate([self._base, self._added])
+        self._weights = np.concatenate([early[:n], late])
+        self._poly = early[n:]
+        if not np.isfinite(self._weights).all():
+            raise InputError("RbfSurface", "the system is singular", remedy="join centres at one place")
+
+    def __call__(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
+        """Signed distance at points [m], positive outside."""
+        points = np.asarray(points_m, dtype=np.float64)
+        flat = np.ascontiguousarray((points.reshape(-1, 3) - self.origin_m) / self.extent_m)
+        out = np.zeros(len(flat))
+        kernels.cubic_values(flat, np.ascontiguousarray(self._centers.T), self._weights, self._poly, out)
+        return (out * self.extent_m).reshape(points.shape[:-1])
+
+    def on_grid(self, nodes_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+        """As :meth:`__call__` in float32 for many points; 0.05 mm off for a bottle of 1000 centres."""
+        points = ((nodes_m - self.origin_m) / self.extent_m).astype(np.float32)
+        out = np.zeros(len(points), dtype=np.float32)
+        centers = np.ascontiguousarray(self._centers.T.astype(np.float32))
+        weights, poly = self._weights.astype(np.float32), self._poly.astype(np.float32)
+        kernels.cubic_values(points, centers, weights, poly, out)
+        return out * np.float32(self.extent_m)
+
+    def gradient(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Gradient at points, about the outward normal."""
+        flat = np.ascontiguousarray((np.asarray(points_m).reshape(-1, 3) - self.origin_m) / self.extent_m)
+        out = np.zeros_like(flat)
+        kernels.cubic_gradients(flat, np.ascontiguousarray(self._centers.T), self._weights, self._poly, out)
+        return out
+
+    def normals(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Unit gradient."""
+        found = self.gradient(points_m)
+        return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
+
+    @one_blas_thread()
+    def kriging_sigma_m(self, points_m: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m"]:
+        """Standard deviation of r(X) [m] of the thin-plate Gaussian process with the same kernel.
+
+        Its scale is the restricted maximum-likelihood one, ``f^T w / (n - 4)``.
+        """
+        points = (np.asarray(points_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
+        block = np.zeros((len(self._base), len(points)))
+        kernels.cubic_matrix(self._base, points, block)
+        columns = np.concatenate([block, _linear(points).T])
+        variance = -(columns * self._solve(columns)).sum(axis=0)
+        if len(self._added):
+            cross = np.zeros((len(self._added), len(points)))
+            kernels.cubic_matrix(self._added, points, cross)
+            rest = cross - self._solved.T @ columns
+            variance -= (rest * np.linalg.solve(self._schur(), rest)).sum(axis=0)
+        return self.extent_m * np.sqrt(self.process_scale * np.maximum(variance, 0.0))
+
+    @property
+    def process_scale(self) -> float:
+        """Restricted maximum-likelihood variance of the process, in units of the extent."""
+        values = np.concatenate([self._values, self._added_values])
+        return max(float(values @ self._weights) / max(self.count - 4, 1), 0.0)
+
+
+def _linear(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 4"]:
+    return np.column_stack([np.ones(len(points)), points])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Grid:
+    """Nodes of a regular grid in a box."""
+
+    low_m: Float[np.ndarray, "3"]
+    shape: tuple[int, int, int]
+    step_m: float
+
+    @classmethod
+    def over(cls, low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], step_m: float) -> Grid:
+        """The grid that covers a box."""
+        low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
+        counts = np.maximum(np.ceil((high - low) / step_m).astype(int) + 1, 2)
+        return cls(low, (int(counts[0]), int(counts[1]), int(counts[2])), float(step_m))
+
+    def nodes_m(self, index: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Places of nodes."""
+        return self.low_m + self.step_m * index
+
+    @property
+    def all_nodes_m(self) -> Float[np.ndarray, "n 3"]:
+        """Places of all nodes, the last axis fastest."""
+        axes = [self.low_m[k] + self.step_m * np.arange(self.shape[k]) for k in range(3)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def isosurface(
+    surface: RbfSurface, grid: Grid, wanted: Bool[np.ndarray, "x y z"] | None = None, *, stride: int = 4
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """Zero surface in the wanted part of a grid, evaluated in a narrow band only.
+
+    r(X) is smooth: between every ``stride``-th node it is guessed by
+    interpolation, and evaluated where the guess is within two steps of zero.
+
+    Returns
+    -------
+    Vertices [m] and triangles, counter-clockwise from outside; both may be empty.
+    """
+    from skimage.measure import marching_cubes
+
+    shape = grid.shape
+    counts = [-(-(n - 1) // stride) + 1 for n in shape]
+    coarse_grid = Grid(grid.low_m, (counts[0], counts[1], counts[2]), grid.step_m * stride)
+    coarse = surface.on_grid(coarse_grid.all_nodes_m).reshape(coarse_grid.shape)
+    values = np.zeros(shape, dtype=np.float32)
+    mask = np.ones(shape, dtype=np.bool_) if wanted is None else wanted
+    nodes = np.zeros((values.size, 3), dtype=np.int32)
+    # A guess is off by at most (stride * step)^2 / 8 over the radius of curvature, less than a step.
+    count = kernels.band_nodes(coarse, stride, np.float32(2.0 * grid.step_m), values, mask, nodes)
+    index = nodes[:count]
+    values[index[:, 0], index[:, 1], index[:, 2]] = surface.on_grid(grid.nodes_m(index))
+    none = np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    if not (count and values[mask].min() < 0 < values[mask].max()):
+        return none
+    try:
+        vertices, faces, _, _ = marching_cubes(values, 0.0, mask=mask, gradient_direction="descent")
+    except (RuntimeError, ValueError):
+        return none
+    return vertices.astype(np.float64) * grid.step_m + grid.low_m, faces.astype(np.int64)

@@ -1,0 +1,177 @@
+"""What a view should show, told from other views of the same camera (Alt 2016, 5.2.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float32
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...io.depth.depth_sequence import DepthFrame
+from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+
+__all__ = [
+    "HELLINGER_WEIGHT",
+    "BackgroundModel",
+    "LocalViews",
+    "background_model",
+    "ideal_depth",
+    "intrinsics",
+    "motions",
+]
+
+#: w of Eq. (5.3), such that the reliability is 0 at sigma = 4 sigma_s.
+HELLINGER_WEIGHT = 1 / (1 - math.sqrt(8 / 17))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BackgroundModel:
+    """Expected depth of each pixel of a view."""
+
+    mean_m: Float32[np.ndarray, "h w"]  #: NaN below 3 observations [m]
+    sigma_m: Float32[np.ndarray, "h w"]  #: max(sigma, sigma_s) [m]
+    reliability: Float32[np.ndarray, "h w"]  #: S_r of Eq. (5.3) after erosion, 0-1
+    views: int  #: views that it was made of
+
+
+@dataclass(slots=True)
+class LocalViews:
+    """The recent way of the camera, and which views on it make the model of the present one.
+
+    Views ``gap_m`` to ``gap_m + span_m`` behind on the way are far enough that glass hides another part of the
+    background, and near enough that nothing else changes.
+    """
+
+    count: int = 8  #: views of a model
+    span_m: float = 0.2  #: way that they cover [m]
+    gap_m: float = 0.16  #: way between them and the present view [m]
+    min_step_m: float = 0.01  #: views nearer than this to the last one are not kept [m]
+    jump_m: float = 0.15  #: a step longer than this is an error of the tracker [m]
+    jump_rad: float = math.radians(20)  #: so is a turn by more [rad]
+    frames: list[DepthFrame] = field(default_factory=list)  #: kept views, oldest first
+    way_m: list[float] = field(default_factory=list)  #: way at each of them [m]
+
+    def jumped(self, frame: DepthFrame) -> bool:
+        """Whether the pose cannot follow on that of the last kept view."""
+        if not self.frames:
+            return False
+        motion = self.frames[-1].T_world_camera.inverse() @ frame.T_world_camera
+        turn = math.acos(max(-1.0, min(1.0, (np.trace(motion.rotation) - 1) / 2)))
+        return float(np.linalg.norm(motion.translation_m)) > self.jump_m or turn > self.jump_rad
+
+    def add(self, frame: DepthFrame) -> bool:
+        """Keep a view unless it is next to the last one; tells whether it was kept."""
+        step = math.inf
+        if self.frames:
+            before = self.frames[-1].T_world_camera.translation_m
+            step = float(np.linalg.norm(frame.T_world_camera.translation_m - before))
+            if step < self.min_step_m:
+                return False
+        self.way_m.append(self.way_m[-1] + step if self.frames else 0.0)
+        self.frames.append(frame)
+        oldest = self.way_m[-1] - self.gap_m - self.span_m - self.jump_m
+        while len(self.way_m) > 2 and self.way_m[1] < oldest:
+            del self.frames[0], self.way_m[0]
+        return True
+
+    def clear(self) -> None:
+        """Forget the way, after the tracker has lost it."""
+        self.frames.clear()
+        self.way_m.clear()
+
+    def of_model(self) -> list[DepthFrame]:
+        """Views for the model of the last one that was added: spread over the span, oldest first."""
+        if not self.way_m:
+            return []
+        behind = self.way_m[-1] - np.array(self.way_m)
+        slack = 0.5 * self.span_m / max(self.count - 1, 1)
+        usable = np.flatnonzero((behind >= self.gap_m - 1e-9) & (behind <= self.gap_m + self.span_m + slack))
+        if len(usable) > self.count:
+            wanted = self.gap_m + np.linspace(0, self.span_m, self.count)
+            usable = np.unique([usable[np.argmin(np.abs(behind[usable] - w))] for w in wanted])
+        return [self.frames[i] for i in usable]
+
+
+def ideal_depth(frame: DepthFrame) -> Float32[np.ndarray, "h w"]:
+    """The depth image as a pinhole without distortion would see it (nearest pixel, no mixing of depths)."""
+    camera = frame.camera
+    if not camera.distortion.any():
+        return np.ascontiguousarray(frame.depth_m)
+    import cv2
+
+    column, row = cv2.initUndistortRectifyMap(
+        camera.matrix, camera.distortion, None, camera.matrix, (camera.width, camera.height), cv2.CV_32FC1
+    )
+    return cv2.remap(frame.depth_m, column, row, cv2.INTER_NEAREST, borderValue=math.nan)
+
+
+def motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarray, "n 3 4"]:
+    """``T_this_other`` of each other view."""
+    inverse = T_world_this.inverse()
+    return np.array([(inverse @ other).matrix[:3] for other in others], dtype=np.float32).reshape(-1, 3, 4)
+
+
+def intrinsics(camera: Camera) -> tuple[np.float32, np.float32, np.float32, np.float32]:
+    """Focal lengths and principal point in single precision [px]."""
+    matrix = camera.matrix.astype(np.float32)
+    return matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
+
+
+def background_model(
+    views: Sequence[DepthFrame],
+    T_world_camera: Pose,
+    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    *,
+    min_views: int = 3,
+    erosion_px: int | None = None,
+    weight: float = HELLINGER_WEIGHT,
+) -> BackgroundModel:
+    """Predict a view from others: z-buffered reprojection, mean, sigma, reliability.
+
+    Parameters
+    ----------
+    views
+        Views of the same camera.
+    T_world_camera
+        The view that is predicted.
+    noise
+        Least noise that is believed, Eq. (5.1).
+    min_views
+        Observations that a pixel needs.
+    erosion_px
+        Margin that is taken off reliable regions; by default that of the camera's edges, 2 px of a Kinect [px].
+    weight
+        w of Eq. (5.3).
+
+    Raises
+    ------
+    InputError
+        There are no views, or their cameras differ in size.
+    """
+    from ._background_kernels import view_moments, warp_views
+
+    if not views:
+        raise InputError("background_model", "found no views, expected at least 3")
+    shape = views[0].depth_m.shape
+    if any(view.depth_m.shape != shape for view in views):
+        raise InputError("background_model", "the views differ in size, expected one camera")
+    depths = np.stack([ideal_depth(view) for view in views])
+    warped = np.empty_like(depths)
+    moved = motions(T_world_camera, [view.T_world_camera for view in views])
+    warp_views(depths, moved, *intrinsics(views[0].camera), warped)
+    mean_m, sigma_m, score = (np.empty(shape, np.float32) for _ in range(3))
+    numbers = (noise.quadratic_per_m, noise.constant_m, noise.offset_m, noise.tracking_m, weight)
+    view_moments(warped, *(np.float32(number) for number in numbers), min_views, mean_m, sigma_m, score)
+    if erosion_px is None:
+        erosion_px = noise.edge_px(views[0].camera.focal_px)
+    if erosion_px > 0:
+        import cv2
+
+        edge = 2 * erosion_px + 1
+        score = cv2.erode(score, np.ones((edge, edge), np.uint8), borderValue=0)
+    return BackgroundModel(mean_m, sigma_m, score, len(views))

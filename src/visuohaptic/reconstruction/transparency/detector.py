@@ -1,0 +1,192 @@
+"""Transparency detector as published: what contradicts the background model, summed along rays (Alt 2016, 5.2).
+
+Frame by frame, while the camera moves. Eq. (5.4) is implemented with its sign
+corrected: an observation counts when it disagrees with the model. The better
+detector is in :mod:`.consistency`; both have the same methods.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections import Counter
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...io.depth.depth_sequence import DepthFrame
+from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from ..fusion.volume import SpaceGrid
+from .background import BackgroundModel, LocalViews, background_model, ideal_depth, intrinsics
+from .ray_statistics import SearchReport, report
+from .regions import TransparentRegion, find_regions
+
+__all__ = ["ErrorImage", "TransparencyDetector", "TransparencySettings", "error_image"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class TransparencySettings:
+    """Parameters of the published detector; the defaults are the dissertation's where it names them."""
+
+    views: int = 8  #: of the model
+    span_m: float = 0.2  #: way that they cover [m]
+    gap_m: float = 0.16  #: way between them and the present view [m]
+    step_m: float = 0.02  #: way between two comparisons [m]
+    min_views: int = 3  #: observations that a pixel of the model needs
+    erosion_px: int | None = (
+        None  #: margin taken off reliable regions; that of the camera's edges by default [px]
+    )
+    theta: float = 0.9  #: probability below which nothing counts
+    max_wrong: float = 0.15  #: frames with a larger share of wrong among reliable pixels are left out
+    jump_m: float = 0.15  #: a longer step is an error of the tracker [m]
+    of_peak: float = 0.5  #: transparent voxels have this share of the 99.9th percentile of the summed scores
+    min_sum: float = 3.0  #: and at least this sum
+    min_voxels: int = 50  #: smallest cluster
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorImage:
+    """How one view disagrees with its model; ``valid`` False: it was not used, ``reason`` says why."""
+
+    score: Float32[np.ndarray, "h w"]  #: S_E of Eq. (5.4), 0-1
+    model: BackgroundModel | None
+    valid: bool
+    reason: str = ""
+
+
+def error_image(
+    model: BackgroundModel,
+    depth_m: Float32[np.ndarray, "h w"],
+    camera: Camera,
+    T_world_camera: Pose,
+    model_poses: list[Pose],
+    settings: TransparencySettings | None = None,
+) -> Float32[np.ndarray, "h w"]:
+    """Error score of each pixel, Eq. (5.4): erf of the deviation, mapped from [theta, 1] to [0, 1], times S_r."""
+    from ._background_kernels import error_score
+
+    settings = settings or TransparencySettings()
+    there = np.array([(pose.inverse() @ T_world_camera).matrix[:3] for pose in model_poses], dtype=np.float32)
+    error = np.empty_like(depth_m)
+    numbers = (settings.theta, min(settings.min_views, len(there)))
+    arrays = (depth_m, model.mean_m, model.sigma_m, model.reliability)
+    error_score(*arrays, there, *numbers, *intrinsics(camera), error)
+    return error
+
+
+@dataclass(slots=True)
+class TransparencyDetector:
+    """Collects error rays in a volume, one view after the other.
+
+    Examples
+    --------
+    >>> detector = TransparencyDetector(grid)  # doctest: +SKIP
+    >>> for frame in DepthSequence("scan"):
+    ...     detector.add(frame)
+    >>> detector.regions()
+    """
+
+    grid: SpaceGrid
+    noise: SensorNoise = SENSOR_NOISE["kinect"]
+    settings: TransparencySettings = field(default_factory=TransparencySettings)
+    volume: Float32[np.ndarray, "x y z"] = field(init=False)  #: summed scores
+    views: int = 0  #: views that were given
+    used: int = 0  #: views that were compared
+    skipped: Counter[str] = field(default_factory=Counter)  #: views that were not, by cause
+    _views: LocalViews = field(init=False)
+    _compared_m: float = field(init=False, default=-np.inf)
+
+    def __post_init__(self) -> None:
+        self.volume = np.zeros(self.grid.shape, np.float32)
+        s = self.settings
+        self._views = LocalViews(s.views, s.span_m, s.gap_m, min(0.01, s.step_m), s.jump_m)
+
+    def add(self, frame: DepthFrame) -> ErrorImage:
+        """Compare one view with its model and cast its error rays."""
+        self.views += 1
+        views, settings = self._views, self.settings
+        if views.jumped(frame):
+            views.clear()
+            self._compared_m = -np.inf
+            views.add(frame)
+            return self._left_out(frame, "pose jumps", "the pose jumps; the model starts anew")
+        if not views.add(frame):
+            return self._left_out(frame, "not moved", "the camera has not moved")
+        if views.way_m[-1] - self._compared_m < settings.step_m - 1e-9:
+            return self._left_out(frame, "between steps", "nearer than a step to the last comparison")
+        others = views.of_model()
+        if len(others) < settings.min_views:
+            return self._left_out(frame, "no model", "too few views for a model yet")
+        self._compared_m = views.way_m[-1]
+        model = background_model(
+            others,
+            frame.T_world_camera,
+            self.noise,
+            min_views=settings.min_views,
+            erosion_px=settings.erosion_px,
+        )
+        depth_m = ideal_depth(frame)
+        poses = [view.T_world_camera for view in others]
+        score = error_image(model, depth_m, frame.camera, frame.T_world_camera, poses, settings)
+        reliable = np.count_nonzero((model.reliability > 0) & (depth_m > 0))
+        if np.count_nonzero(score) > settings.max_wrong * max(int(reliable), 1):
+            return self._left_out(frame, "too wrong", "large erroneous regions: moved scene or lost track")
+        self._cast(score, model.mean_m, frame)
+        self.used += 1
+        return ErrorImage(score, model, True)
+
+    def _left_out(self, frame: DepthFrame, cause: str, reason: str) -> ErrorImage:
+        self.skipped[cause] += 1
+        _log.debug("view %d: %s", frame.index, reason)
+        return ErrorImage(np.zeros(frame.depth_m.shape, np.float32), None, False, reason)
+
+    def _cast(
+        self, score: Float32[np.ndarray, "h w"], mean_m: Float32[np.ndarray, "h w"], frame: DepthFrame
+    ) -> None:
+        """Cast the error rays up to the surface that the model expects."""
+        from ._background_kernels import cast_rays
+
+        i, j = np.nonzero(score)
+        fx, fy, cx, cy = intrinsics(frame.camera)
+        slopes = np.column_stack([(j - cx) / fx, (i - cy) / fy, np.ones(len(i))])
+        ends = frame.T_world_camera.apply(slopes * mean_m[i, j, None])
+        origin = frame.T_world_camera.translation_m
+        cast_rays(origin, ends, score[i, j], self.grid.low_m, self.grid.voxel_m, 4, self.volume)
+
+    def score(self) -> Float[np.ndarray, "x y z"]:
+        """Summed score of each voxel per view that was compared."""
+        return self.volume / np.float32(max(self.used, 1))
+
+    def inside(self) -> Bool[np.ndarray, "x y z"]:
+        """Voxels that count as transparent."""
+        hit = self.volume[self.volume > 0]
+        if not hit.size:
+            return np.zeros(self.grid.shape, dtype=bool)
+        peak = float(np.percentile(hit, 99.9))
+        return self.volume >= max(self.settings.min_sum, self.settings.of_peak * peak)
+
+    def regions(self) -> tuple[TransparentRegion, ...]:
+        """Clusters of transparent voxels with their hulls."""
+        inside = self.inside()
+        return find_regions(self.score(), inside, inside, self.grid, min_voxels=self.settings.min_voxels)
+
+    def report(self) -> SearchReport:
+        """What was searched, and why nothing was found where nothing was."""
+        # Summed scores are evidence of another kind: a view adds at most 1 to a voxel.
+        bad, rays = (self.volume > 0).astype(np.int32), np.full(self.volume.shape, self.used, np.int32)
+        found = report(
+            (bad, rays),
+            self.volume,
+            views=self.views,
+            compared=self.used,
+            skipped=self.skipped,
+            rate=math.exp(-1.0),
+            threshold=self.settings.min_sum,
+            regions=len(self.regions()),
+        )
+        return replace(found, bad_rate=math.nan)

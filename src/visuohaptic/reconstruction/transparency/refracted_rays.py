@@ -1,0 +1,58 @@
+"""Which readings came through glass: they tell no surface.
+
+An empty bottle bends little, so that the camera sees through it the inside of its own label, and the fusion
+would make an inner wall of it. What was read through a transparent region is left out of the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...io.depth.depth_sequence import DepthFrame
+from .regions import TransparentRegion
+
+__all__ = ["without_seen_through"]
+
+
+def without_seen_through(
+    frame: DepthFrame, regions: Sequence[TransparentRegion], *, min_m: float = 0.01
+) -> DepthFrame:
+    """The frame without what was read through one of the regions.
+
+    Parameters
+    ----------
+    min_m
+        Way inside a region's hull from which on a reading is left out: hulls are a voxel or two too large, and
+        what they brush is still seen directly [m].
+    """
+    from .._hull_kernels import mask_through
+
+    depth_m = None
+    camera, pose = frame.camera, frame.T_world_camera
+    matrix = camera.matrix
+    for region in regions:
+        corners = pose.inverse().apply(region.hull_m)
+        if corners[:, 2].max() <= 0.05:
+            continue
+        if corners[:, 2].min() > 0.05:
+            u = matrix[0, 0] * corners[:, 0] / corners[:, 2] + matrix[0, 2]
+            v = matrix[1, 1] * corners[:, 1] / corners[:, 2] + matrix[1, 2]
+            box = np.array([[v.min(), v.max()], [u.min(), u.max()]])
+        else:  # the camera is beside the hull or in it
+            box = np.array([[0.0, camera.height], [0.0, camera.width]])
+        last = np.array([[camera.height - 1], [camera.width - 1]])
+        first_last = np.clip(np.stack([np.floor(box[:, 0]), np.ceil(box[:, 1])], axis=1), 0, last)
+        rows, columns = first_last.astype(np.int64)
+        a, b, c = (corners[region.faces[:, k]] for k in range(3))
+        normals = np.cross(b - a, c - a)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+        planes = np.column_stack([normals, -(normals * a).sum(axis=1)])
+        if depth_m is None:
+            depth_m = frame.depth_m.copy()
+        mask_through(
+            depth_m, planes, rows, columns, matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2], min_m
+        )
+    return frame if depth_m is None else replace(frame, depth_m=depth_m)

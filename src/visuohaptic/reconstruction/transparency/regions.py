@@ -1,0 +1,133 @@
+"""Clusters of transparent voxels: what to reach for, and where to touch (Alt 2016, 5.2.2)."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.files import write_text
+from ..fusion.volume import SpaceGrid
+
+__all__ = ["TransparentRegion", "find_regions", "outer_points", "save_regions"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TransparentRegion:
+    """One connected transparent part of the scene."""
+
+    hull_m: Float[np.ndarray, "vertices 3"]  #: corners of the convex hull, world [m]
+    faces: Int[np.ndarray, "faces 3"]  #: triangles of the hull, outside counter-clockwise
+    centroid_m: Float[np.ndarray, "3"]  #: mean of its voxels, world [m]
+    size_m: Float[np.ndarray, "3"]  #: edges of its axis-aligned box [m]
+    score: float  #: mean score of its voxels
+    voxels: int  #: number of voxels
+    volume_m3: float  #: of the hull [m3]
+
+    def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
+        """Whether points of the world are in the hull."""
+        a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
+        normal = np.cross(b - a, c - a)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
+        points = np.asarray(points_m, dtype=np.float64)
+        inside = np.ones(points.shape[:-1], dtype=bool)
+        for n, offset in zip(normal, (normal * a).sum(axis=1), strict=True):
+            inside &= points @ n <= offset + 1e-9
+        return inside
+
+
+def find_regions(
+    score: Float[np.ndarray, "x y z"],
+    strong: Bool[np.ndarray, "x y z"],
+    weak: Bool[np.ndarray, "x y z"],
+    grid: SpaceGrid,
+    *,
+    min_voxels: int = 200,
+) -> tuple[TransparentRegion, ...]:
+    """Connected parts of ``weak`` that hold ``strong`` voxels, largest first.
+
+    Parameters
+    ----------
+    score
+        What each voxel's evidence is; averaged over a region.
+    strong, weak
+        Voxels that found a region, and voxels that may belong to it (a superset).
+    min_voxels
+        Strong voxels that a region needs.
+    """
+    from scipy import ndimage
+
+    labels, count = ndimage.label(weak, np.ones((3, 3, 3)))
+    if count == 0:
+        return ()
+    support = np.bincount(labels[strong], minlength=count + 1)
+    found = []
+    boxes = ndimage.find_objects(labels)
+    for label in range(1, count + 1):
+        if support[label] < min_voxels:
+            continue
+        box = boxes[label - 1]
+        cells = np.argwhere(labels[box] == label) + [s.start for s in box]
+        found.append(_region(cells, score[tuple(cells.T)], grid))
+    return tuple(sorted(found, key=lambda region: -region.voxels))
+
+
+def _region(
+    cells: Int[np.ndarray, "n 3"], scores: Float[np.ndarray, "n"], grid: SpaceGrid
+) -> TransparentRegion:
+    from scipy.spatial import ConvexHull
+
+    # Both corners of every voxel: the hull of one layer of centres would be flat.
+    lowest = grid.low_m + grid.voxel_m * cells
+    corners = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, 8).T * grid.voxel_m
+    outline = np.unique(cells, axis=0)
+    points = (grid.low_m + grid.voxel_m * outline)[:, None] + corners
+    hull = ConvexHull(points.reshape(-1, 3))
+    used, faces = np.unique(hull.simplices, return_inverse=True)
+    vertices, faces = hull.points[used], faces.reshape(-1, 3)
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    inward = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return TransparentRegion(
+        vertices,
+        faces,
+        lowest.mean(axis=0) + 0.5 * grid.voxel_m,
+        np.ptp(vertices, axis=0),
+        float(scores.mean()),
+        len(cells),
+        float(hull.volume),
+    )
+
+
+def outer_points(
+    inside: Bool[np.ndarray, "x y z"], score: Float[np.ndarray, "x y z"], grid: SpaceGrid
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
+    """Centres [m] and scores of the outer voxels: the rough shape that Alt 2016, Fig. 5.6 shows."""
+    from scipy import ndimage
+
+    outer = inside & ~ndimage.binary_erosion(inside)
+    cells = np.argwhere(outer)
+    return grid.centres_m(cells), score[outer]
+
+
+def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **about: Any) -> None:
+    """Write ``regions.json``: of each cluster its hull, centroid, size and score [m]."""
+    clusters = [
+        {
+            "hull": np.round(region.hull_m, 5).tolist(),
+            "faces": region.faces.tolist(),
+            "centroid": np.round(region.centroid_m, 5).tolist(),
+            "size": np.round(region.size_m, 5).tolist(),
+            "score": round(region.score, 4),
+            "voxels": region.voxels,
+            "volume_m3": float(f"{region.volume_m3:.4g}"),
+        }
+        for region in regions
+    ]
+    write_text(
+        path, json.dumps({**about, "unit": "m", "frame": "world", "clusters": clusters}, indent=1) + "\n"
+    )

@@ -1,0 +1,404 @@
+"""The pictures of a run: force against truth, over time and over the strip, the error budget, the map.
+
+Every function takes plain arrays or the types of :mod:`visuohaptic.core` and
+returns a matplotlib figure that belongs to nobody, ready for ``savefig`` or
+:meth:`visuohaptic.report.html_report.Report.figure`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec
+
+import numpy as np
+from jaxtyping import Bool, Float, Int8
+
+from ..core.errors import InputError
+from ..core.measurement import ErrorBudget, Event, ForceProfile
+from ..core.objects import HapticTag
+from .run_tables import tag_text
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "COLOURS",
+    "ForceRun",
+    "MapObject",
+    "draw_axes",
+    "error_budget",
+    "floor_map",
+    "force_against_truth",
+    "force_over_time",
+    "pressure_profile",
+]
+
+Given = ParamSpec("Given")
+
+#: Colours that stay apart for colour-blind readers (Okabe and Ito).
+COLOURS = {
+    "blue": "#0072b2",
+    "orange": "#d55e00",
+    "green": "#009e73",
+    "yellow": "#e69f00",
+    "sky": "#56b4e9",
+    "pink": "#cc79a7",
+    "grey": "#7a828c",
+    "ink": "#1c2430",
+}
+_CYCLE = tuple(COLOURS[name] for name in ("blue", "orange", "green", "pink", "yellow", "sky"))
+
+_STYLE = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": "#b6bdc6",
+    "axes.grid": True,
+    "axes.labelcolor": COLOURS["ink"],
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10.5,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 110,
+    "font.size": 10,
+    "grid.color": "#e6e9ed",
+    "legend.fontsize": 9,
+    "legend.frameon": False,
+    "lines.linewidth": 1.6,
+    "xtick.color": "#4a5460",
+    "ytick.color": "#4a5460",
+}
+
+
+def _styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
+    """Draw in our style without changing the style of anything else."""
+
+    @wraps(draw)
+    def drawn(*args: Given.args, **keywords: Given.kwargs) -> Figure:
+        import matplotlib
+
+        with matplotlib.rc_context(_STYLE):
+            return draw(*args, **keywords)
+
+    return drawn
+
+
+@_styled
+def draw_axes(
+    rows: int, columns: int, draw: Callable[..., object], *, size: tuple[float, float] = (9.0, 4.0)
+) -> Figure:
+    """A figure of ``rows x columns`` axes in our style; ``draw(*axes)`` fills it."""
+    figure, axes = _figure(rows, columns, size=size)
+    draw(*axes)
+    return figure
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForceRun:
+    """Forces of one run, sample by sample."""
+
+    name: str  #: shape or object that was pressed
+    truth_N: Float[np.ndarray, "n"]  #: what physics or a reference sensor says
+    measured_N: Float[np.ndarray, "n"]
+    valid: Bool[np.ndarray, "n"] | None = None  #: all valid when absent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapObject:
+    """One obstacle on a map."""
+
+    name: str
+    outline_world_m: Float[np.ndarray, "n 2"]  #: outline on the floor, closed by itself
+    tag: HapticTag | None = None
+    end_outline_world_m: Float[np.ndarray, "n 2"] | None = None  #: where it stood after the push
+
+
+@_styled
+def force_against_truth(
+    runs: Sequence[ForceRun], *, relative: float = 0.03, absolute_N: float = 0.1
+) -> Figure:
+    """Measured force against the truth, as in Alt 2016, Fig. 3.7a, and the error below.
+
+    The curve of each run is a cubic through its valid samples, as in the
+    source; the dashed line is the ideal. The grey band is the promise
+    ``max(relative * truth, absolute_N)``.
+    """
+    figure, (upper, lower) = _figure(2, 1, size=(7.2, 6.6), height_ratios=(3, 1.4), sharex=True)
+    max_N = 1e-3
+    for index, run in enumerate(runs):
+        colour = _CYCLE[index % len(_CYCLE)]
+        truth_N, measured_N = _same_length("ForceRun", run.truth_N, run.measured_N)
+        valid = np.ones(len(truth_N), dtype=bool) if run.valid is None else np.asarray(run.valid, dtype=bool)
+        good = valid & np.isfinite(truth_N) & np.isfinite(measured_N)
+        max_N = max(max_N, float(truth_N[good].max(initial=0)), float(measured_N[good].max(initial=0)))
+        upper.plot(truth_N[good], measured_N[good], "x", color=colour, ms=4, mew=0.8, alpha=0.55)
+        lower.plot(
+            truth_N[good], (measured_N - truth_N)[good], "x", color=colour, ms=3.5, mew=0.8, alpha=0.55
+        )
+        if good.sum() >= 8 and np.ptp(truth_N[good]) > 0:
+            grid_N = np.linspace(truth_N[good].min(), truth_N[good].max(), 100)
+            curve = np.polynomial.Polynomial.fit(truth_N[good], measured_N[good], 3)
+            upper.plot(grid_N, curve(grid_N), color=colour)
+        rms_N = float(np.sqrt(np.mean((measured_N - truth_N)[good] ** 2))) if good.any() else float("nan")
+        upper.plot([], [], color=colour, marker="x", ms=4, label=f"{run.name}, rms error {rms_N:.3f} N")
+    limit_N = 1.05 * max_N
+    grid_N = np.linspace(0, limit_N, 200)
+    promise_N = np.maximum(relative * grid_N, absolute_N)
+    upper.plot([0, limit_N], [0, limit_N], "--", color=COLOURS["ink"], lw=1.1, label="ideal", zorder=1)
+    lower.axhline(0, ls="--", color=COLOURS["ink"], lw=1.1)
+    promise = f"{100 * relative:g} % or {absolute_N:g} N"
+    lower.fill_between(grid_N, -promise_N, promise_N, color="#eceff2", lw=0, zorder=0, label=promise)
+    upper.set(ylabel="measured force [N]", xlim=(0, limit_N), ylim=(min(0, upper.get_ylim()[0]), limit_N))
+    lower.set(xlabel="true force [N]", ylabel="error [N]")
+    upper.legend(loc="upper left")
+    lower.legend(loc="upper left")
+    return figure
+
+
+@_styled
+def force_over_time(
+    t_s: Float[np.ndarray, "n"],
+    measured_N: Float[np.ndarray, "n"],
+    sigma_N: Float[np.ndarray, "n"],
+    *,
+    truth_N: Float[np.ndarray, "n"] | None = None,
+    valid: Bool[np.ndarray, "n"] | None = None,
+    reasons: Sequence[str] = (),
+    events: Sequence[Event] = (),
+    title: str = "",
+) -> Figure:
+    """Force over time with its declared band of two sigma, the truth, and the events.
+
+    Samples that are not valid are crosses on the floor line, named by their
+    reason; below is the error against the truth with the same band.
+    """
+    t_s, measured_N, sigma_N = _same_length("force_over_time", t_s, measured_N, sigma_N)
+    good = np.ones(len(t_s), dtype=bool) if valid is None else np.asarray(valid, dtype=bool)
+    shown_N = np.where(good, measured_N, np.nan)
+    band_N = 2 * sigma_N
+    blue, orange = COLOURS["blue"], COLOURS["orange"]
+    if truth_N is None:
+        figure, (upper,) = _figure(1, 1, size=(8.6, 3.6))
+        bottom = upper
+    else:
+        (truth_N,) = _same_length("force_over_time", truth_N, length=len(t_s))
+        figure, (upper, bottom) = _figure(2, 1, size=(8.6, 5.2), height_ratios=(3, 1.3), sharex=True)
+        upper.plot(t_s, truth_N, color=COLOURS["ink"], lw=1.2, label="true")
+        error_N = shown_N - truth_N
+        bottom.fill_between(t_s, -band_N, band_N, where=good, color=blue, alpha=0.18, lw=0)
+        bottom.plot(t_s, error_N, color=blue, lw=1.0)
+        bottom.axhline(0, color=COLOURS["ink"], lw=0.8)
+        bottom.set(ylabel="error [N]")
+    upper.fill_between(
+        t_s, shown_N - band_N, shown_N + band_N, color=blue, alpha=0.22, lw=0, label="± 2 sigma, declared"
+    )
+    upper.plot(t_s, shown_N, color=blue, label="measured")
+    for index, reason in enumerate(
+        dict.fromkeys(np.asarray(reasons, dtype=object)[~good]) if reasons else ()
+    ):
+        chosen = ~good & (np.asarray([str(text) for text in reasons]) == str(reason))
+        colour = (orange, COLOURS["pink"], COLOURS["yellow"], COLOURS["grey"])[index % 4]
+        upper.plot(t_s[chosen], np.zeros(chosen.sum()), "x", color=colour, ms=5, label=f"not valid: {reason}")
+    if not reasons and not good.all():
+        upper.plot(t_s[~good], np.zeros((~good).sum()), "x", color=orange, ms=5, label="not valid")
+    _mark_events(upper, events)
+    upper.set(ylabel="force [N]")
+    figure.suptitle(title, x=0.02, ha="left", fontsize=10.5)
+    bottom.set(xlabel="time [s]")
+    if len(t_s) > 1:
+        upper.set_xlim(float(t_s[0]), float(t_s[-1]))
+    upper.margins(y=0.16)
+    upper.legend(loc="lower left", bbox_to_anchor=(0.0, 1.06), ncols=5, borderaxespad=0.0)
+    return figure
+
+
+def _mark_events(axes: Axes, events: Sequence[Event]) -> None:
+    """A line and a name per event; neighbours are written at different heights."""
+    last_s, level = -np.inf, 0
+    low_s, high_s = axes.get_xlim()
+    for event in sorted(events, key=lambda event: event.t_s):
+        level = (level + 1) % 3 if event.t_s - last_s < 0.09 * (high_s - low_s) else 0
+        last_s = event.t_s
+        axes.axvline(event.t_s, color=COLOURS["green"], lw=1.0, ls=(0, (4, 2)))
+        axes.annotate(
+            str(event.kind),
+            (event.t_s, 0.985 - 0.065 * level),
+            xycoords=("data", "axes fraction"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            color=COLOURS["green"],
+            fontsize=8.5,
+            va="top",
+            bbox={"facecolor": "white", "lw": 0, "alpha": 0.85, "pad": 0.6},
+        )
+
+
+@_styled
+def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
+    """Deflection and pressure along the strip, with contacts and points that cannot be trusted."""
+    figure, (upper, lower) = _figure(2, 1, size=(8.6, 4.8), sharex=True)
+    s_mm = 1e3 * profile.s_m
+    rows = (
+        (upper, 1e3 * profile.delta_m, 1e3 * profile.delta_sigma_m, "deflection [mm]", COLOURS["orange"]),
+        (
+            lower,
+            1e-3 * profile.pressure_Pa,
+            1e-3 * profile.pressure_sigma_Pa,
+            "pressure [kPa]",
+            COLOURS["blue"],
+        ),
+    )
+    good = profile.point_valid
+    for axes, value, sigma, label, colour in rows:
+        shown = np.where(good, value, np.nan)
+        axes.fill_between(s_mm, shown - 2 * sigma, shown + 2 * sigma, color=colour, alpha=0.22, lw=0)
+        axes.plot(s_mm, shown, color=colour, marker=".", ms=3.5)
+        axes.plot(s_mm[~good], np.zeros((~good).sum()), "x", color=COLOURS["grey"], ms=5)
+        axes.set_ylabel(label)
+        # Where it is pressed; beside that the foam is only drawn along.
+        axes.fill_between(
+            s_mm, 0.0, 1.0, where=profile.pressure_Pa > 0, transform=axes.get_xaxis_transform(),
+            color="#f1ede2", lw=0, zorder=0,
+        )  # fmt: skip
+    for contact in profile.contacts:
+        said = f"{contact.force_N:.2f} ± {contact.force_sigma_N:.2f} N"
+        upper.annotate(
+            said if contact.valid else f"{said}\n{contact.reason}",
+            (1e3 * contact.centre_m, 0.97),
+            xycoords=("data", "axes fraction"),
+            ha="center",
+            va="top",
+            fontsize=9,
+        )
+    upper.margins(y=0.25)
+    lower.set_xlabel("position along the strip [mm]")
+    state = "" if profile.valid else f", not valid: {profile.reason}"
+    total = f"t = {profile.t_s:.2f} s, force {profile.force_N:.2f} ± {profile.force_sigma_N:.2f} N{state}"
+    upper.set_title(f"{title}   {total}".strip())
+    return figure
+
+
+@_styled
+def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
+    """Where the uncertainty of each force comes from: standard deviations by cause."""
+    causes = (
+        ("image_N", "image"),
+        ("calibration_N", "calibration"),
+        ("model_N", "model"),
+        ("zero_N", "zero"),
+    )
+    figure, (axes,) = _figure(1, 1, size=(8.6, 1.3 + 0.55 * max(len(budgets), 1)))
+    height = 0.8 / len(causes)
+    for row, budget in enumerate(budgets.values()):
+        for index, (field, label) in enumerate(causes):
+            axes.barh(
+                row - 0.4 + (index + 0.5) * height,
+                1e3 * getattr(budget, field),
+                height,
+                color=_CYCLE[index],
+                label=label if row == 0 else None,
+            )
+        total_mN = 1e3 * budget.total_N
+        axes.plot([total_mN, total_mN], [row - 0.42, row + 0.42], color=COLOURS["ink"], lw=1.6)
+        axes.annotate(
+            f"{total_mN:.3g}", (total_mN, row), xytext=(4, 0), textcoords="offset points", va="center"
+        )
+    axes.plot([], [], color=COLOURS["ink"], label="total")
+    axes.set_yticks(range(len(budgets)), list(budgets))
+    axes.set_xlabel("standard deviation of the force [mN]")
+    axes.grid(axis="y", visible=False)
+    axes.margins(x=0.12)
+    axes.invert_yaxis()
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5)
+    return figure
+
+
+@_styled
+def floor_map(
+    cells: Int8[np.ndarray, "rows columns"],
+    resolution_m: float,
+    origin_world_m: tuple[float, float],
+    *,
+    path_world_m: Float[np.ndarray, "n 2"] | None = None,
+    objects: Sequence[MapObject] = (),
+    title: str = "",
+) -> Figure:
+    """A map with the platform's path and the obstacles with their tags.
+
+    Parameters
+    ----------
+    cells
+        -1 unknown, 0 free, 100 occupied; row 0 is at the bottom (smallest y).
+    resolution_m
+        Side of a cell.
+    origin_world_m
+        World coordinates of the lower left corner of cell (0, 0); the map is
+        not turned.
+    path_world_m
+        Way of the platform.
+    objects
+        Obstacles; each is named, with its tag when it has one.
+    """
+    rows, columns = cells.shape
+    x_m, y_m = origin_world_m
+    grey = np.select([cells < 0, cells >= 50], [0.88, 0.25], default=1.0)
+    width_m, height_m = columns * resolution_m, rows * resolution_m
+    figure, (axes,) = _figure(1, 1, size=(8.6, float(np.clip(8.6 * height_m / width_m, 3.5, 9.0))))
+    extent = (x_m, x_m + width_m, y_m, y_m + height_m)
+    axes.imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="nearest")
+    axes.grid(visible=False)
+    if path_world_m is not None and len(path_world_m):
+        axes.plot(*np.asarray(path_world_m).T, color=COLOURS["blue"], lw=1.8, label="platform")
+        axes.plot(*path_world_m[0], "o", color=COLOURS["blue"], ms=6, label="start")
+    for thing in objects:
+        outline = np.vstack([thing.outline_world_m, thing.outline_world_m[:1]])
+        fixed = thing.tag is not None and thing.tag.fixed
+        colour = COLOURS["ink"] if fixed else COLOURS["orange"]
+        axes.fill(*outline.T, color=colour, alpha=0.35, lw=0)
+        axes.plot(*outline.T, color=colour, lw=1.2)
+        if thing.end_outline_world_m is not None:
+            end = np.vstack([thing.end_outline_world_m, thing.end_outline_world_m[:1]])
+            axes.plot(*end.T, color=colour, lw=1.2, ls="--")
+        drawn = outline if thing.end_outline_world_m is None else np.vstack([outline, end])
+        above = (0.5 * (drawn[:, 0].min() + drawn[:, 0].max()), drawn[:, 1].max())
+        text = thing.name if thing.tag is None else f"{thing.name}\n{tag_text(thing.tag)}"
+        axes.annotate(
+            text,
+            above,
+            xytext=(0, 7),
+            textcoords="offset points",
+            ha="center",
+            fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "#dde2e8", "alpha": 0.9, "boxstyle": "round,pad=0.3"},
+        )
+    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, xlim=extent[:2], ylim=extent[2:])
+    if path_world_m is not None:
+        axes.legend(loc="lower right", frameon=True, facecolor="white", edgecolor="#dde2e8")
+    return figure
+
+
+def _figure(
+    rows: int,
+    columns: int,
+    *,
+    size: tuple[float, float],
+    sharex: bool = False,
+    height_ratios: Sequence[float] | None = None,
+) -> tuple[Figure, tuple[Any, ...]]:
+    """A figure in our style that no global list knows."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, height_ratios=height_ratios)
+    return figure, tuple(axes.ravel())
+
+
+def _same_length(where: str, *arrays: object, length: int | None = None) -> tuple[np.ndarray, ...]:
+    """Arrays of numbers that belong together sample by sample."""
+    found = tuple(np.asarray(array, dtype=np.float64) for array in arrays)
+    lengths = {array.shape for array in found} | ({(length,)} if length is not None else set())
+    if len(lengths) != 1 or len(next(iter(lengths))) != 1:
+        raise InputError(where, f"found arrays of shapes {sorted(lengths)}, expected one length for all")
+    return found

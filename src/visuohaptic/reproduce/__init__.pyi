@@ -1,0 +1,13 @@
+from .batch import cores as cores
+from .batch import reproduce_all as reproduce_all
+from .batch import write_costs as write_costs
+from .output import Comparison as Comparison
+from .output import Output as Output
+from .pages import write_gallery as write_gallery
+from .pages import write_index as write_index
+from .runner import EXPERIMENTS as EXPERIMENTS
+from .runner import NEEDS as NEEDS
+from .runner import Outcome as Outcome
+from .runner import known_name as known_name
+from .runner import read_result as read_result
+from .runner import reproduce as reproduce

@@ -1,0 +1,38 @@
+"""Deformation-force curves of a bottle's places, open and closed, as the gripper reads them (Sec. 6.4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..deformation.nonlinear.contents import Contents
+from ..deformation.shapes.container import load_container
+from ..recognition.data.readings import CurveFit, fit_curve
+from ..recognition.touch.state import StateCurve, simulate_state_curves
+
+__all__ = ["NOISE_N", "NOISE_m", "curves_of", "read_curve"]
+
+#: Of the gripper's sensors, and distance of its readings: 5 mm/s at 30 Hz.
+NOISE_N, NOISE_m, STEP_m = 0.1, 1e-4, 0.005 / 30
+
+
+def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, str], StateCurve]:
+    """(state, place) -> curve of the middle object of a class; open is without its cap."""
+    found = simulate_state_curves(
+        load_container(name).middle(), {"open": None, "closed": Contents()}, places,
+        variants=1, wall=0.0, modulus=0.0, around=around,
+    )  # fmt: skip
+    return {(one.state, one.place): one for one in found}
+
+
+def read_curve(curve: StateCurve, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, CurveFit]:
+    """Readings [m, N] while the finger closes, and the features fitted to them."""
+    from scipy.interpolate import PchipInterpolator
+
+    way = np.r_[0.0, curve.deformation_m]
+    force = PchipInterpolator(way, np.r_[0.0, curve.force_N])
+    at = np.arange(STEP_m, way[-1], STEP_m)
+    d = at + rng.normal(0, NOISE_m, len(at))
+    f = force(at) + rng.normal(0, NOISE_N, len(at))
+    return d, f, fit_curve(d, f)

@@ -1,0 +1,50 @@
+"""Training features of many variants of each class, made once for all experiments that need them (Sec. 6.4.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.errors import VisuohapticError
+from ..deformation.maps.features import linear_features
+from ..deformation.shapes.container import class_names
+from ..deformation.shapes.mesher import mesh_container
+from ..recognition.data.data_set import FeatureSet, load_feature_set, save_feature_set
+from ..rigs.virtual_containers import GROUPS, description
+from .output import Output
+
+__all__ = ["CONFUSABLE", "DISTINCT", "FIVE", "grouped", "training_features"]
+
+FIVE = ("bottle", "cup", "cup-rim", "elliptic", "smoothie")
+CONFUSABLE = ("cien", "isana", "cleaner")
+#: Four relatively distinct classes.
+DISTINCT = ("bottle", "cup", "elliptic", "smoothie")
+VARIANTS = 100
+
+
+def training_features(out: Output) -> FeatureSet:
+    """Linear features of open containers, read from the shared folder where they are there."""
+    variants = 12 if out.quick else VARIANTS
+    path = out.shared / f"features-{variants}-{out.seed}.npz"
+    if path.is_file():
+        return load_feature_set(path)
+    features, widths, labels, names = [], [], [], []
+    for name in (*class_names(), "cut-bottle"):
+        base = description(name)
+        for number in range(variants):
+            try:
+                found = linear_features(mesh_container(base.variant(number, out.seed), around=36))
+            except VisuohapticError:
+                continue  # a wall that would cut itself
+            points = found.points_m
+            features.append(found.values)
+            widths.append(np.linalg.norm(points[:, ::2, :2] - points[:, 1::2, :2], axis=2))
+            labels.append(name)
+            names.append(f"{name}-{number}")
+    data = FeatureSet(np.stack(features), np.stack(widths), tuple(labels), tuple(names))
+    save_feature_set(path, data)
+    return data
+
+
+def grouped(data: FeatureSet, classes: tuple[str, ...]) -> FeatureSet:
+    """Candidates; the elliptic bottles are one class, cups and the cut bottle another, as in Table 6.2."""
+    return data.of_classes(classes, GROUPS)

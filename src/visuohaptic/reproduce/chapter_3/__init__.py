@@ -1,0 +1,1 @@
+"""Chapter 3: force from foam and beam."""

@@ -1,0 +1,49 @@
+"""A gripper with foam closes on a bottle: the front contour at five forces (Fig. 3.12)."""
+
+from __future__ import annotations
+
+import tempfile
+
+import numpy as np
+
+from ...rigs import squeeze_rig as squeezing
+from ...rigs.virtual_gripper import GripperSensor
+from ..output import Output
+
+__all__ = ["CAPTION", "TITLE", "run"]
+
+TITLE = "Front contour while a bottle is squeezed"
+CAPTION = (
+    "The contour of the foam on the finger in the fixed frame at five forces, measured (dots) beside true (lines) "
+    "(simulated gripper, foam and bottle)."
+)
+
+
+def run(out: Output) -> None:
+    """Squeeze, draw the contours, and compare them with the truth."""
+    rng = out.rng()
+    rig = GripperSensor(stripe=True)
+    with tempfile.TemporaryDirectory() as folder:
+        sensor = rig.build(folder, rng)
+        sensor.reset()
+        forces = squeezing.FORCES_N[:2] if out.quick else squeezing.FORCES_N
+        found = squeezing.squeeze(sensor, rig.gripper(squeezing.BOTTLE, rng=rng), forces)
+    path = out.folder / "squeeze.png"
+    squeezing.plot_squeeze(found, path)
+    out.pictures.append(path.name)
+    rows = [
+        (one.wanted_N, one.reading.profile.force_N, one.truth.force_N, x, y)
+        for one in found
+        for x, y in one.reading.contour_m
+    ]
+    names = ("wanted_N", "measured_N", "true_N", "x_m", "y_m")
+    out.table("contours", dict(zip(names, np.array(rows).T, strict=True)))
+    errors = np.concatenate([one.contour_error_m for one in found])
+    out.compare(
+        "contour where it touches: error, root mean square", 1e3 * float(np.sqrt(np.mean(errors**2))), "mm"
+    )
+    force = [abs(one.reading.profile.force_N / one.truth.force_N - 1) for one in found]
+    out.compare("force: largest error", 100 * max(force), "%")
+    stiffness = squeezing.stiffness_N_per_m(found)
+    truth = squeezing.BOTTLE.stiffness_N_per_m
+    out.compare("stiffness of the bottle: error", 100 * (stiffness / truth - 1), "%")

@@ -1,0 +1,70 @@
+"""Strain and stress of two foams with the fitted m_P, and a foam that must be refused (Fig. 3.2)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import CalibrationError
+from ...report.charts import draw_axes
+from ...sensing.foam.material.calibration import calibrate_foam
+from ...sensing.foam.material.material_plots import draw_strain_stress
+from ...sensing.foam.material.records import StrainStress
+from .._press import FOAMS, pressed
+from ..output import Output
+
+__all__ = ["CAPTION", "TITLE", "run"]
+
+TITLE = "Strain-stress relation of two foams"
+CAPTION = (
+    "Points while the stress increases and decreases, and the polynomial m_P fitted to the increasing ones "
+    "(simulated foams; the dissertation pressed real ones with a robot arm)."
+)
+
+
+def run(out: Output) -> None:
+    """Press, fit, draw; and offer a foam whose stress falls."""
+    found = {name: pressed(out, law, number) for number, (name, law) in enumerate(FOAMS.items())}
+
+    def draw(*both: Any) -> None:
+        for axes, (name, calibration) in zip(both, found.items(), strict=True):
+            draw_strain_stress(axes, calibration)
+            axes.set_title(name)
+
+    figure = draw_axes(1, 2, draw)
+    out.picture("strain_stress", figure)
+    for name, calibration in found.items():
+        data = calibration.data
+        key = name.split()[0]
+        out.table(
+            f"points_{key}",
+            {"strain": data.strain, "stress_Pa": data.stress_Pa, "direction": data.direction},
+        )
+        largest = float(np.max(data.loading[1]))
+        out.compare(
+            f"{name}: residual of the cubic by the largest stress",
+            100 * calibration.material.residual_Pa / largest,
+            "%",
+            note='printed: "fits the datapoints well, except for the densification region"',
+        )
+        out.compare(f"{name}: work lost in a loop", 100 * calibration.hysteresis_loss, "%")
+        low, high = calibration.material.working_strain
+        out.compare(f"{name}: plateau begins at strain", low, dissertation=0.1)
+        out.compare(f"{name}: plateau ends at strain", high, dissertation=0.5)
+    out.compare(
+        "foams that are not monotonic, refused", 100.0 * _refused(), "%", dissertation=100.0,
+        note='(d): "unsuited for the proposed sensor"',
+    )  # fmt: skip
+
+
+def _refused() -> bool:
+    """Whether a foam whose stress falls over a part of the strain is turned away."""
+    strain = np.linspace(0.0, 0.6, 60)
+    stress = 4e3 * (strain + 0.12 * np.sin(2 * np.pi * strain / 0.4))
+    falling = StrainStress(strain, stress, np.ones(len(strain), dtype=np.int64), "a falling foam")
+    try:
+        calibrate_foam(falling, width_m=0.02, height_m=0.01)
+    except CalibrationError:
+        return True
+    return False

@@ -1,0 +1,92 @@
+"""Three bottles whose middle is not seen, completed touch by touch (Fig. 5.7)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...reconstruction.completion.surface_completion import Completion
+from ...reconstruction.completion.touch import Touch
+from ...reconstruction.mesh import SurfaceMesh
+from ...rigs.virtual_completion import SIGMA_M, errors_m, scene, true_points
+from ...simulation.tabletop.bottles import Bottle, random_bottle
+from .._solid import figure_3d, frame_3d, shaded
+from ..output import Output
+
+__all__ = ["CAPTION", "TITLE", "run"]
+
+TITLE = "Simulated haptic exploration of three objects"
+CAPTION = (
+    "Left: complete geometry; its middle is taken away and estimated. Then the surface (yellow) with 0, 3 and 10 touches "
+    "(red), the visible parts in grey. Right: uncertainty before the fourth touch, dark is certain, yellow the least "
+    "certain of the object (as in the dissertation, simulation on parametric bottles)."
+)
+SHOWN = (0, 3, 10)
+
+
+def run(out: Output) -> None:
+    """Explore three bottles as planned and draw the steps."""
+    shown = SHOWN[:2] if out.quick else SHOWN
+    names = "A" if out.quick else "ABC"
+    figure, axes = figure_3d(len(names), len(shown) + 2, size=(2.7 * (len(shown) + 2), 3.4 * len(names)))
+    rows: dict[str, list[Any]] = {"object": [], "kind": [], "touches": [], "mse_mm2": [], "largest_mm": []}
+    better = []
+    for row, name in enumerate(names):
+        bottle = random_bottle(out.rng(row))
+        found = _explored(out, bottle, row, shown)
+        mean = [float(np.mean(errors**2)) for _, _, errors, _ in found]
+        better.append(mean[-1] / mean[0])
+        for count, (_, _, errors, _) in zip(shown, found, strict=True):
+            for key, value in zip(
+                rows,
+                (name, bottle.kind, count, 1e6 * float(np.mean(errors**2)), 1e3 * float(errors.max())),
+                strict=True,
+            ):
+                rows[key].append(value)
+        _draw(axes[row], name, bottle, found, shown)
+    out.table("errors", rows)
+    out.picture("completion", figure, dpi=75)
+    out.compare(f"error after {shown[-1]} touches by that of the untouched surface, largest of the objects",
+                max(better), dissertation=0.1, note="after 10 touches, mean of the data set")  # fmt: skip
+
+
+def _explored(out: Output, bottle: Bottle, row: int, shown: tuple[int, ...]) -> list[Any]:
+    visible, region = scene(bottle)
+    completion = Completion(visible, region)
+    truth = true_points(bottle)
+    rng = out.rng(row, 1)
+    found = []
+    for number in range(shown[-1] + 1):
+        if number in shown:
+            surface = completion.surface()
+            found.append((surface, [t.contact_m for t in completion.touches], errors_m(truth, surface),
+                          completion.uncertainty()))  # fmt: skip
+        plan = completion.next_touch()
+        way = plan.end_m - plan.start_m
+        length = float(np.linalg.norm(way))
+        contact = bottle.probe(plan.start_m, way / length, length, sigma_m=SIGMA_M, rng=rng)
+        completion.add(Touch(contact, plan.start_m, plan.end_m, SIGMA_M))
+    return found
+
+
+def _draw(axes: Any, name: str, bottle: Bottle, found: list[Any], shown: tuple[int, ...]) -> None:
+    whole = SurfaceMesh(*bottle.mesh(0.0, bottle.height_m))
+    visible, _ = scene(bottle)
+    low, high = whole.vertices_m.min(axis=0), whole.vertices_m.max(axis=0)
+    shaded(axes[0], whole, "#9aa7b5")
+    axes[0].set_title(f"{name}: {bottle.kind}", fontsize=9)
+    for axis, (surface, contacts, errors, _), count in zip(axes[1:-1], found, shown, strict=True):
+        shaded(axis, visible, "#b9c1ca")
+        shaded(axis, surface, "#e9c53a")
+        touched = [point for point in contacts if point is not None]
+        if touched:
+            axis.plot(*(1e3 * np.array(touched).T), "o", color="red", ms=3.5, zorder=10)
+        rms = 1e3 * float(np.sqrt(np.mean(errors**2)))
+        axis.set_title(f"{count} touches, rms {rms:.1f} mm", fontsize=9)
+    before = found[min(1, len(found) - 1)][3]
+    colour = before.sigma_m / max(float(before.sigma_m[before.missing].max(initial=1e-9)), 1e-9)
+    shaded(axes[-1], before.mesh, colour)
+    axes[-1].set_title(f"uncertainty, {shown[min(1, len(shown) - 1)]} touches", fontsize=9)
+    for axis in axes:
+        frame_3d(axis, low, high)

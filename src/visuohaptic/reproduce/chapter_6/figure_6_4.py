@@ -1,0 +1,51 @@
+"""Grasp scores and plans of a bottle and of a cup with and without a rim (Fig. 6.4)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...deformation.shapes.load_shell import load_object
+from ...grasping.planner import GraspTask, plan_grasps
+from ...grasping.plots import plot_plan
+from ..output import Output
+
+__all__ = ["CAPTION", "TITLE", "run"]
+
+TITLE = "Grasping scores of a bottle and of a cup with and without a rim"
+CAPTION = (
+    "Grasp score on the surface, yellow is good, arrows at feasible grasps, and the scores over the height (simulated maps, "
+    "as in the dissertation)."
+)
+#: Object -> force [N].
+TASKS = {"cleaner": 20.0, "cup-rim": 20.0, "cup": 5.0}
+
+
+def run(out: Output) -> None:
+    """Plan for the three objects."""
+    plans = []
+    rows: dict[str, list[Any]] = {
+        k: [] for k in ("object", "rank", "height_share", "angle_deg", "score", "deformation_mm")
+    }
+    for name, force in TASKS.items():
+        thing = load_object(name, around=24 if out.quick else None)
+        plan = plan_grasps(thing, GraspTask(force_N=force), count=5)
+        plans.append((f"{name}, {force:g} N", plan))
+        for rank, grasp in enumerate(plan.grasps, start=1):
+            x, y, z = grasp.first_m
+            values = (name, rank, z / thing.height_m, float(np.degrees(np.arctan2(y, x))), grasp.score,
+                      1e3 * grasp.deformation_m)  # fmt: skip
+            for key, value in zip(rows, values, strict=True):
+                rows[key].append(value)
+    out.drawn("scores", lambda path: plot_plan(path, plans))
+    out.table("grasps", rows)
+    for name, wanted, printed in (
+        ("cleaner", 0.85, "one near the lid, one on the side"),
+        ("cup-rim", 0.9, "on top"),
+    ):
+        heights = [h for n, h in zip(rows["object"], rows["height_share"], strict=True) if n == name]
+        out.compare(f"{name}: highest grasp, share of the height", max(heights, default=0.0),
+                    note=f"printed: {printed}; above {wanted} is there")  # fmt: skip
+    out.compare("cup without rim, 5 N: feasible grasps", rows["object"].count("cup"),
+                note="printed: a grasp there slips off (Fig. 6.12e)")  # fmt: skip

@@ -1,0 +1,196 @@
+"""Runs experiments by name, one folder each."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import logging
+import os
+import platform
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from .._version import __version__
+from ..core.errors import InputError, VisuohapticError
+from ..core.files import write_text
+from .output import Output
+
+__all__ = ["EXPERIMENTS", "NEEDS", "Outcome", "known_name", "read_result", "reproduce"]
+
+#: Name -> module, in the dissertation's order.
+EXPERIMENTS: Mapping[str, str] = {
+    "figure-3.2": "figure_3_2",
+    "figure-3.4": "figure_3_4",
+    "figure-3.7": "figure_3_7",
+    "figure-3.8": "figure_3_8",
+    "figure-3.10": "figure_3_10",
+    "figure-3.11": "figure_3_11",
+    "figure-3.12": "figure_3_12",
+    "figure-3.13": "figure_3_13",
+    "table-3.1": "table_3_1",
+    "figure-4.1": "figure_4_1",
+    "figure-4.2": "figure_4_2",
+    "figure-4.3": "figure_4_3",
+    "figure-4.4": "figure_4_4",
+    "table-4.1": "table_4_1",
+    "figure-4.6": "figure_4_6",
+    "figure-5.3": "figure_5_3",
+    "figure-5.4": "figure_5_4",
+    "figure-5.6": "figure_5_6",
+    "figure-5.7": "figure_5_7",
+    "figure-5.8": "figure_5_8",
+    "figure-6.2": "figure_6_2",
+    "figure-6.4": "figure_6_4",
+    "figure-6.5": "figure_6_5",
+    "figure-6.6": "figure_6_6",
+    "figure-6.7": "figure_6_7",
+    "table-6.1": "table_6_1",
+    "figure-6.10": "figure_6_10",
+    "table-6.2": "table_6_2",
+    "figure-6.11": "figure_6_11",
+    "figure-6.12": "figure_6_12",
+}
+
+#: Modules beyond the core that an experiment imports on its way; all of them draw with matplotlib.
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    "figure-3.10": ("mujoco",),
+    "figure-3.12": ("sklearn",),
+    "figure-3.13": ("sklearn",),
+    "figure-4.4": ("mujoco",),
+    "table-4.1": ("mujoco",),
+    "figure-5.4": ("skimage",),
+    "figure-5.7": ("robust_laplacian", "skimage"),
+    "figure-5.8": ("robust_laplacian", "skimage"),
+}
+
+log = logging.getLogger(__name__)
+
+_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco", "scikit-learn")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How one experiment went."""
+
+    name: str
+    folder: Path
+    seconds: float  #: of wall time; of the run that made it, if it was kept
+    cpu_seconds: float = 0.0  #: of all threads and children
+    kept: bool = False  #: nothing was done: the same result is there
+    problem: str = ""  #: why there is no result; empty when there is one
+
+
+def reproduce(
+    name: str, folder: Path | str, *, seed: int = 0, quick: bool = False, force: bool = False
+) -> Outcome:
+    """Run one experiment into ``folder / name``.
+
+    Parameters
+    ----------
+    name
+        Of :data:`EXPERIMENTS`; ``fig3.2`` and ``3.2`` are understood as well.
+    folder
+        Made if it does not exist.
+    seed, quick
+        See :class:`.Output`.
+    force
+        Run even if the same result is there.
+
+    Returns
+    -------
+    Outcome
+        With the problem, if the experiment failed by an error of the library.
+
+    Raises
+    ------
+    InputError
+        There is no experiment of this name.
+    """
+    key = known_name(name)
+    target = Path(folder) / key
+    target.mkdir(parents=True, exist_ok=True)
+    made_of = {"seed": seed, "quick": quick, "version": __version__}
+    before = read_result(target)
+    if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
+        took = float(before.get("seconds", 0.0)), float(before.get("cpu_seconds", 0.0))
+        return Outcome(key, target, *took, kept=True)
+    (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
+    out = Output(target, seed, quick)
+    begin, begin_cpu = time.perf_counter(), _cpu_s()
+
+    def ended(problem: str = "") -> Outcome:
+        return Outcome(key, target, time.perf_counter() - begin, _cpu_s() - begin_cpu, problem=problem)
+
+    try:
+        module = _module(key)
+        module.run(out)
+    except VisuohapticError as error:
+        return ended(str(error))
+    except Exception as error:
+        # A mistake in one experiment must not cost the others their hour.
+        log.debug("%s", key, exc_info=True)
+        return ended(f"unexpected {type(error).__name__}: {error}")
+    if not (out.rows and (out.pictures or out.comparisons)):
+        return ended("it wrote no data")
+    outcome = ended()
+    result = {
+        "name": key,
+        "title": module.TITLE,
+        "caption": module.CAPTION,
+        **made_of,
+        "seconds": round(outcome.seconds, 2),
+        "cpu_seconds": round(outcome.cpu_seconds, 2),
+        "versions": _versions(),
+        **out.summary(),
+    }
+    write_text(target / "result.json", json.dumps(result, indent=1, ensure_ascii=False) + "\n")
+    return outcome
+
+
+def _cpu_s() -> float:
+    """CPU time of this process and of its children that have ended [s]."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def read_result(folder: Path | str) -> dict[str, Any] | None:
+    """What an experiment has left in its folder; ``None`` if that is nothing whole."""
+    folder = Path(folder)
+    try:
+        result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    if not isinstance(result, dict):
+        return None
+    named = [*result.get("tables", []), *result.get("pictures", [])]
+    return result if named and all((folder / str(one)).is_file() for one in named) else None
+
+
+def known_name(name: str) -> str:
+    plain = name.lower().replace("_", "-").replace(" ", "-")
+    for key in EXPERIMENTS:
+        kind, number = key.split("-")
+        if plain in {key, number, f"{kind}{number}", f"{kind[:3]}-{number}", f"{kind[:3]}{number}"}:
+            return key
+    raise InputError(name, f"is no experiment, expected all or one of {', '.join(EXPERIMENTS)}")
+
+
+def _module(key: str) -> ModuleType:
+    chapter = key.split("-")[1].split(".")[0]
+    return importlib.import_module(f".chapter_{chapter}.{EXPERIMENTS[key]}", __package__)
+
+
+def _versions() -> dict[str, str]:
+    from importlib import metadata
+
+    found = {"python": platform.python_version(), "visuohaptic": __version__}
+    for name in _LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

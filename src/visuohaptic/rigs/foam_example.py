@@ -1,0 +1,90 @@
+"""A small recording to try the sensor on: files as a person with a webcam and a strip of foam has them."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ..core.errors import MissingExtraError
+from ..core.files import atomic_path
+from ..simulation.foam.press_rig import PressShape, calibration_press, press
+from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip_law import write_calibration_csv
+from .virtual_sensor import VirtualSensor, rest_scene
+
+__all__ = ["write_example", "write_video"]
+
+#: The 12 cm cylinder goes 8 mm deep and back within this many frames each way.
+_DEEPEST_M, _FRAMES = 0.008, 40
+
+
+def write_example(
+    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+) -> Path:
+    """Write press log, camera and sensor files, two videos and the truth.
+
+    ``strain_stress.csv`` is what a press recorded of the foam, ``rest.mp4`` shows
+    the untouched strip, ``push.mp4`` a cylinder that is pressed into it and taken
+    back; ``truth.csv`` has the force of the physics (t_s, force_N, depth_m).
+    """
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    virtual = VirtualSensor()
+    rows = calibration_press(
+        geometry=StripGeometry(spacing_m=0.002), reference_sigma_N=virtual.press_sigma_N, rng=rng
+    )
+    write_calibration_csv(folder / "strain_stress.csv", rows)
+    virtual.rig.write(folder)
+    renderer = virtual.renderer()
+    say("rendering rest.mp4")
+    rest = rest_scene(virtual.geometry)
+    write_video(folder / "rest.mp4", (renderer.render(rest, rng=rng) for _ in range(20)))
+    depths = _DEEPEST_M * np.sin(np.linspace(0.0, np.pi, 2 * _FRAMES + 1)) ** 2
+    truth: list[tuple[float, float, float]] = []
+
+    def frames() -> Iterator[UInt8[np.ndarray, "rows columns"]]:
+        for index, sample in enumerate(press(PressShape.CYLINDER_12CM, depths, geometry=virtual.geometry)):
+            truth.append((index / virtual.frame_rate_Hz, sample.strip.load_N, sample.depth_m))
+            yield renderer.render(sample.scene, rng=rng)
+
+    say("rendering push.mp4")
+    write_video(folder / "push.mp4", frames())
+    with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(["t_s", "force_N", "depth_m"])
+        writer.writerows([[f"{value:.6f}" for value in row] for row in truth])
+    return folder
+
+
+def write_video(
+    path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, rate_Hz: int = 30, crf: int = 10
+) -> None:
+    """Write grey images as H.264 of high quality (a small ``crf``); sizes must be even."""
+    try:
+        import av
+    except ImportError as error:
+        raise MissingExtraError("av", "recording", "writing a video") from error
+
+    with atomic_path(path) as temporary, av.open(str(temporary), "w", format="mp4") as container:
+        stream = None
+        for image in images:
+            if stream is None:
+                stream = container.add_stream("libx264", rate=rate_Hz)
+                stream.height, stream.width = image.shape
+                stream.pix_fmt = "yuv420p"
+                stream.time_base = Fraction(1, rate_Hz)
+                # Grey levels stay as they are only in full range; 10 is close to lossless for noise.
+                stream.options = {"crf": str(crf), "preset": "fast", "x264-params": "fullrange=on"}
+                stream.codec_context.color_range = 2
+            frame = av.VideoFrame.from_ndarray(image, format="gray")
+            for packet in stream.encode(frame.reformat(format="yuv420p", dst_color_range="JPEG")):
+                container.mux(packet)
+        if stream is not None:
+            for packet in stream.encode():
+                container.mux(packet)

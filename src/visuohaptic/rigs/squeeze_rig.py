@@ -1,0 +1,127 @@
+"""Figure 3.12 of Alt 2016: the shape of a bottle at five grasping forces, in the fixed frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.errors import CalibrationError
+from ..sensing.foam.finger import FingerReading, FingerSensor
+from ..simulation.foam.strip import Outline
+from ..simulation.tabletop.gripper import GraspObject, GripperTruth, VirtualGripper
+from .virtual_gripper import GripperSensor
+
+__all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "run", "squeeze", "stiffness_N_per_m"]
+
+#: Five grasping forces [N].
+FORCES_N = (10.0, 20.0, 35.0, 50.0, 70.0)
+#: A bottle of 7 cm between fingers that are open by 10 cm, 20 N/mm stiff.
+BOTTLE = GraspObject(Outline.disc((0.065, 0.0), 0.035), stiffness_N_per_m=2e4)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Squeeze:
+    """Reading and truth of the gripper at rest at one force."""
+
+    wanted_N: float
+    reading: FingerReading
+    truth: GripperTruth
+
+    @property
+    def contour_error_m(self) -> Float[np.ndarray, "k"]:
+        """Distance of the measured from the true contour in the fixed frame, at the points of contact."""
+        contacts = self.reading.profile.contacts
+        if not contacts:
+            return np.zeros(0)
+        s = self.reading.profile.s_m
+        touching = (s > contacts[0].s_start_m) & (s < contacts[0].s_end_m)
+        front = self.truth.front_rest_m
+        measured = self.reading.contour_m[touching]
+        return measured[:, 0] - np.interp(measured[:, 1], front[:, 1], front[:, 0])
+
+
+def squeeze(
+    sensor: FingerSensor,
+    gripper: VirtualGripper,
+    forces_N: Sequence[float] = FORCES_N,
+    *,
+    speed_m_s: float = 0.04,
+) -> list[Squeeze]:
+    """Close until the sensor reads each force, hold, and read once more.
+
+    The sensor alone controls the gripper; no reading of its drive is used.
+
+    Raises
+    ------
+    CalibrationError
+        A force was not reached before the gripper was closed.
+    """
+    found = []
+    gripper.move(0.0, speed_m_s)
+    wanted = list(forces_N)
+    for frame in gripper:
+        reading = sensor.read_finger(frame)
+        if reading.profile.valid and reading.profile.force_N >= wanted[0]:
+            gripper.stop()
+            # The next frame begins after the gripper stopped.
+            held = sensor.read_finger(gripper.frame())
+            found.append(Squeeze(wanted.pop(0), held, gripper.truth(held.profile.t_s)))
+            if not wanted:
+                return found
+            gripper.move(0.0, speed_m_s)
+        if gripper.state().opening_m <= 0.0 or frame.t_s > 30.0:
+            break
+    raise CalibrationError("squeeze", f"{wanted[0]} N was not reached")
+
+
+def run(folder: Path | str, rng: np.random.Generator, *, stripe: bool = True) -> list[Squeeze]:
+    """Build the sensor in a folder and squeeze the bottle; writes ``squeeze.png``."""
+    rig = GripperSensor(stripe=stripe)
+    sensor = rig.build(folder, rng)
+    sensor.reset()
+    found = squeeze(sensor, rig.gripper(BOTTLE, rng=rng))
+    plot_squeeze(found, Path(folder) / "squeeze.png")
+    return found
+
+
+def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
+    """Contours in the fixed frame at each force, measured against true."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.8), layout="constrained")
+    axes = figure.subplots(1, 2, width_ratios=(3, 2))
+    for index, one in enumerate(found):
+        colour = f"C{index}"
+        truth, profile = one.truth.front_rest_m, one.reading.profile
+        axes[0].plot(1e3 * truth[:, 0], 1e3 * truth[:, 1], color=colour, lw=0.8)
+        contour = 1e3 * one.reading.contour_m
+        label = f"{profile.force_N:.1f} N (true {one.truth.force_N:.1f})"
+        axes[0].plot(contour[:, 0], contour[:, 1], ".", ms=3.5, color=colour, label=label)
+        axes[1].plot(1e-3 * profile.pressure_Pa, 1e3 * profile.s_m, color=colour)
+    axes[0].set(
+        xlabel="x in the fixed frame [mm]", ylabel="y [mm]", title="contour: measured (dots), true (lines)"
+    )
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    axes[1].set(xlabel="pressure [kPa]", ylabel="s [mm]", title="pressure")
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    figure.savefig(path, dpi=130)
+
+
+def stiffness_N_per_m(found: Sequence[Squeeze]) -> float:
+    """Slope of force over the way that the object's surface has gone (Fig. 3.13), by least squares."""
+    force, way = [], []
+    for one in found:
+        if not one.reading.profile.contacts:
+            continue
+        # The foremost point of the object is where the foam is pressed back most.
+        way.append(float(np.nanmin(one.reading.contour_m[:, 0])))
+        force.append(one.reading.profile.force_N)
+    if len(force) < 2:
+        return math.nan
+    return float(np.polyfit(way, force, 1)[0])

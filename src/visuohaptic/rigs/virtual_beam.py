@@ -1,0 +1,186 @@
+"""A complete beam sensor in the virtual world, and the files that a person with a real one would have."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ..core.camera.frame import Frame
+from ..core.camera.model import Camera
+from ..core.camera.pose import Pose
+from ..core.errors import InputError
+from ..core.files import atomic_path, save_yaml
+from ..sensing.beam.config import BeamSensorConfig, save_beam
+from ..sensing.beam.mechanics import Beam
+from ..sensing.beam.tracked import TrackedBeam
+from ..simulation.beam.rod_prints import Print, collage, print_of_image, print_of_tag
+from ..simulation.beam.rod_rig import RodRig
+from ..simulation.beam.rod_view import RodRenderer, hand_held
+from ..simulation.rendering.effects import CameraEffects
+from ..tracking.templates.template import Template
+from .foam_example import write_video
+
+__all__ = ["VirtualBeam", "write_beam_example"]
+
+WRENCH_COLUMNS = ("t_s", "fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+#: Printed in a usual office: an even light that falls off a little, sensor noise of indoor light.
+_INDOOR = CameraEffects(blur_px=0.8, noise_sigma=3.0, vignetting=0.15, gradient_x=0.1)
+#: The example's light: less noise makes a smaller file.
+_DAYLIGHT = CameraEffects(blur_px=0.8, noise_sigma=1.5, vignetting=0.15, gradient_x=0.1)
+#: Rate factor of its videos: a few megabytes each.
+_CRF = 18
+
+
+@dataclass
+class VirtualBeam:
+    """The beam sensor of Alt 2016, Sec. 3.6.1, with a camera above it.
+
+    Truth: ``rig`` bends a large-deflection rod that shares nothing with the estimator.
+    """
+
+    rig: RodRig = field(default_factory=RodRig)
+    camera: Camera = field(default_factory=lambda: Camera.simple(1600, 896, 1800.0))
+    effects: CameraEffects = _INDOOR
+    kind: Literal["tags", "pictures"] = "tags"
+    size_m: float = 0.04  #: of a picture, or of the black border of a tag
+    #: ``moving``: a hand holds the camera; ``steady``: it is bolted to the base
+    view: Literal["moving", "steady"] = "moving"
+    beam: Beam = field(default_factory=Beam)  #: what the sensor believes
+    frame_rate_Hz: float = 30.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The reference first."""
+        return (self.rig.reference, *self.rig.mounts)
+
+    def prints(self) -> dict[str, Print]:
+        """What is stuck to the rod."""
+        if self.kind == "tags":
+            return {name: print_of_tag(k, self.size_m) for k, name in enumerate(self.names)}
+        return {name: print_of_image(collage(k), self.size_m) for k, name in enumerate(self.names)}
+
+    def templates(self) -> list[Template]:
+        """What the tracker knows of them."""
+        if self.kind == "tags":
+            return [Template.from_tag(k, size_m=self.size_m, name=name) for k, name in enumerate(self.names)]
+        return [
+            Template.from_image(name, collage(k), width_m=self.size_m) for k, name in enumerate(self.names)
+        ]
+
+    def renderer(self) -> RodRenderer:
+        """The camera above this rod."""
+        return RodRenderer(self.rig, self.camera, self.prints(), self.effects)
+
+    def T_camera_sensor(self, t_s: float) -> Pose:
+        """Where the camera is at a time."""
+        return hand_held(self.rig, t_s) if self.view == "moving" else self.rig.T_camera_sensor
+
+    def frames(
+        self,
+        wrenches: Iterable[Float[np.ndarray, "6"]],
+        rng: np.random.Generator,
+        *,
+        start_s: float = 0.0,
+        renderer: RodRenderer | None = None,
+    ) -> Iterator[Frame]:
+        """One frame for each wrench at the tip."""
+        renderer = renderer or self.renderer()
+        for index, wrench in enumerate(wrenches):
+            t_s = start_s + index / self.frame_rate_Hz
+            state = self.rig.rod.bend(wrench[:3], wrench[3:])
+            view = self.T_camera_sensor(t_s)
+            yield Frame(renderer.render(state, rng=rng, T_camera_sensor=view, t_s=t_s), t_s, index)
+
+    def write(self, folder: Path | str) -> Path:
+        """Write ``sensor.yaml``, ``beam.yaml``, ``camera.yaml`` and ``templates/``; returns the first."""
+        import cv2
+
+        folder = Path(folder)
+        (folder / "templates").mkdir(parents=True, exist_ok=True)
+        self.camera.save(folder / "camera.yaml")
+        save_beam(folder / "beam.yaml", self.beam)
+        if self.kind == "tags":
+            tags = {name: {"id": k, "size_m": self.size_m} for k, name in enumerate(self.names)}
+            save_yaml(folder / "templates" / "tags.yaml", {"tags": tags})
+        else:
+            for k, name in enumerate(self.names):
+                path = folder / "templates" / f"{name}.png"
+                done, data = cv2.imencode(".png", collage(k))
+                if not done:
+                    raise InputError(path, "the picture cannot be written as PNG")
+                with atomic_path(path) as temporary:
+                    temporary.write_bytes(data.tobytes())
+            widths = {f"{name}.png": self.size_m for name in self.names}
+            save_yaml(folder / "templates" / "tags.yaml", {"widths_m": widths})
+        pose = self.rig.T_sensor_reference.inverse()
+        save_yaml(
+            folder / "sensor.yaml",
+            {
+                "kind": "beam",
+                "beam": "beam.yaml",
+                "camera": "camera.yaml",
+                "templates_folder": "templates",
+                "reference": self.rig.reference,
+                "templates": [{"name": name, "xi": xi} for name, (xi, _) in self.rig.mounts.items()],
+                "T_reference_sensor": {
+                    "translation_m": [float(f"{value:.9g}") for value in pose.translation_m],
+                    "quaternion_xyzw": [float(f"{value:.12g}") for value in pose.quaternion_xyzw],
+                },
+                "view": self.view,
+            },
+        )
+        return folder / "sensor.yaml"
+
+    def sensor(self, folder: Path | str) -> TrackedBeam:
+        """The sensor as it reads its own files; not yet zeroed."""
+        path = self.write(folder)
+        BeamSensorConfig.load(path)
+        return TrackedBeam.load(path)
+
+
+def push_and_twist(frames: int = 90) -> Float[np.ndarray, "frames 6"]:
+    """The load of the example: F_Y up and down, then F_Z, then both with F_X and a moment about X."""
+    rise = np.sin(np.linspace(0, np.pi, frames // 3 + 1)[:-1]) ** 2
+    loads = np.zeros((3, len(rise), 6))
+    loads[0, :, 1] = 2.0 * rise
+    loads[1, :, 2] = -1.2 * rise
+    loads[2] = rise[:, None] * np.array([-2.0, 0.8, 0.6, 0.03, 0.0, 0.0])
+    return loads.reshape(-1, 6)
+
+
+def write_beam_example(
+    folder: Path | str, *, seed: int = 1, say: Callable[[str], None] = lambda text: None
+) -> Path:
+    """Write sensor files, two videos and the truth.
+
+    ``rest.mp4`` shows the untouched sensor, ``push.mp4`` forces along Y and Z, then a mixed
+    load; a hand holds the camera. ``truth.csv`` has the load of the physics.
+    """
+    folder = Path(folder)
+    virtual = VirtualBeam(effects=_DAYLIGHT)
+    virtual.write(folder)
+    rng = np.random.default_rng(seed)
+    renderer = virtual.renderer()
+
+    def images(wrenches: np.ndarray, start_s: float) -> Iterator[UInt8[np.ndarray, "rows columns"]]:
+        for frame in virtual.frames(wrenches, rng, start_s=start_s, renderer=renderer):
+            yield frame.image
+
+    loads = push_and_twist()
+    say("rendering rest.mp4")
+    write_video(folder / "rest.mp4", images(np.zeros((30, 6)), -1.0), crf=_CRF)
+    say("rendering push.mp4")
+    write_video(folder / "push.mp4", images(loads, 0.0), crf=_CRF)
+    with atomic_path(folder / "truth.csv") as temporary, temporary.open("w", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(WRENCH_COLUMNS)
+        writer.writerows(
+            [f"{value:.6f}" for value in (k / virtual.frame_rate_Hz, *load)] for k, load in enumerate(loads)
+        )
+    return folder

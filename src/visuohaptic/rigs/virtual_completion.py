@@ -1,0 +1,154 @@
+"""Bottles whose middle is cut out and touched, and how far the estimated surface is from the true one.
+
+Of each bottle the middle 46 % of the height is not seen. It is touched where planned, or at
+random. The error is the mean square distance of a regular grid of the true wall from the
+estimated surface.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..reconstruction.completion.hole_region import HoleRegion
+from ..reconstruction.completion.surface_completion import Completion, CompletionSettings
+from ..reconstruction.completion.touch import Touch
+from ..reconstruction.mesh import SurfaceMesh
+from ..simulation.tabletop.bottles import Bottle
+
+__all__ = [
+    "HOLE",
+    "SIGMA_M",
+    "STAGES",
+    "TOUCHES",
+    "blown_up",
+    "errors_m",
+    "explore",
+    "scene",
+    "touches_to_tenth",
+    "true_points",
+    "wall_distance_m",
+]
+
+TOUCHES = 20
+#: Numbers of touches at which the deviation is compared with the error.
+STAGES = (0, 1, 2, 3, 5, 8, 10, 15)
+#: Noise of a contact in each direction [m].
+SIGMA_M = 0.0003
+HOLE = (0.27, 0.73)
+
+
+def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
+    """The visible parts, and a transparency region a little smaller than the hidden part."""
+    low, high = HOLE[0] * bottle.height_m, HOLE[1] * bottle.height_m
+    visible = SurfaceMesh(*bottle.mesh(0.0, low)).joined(SurfaceMesh(*bottle.mesh(high, bottle.height_m)))
+    hidden, _ = bottle.mesh(low, high, caps=False)
+    centre = hidden.mean(axis=0)
+    return visible, HoleRegion.of_points(centre + 0.9 * (hidden - centre))
+
+
+def true_points(bottle: Bottle, rows: int = 24, columns: int = 48) -> Float[np.ndarray, "n 3"]:
+    """A regular grid of the hidden wall."""
+    z = (HOLE[0] + (HOLE[1] - HOLE[0]) * (np.arange(rows) + 0.5) / rows) * bottle.height_m
+    theta = 2 * np.pi * np.arange(columns) / columns
+    tt, zz = (part.ravel() for part in np.meshgrid(theta, z))
+    rho = bottle.radius_m(tt, zz)
+    return np.column_stack([rho * np.cos(tt), rho * np.sin(tt), zz])
+
+
+def errors_m(points: Float[np.ndarray, "n 3"], mesh: SurfaceMesh) -> Float[np.ndarray, "n"]:
+    """Distance of points from a mesh: from the nearest triangle's plane, where one is near."""
+    from scipy.spatial import cKDTree
+
+    centres, normals = mesh.vertices_m[mesh.faces].mean(axis=1), mesh.face_normals
+    gaps, near = cKDTree(centres).query(points)
+    plane = np.abs(((points - centres[near]) * normals[near]).sum(axis=1))
+    spacing = 2.0 * np.sqrt(float(np.median(mesh.face_areas_m2)))
+    along = np.sqrt(np.maximum(gaps**2 - plane**2, 0.0))
+    return np.where(along < spacing, plane, gaps)
+
+
+def explore(
+    bottle: Bottle,
+    rng: np.random.Generator,
+    *,
+    planned: bool = True,
+    priors: bool = True,
+    touches: int = TOUCHES,
+) -> dict[str, Any]:
+    """Mean square error after each touch, rank correlation of the uncertainty, time of a step."""
+    from scipy.stats import spearmanr
+
+    visible, region = scene(bottle)
+    completion = Completion(visible, region, CompletionSettings(use_priors=priors))
+    truth = true_points(bottle)
+    mse, stages, steps_s = [], [], []
+    mse.append(float(np.mean(errors_m(truth, completion.surface()) ** 2)))
+    for number in range(touches):
+        started_s = time.process_time()
+        if planned:
+            plan = completion.next_touch()
+            start, end = plan.start_m, plan.end_m
+            if number in STAGES:
+                stages.append(_told_and_true(completion, bottle))
+        else:
+            # Along random directions, within the hole.
+            angle = rng.uniform(0, 2 * np.pi)
+            z = rng.uniform(*HOLE) * bottle.height_m
+            end = np.array([*completion.axis_m, z])
+            start = end + 0.15 * np.array([np.cos(angle), np.sin(angle), 0.0])
+        spent_s = time.process_time() - started_s
+        way = end - start
+        length = float(np.linalg.norm(way))
+        contact = bottle.probe(start, way / length, length, sigma_m=SIGMA_M, rng=rng)
+        started_s = time.process_time()
+        completion.add(Touch(contact, start, end, SIGMA_M))
+        surface = completion.surface()
+        steps_s.append(spent_s + time.process_time() - started_s)
+        mse.append(float(np.mean(errors_m(truth, surface) ** 2)))
+    found: dict[str, Any] = {"kind": bottle.kind, "mse": mse, "step_s": steps_s}
+    hidden = [(told[missing], true[missing]) for told, true, missing in stages]
+    found["spearman"] = [float(spearmanr(told, true).statistic) for told, true in hidden]
+    #: With the visible band around the hole, which is a part of the surface that is told.
+    found["spearman_with_band"] = [float(spearmanr(told, true).statistic) for told, true, _ in stages]
+    found["told_over_true"] = [float(np.sqrt(np.mean(told**2) / np.mean(true**2))) for told, true in hidden]
+    if stages:
+        # All stages of one exploration together: does it fall as and where the error falls?
+        told, true = (np.concatenate(part) for part in zip(*hidden, strict=True))
+        found["spearman_all"] = float(spearmanr(told, true).statistic)
+    return found
+
+
+def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Deviation of every point of the surface, its distance from the true wall [m], and whether it was not seen."""
+    found = completion.uncertainty()
+    points = found.mesh.vertices_m
+    return found.sigma_m, wall_distance_m(bottle, points), found.missing
+
+
+def wall_distance_m(bottle: Bottle, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
+    """Distance of points near the wall from it: along the normal, of second order in the radial distance."""
+    theta = np.arctan2(points[:, 1], points[:, 0])
+    z = np.clip(points[:, 2], 0.0, bottle.height_m)
+    rho = bottle.radius_m(theta, z)
+    step = 1e-5
+    climb = (bottle.radius_m(theta, z + step) - bottle.radius_m(theta, z - step)) / (2 * step)
+    turn = (bottle.radius_m(theta + step, z) - bottle.radius_m(theta - step, z)) / (2 * step) / rho
+    return np.abs(np.hypot(points[:, 0], points[:, 1]) - rho) / np.sqrt(1 + climb**2 + turn**2)
+
+
+def touches_to_tenth(mse: list[float]) -> float:
+    """First touch after which the error is a tenth of that of the untouched extrapolation."""
+    below = np.flatnonzero(np.array(mse) <= 0.1 * mse[0])
+    return float(below[0]) if len(below) else float("inf")
+
+
+def blown_up(mse: list[float]) -> bool:
+    """An error that rises above twice the untouched one, or tenfold in one step to a fifth of it."""
+    found = np.array(mse)
+    jump = (found[1:] > 10 * found[:-1]) & (found[1:] > 0.2 * found[0])
+    # Half a millimetre is noise, not a blow-up, however good the start was.
+    return bool(((found > 2 * found[0]) & (found > 0.0005**2)).any() or jump.any())

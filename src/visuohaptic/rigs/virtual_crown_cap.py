@@ -1,0 +1,108 @@
+"""A bottle, an opener on a beam sensor and a camera in the virtual world, off by as much as is asked for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ..core.camera.frame import Frame
+from ..core.camera.pose import Pose
+from ..core.measurement import Reason, Wrench
+from ..simulation.tabletop.arm import SimulatedArm
+from ..simulation.tabletop.crown_cap import CrownCapCell, OpenerBeam
+from ..tasks.manipulation.crown_cap import open_crown_cap
+from ..tasks.manipulation.crown_cap_records import CapOpening, CapSettings
+
+if TYPE_CHECKING:
+    from .opener_sensor import OpenerSensor
+
+__all__ = ["OpenerTrial", "open_virtual_cap", "virtual_opener"]
+
+#: Places of the scanning motion [m].
+SCAN_M = ((0.4, 0.0, 0.6), (0.5, 0.1, 0.5))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OpenerTrial:
+    """One bottle: what the task says, and what is the case."""
+
+    seed: int
+    opening: CapOpening
+    really_open: bool
+
+    @property
+    def right(self) -> bool:
+        """Whether the claim is true: open when it says so, and else a stated failure."""
+        return self.really_open if self.opening.opened else bool(self.opening.ending.why)
+
+
+def virtual_opener(
+    seed: int,
+    sight: Literal["tracked", "start", "corner"] = "start",
+    *,
+    error_m: float = 0.01,
+    error_rad: float = math.radians(5.0),
+    duration_s: float = 240.0,
+    beam: OpenerBeam | None = None,
+) -> CrownCapCell:
+    """The cell of one seed.
+
+    Parameters
+    ----------
+    sight
+        What the camera knows near the cap: ``start`` no more than the start error, up to
+        ``error_m`` on each axis; ``corner`` exactly that much on each axis; ``tracked`` what
+        Table 3.1 says: a millimetre aside and a centimetre in height, and two millimetres of the arm.
+    error_m, error_rad
+        Start errors: place on each axis, and angle of the tool about a random axis.
+    beam
+        The rod that carries the opener.
+    """
+    rng = np.random.default_rng(seed)
+    cap = np.array([0.5, 0.1, 0.25]) + rng.uniform(-0.05, 0.05, 3)
+    axis = rng.standard_normal(3)
+    error = Pose.from_rotation_vector(error_rad * axis / np.linalg.norm(axis), np.zeros(3))
+    far = rng.uniform(-error_m, error_m, 3)
+    near = far
+    if sight == "corner":
+        near = np.copysign(error_m, far)
+    elif sight == "tracked":
+        aside = rng.normal(0.0, math.hypot(0.001, 0.002), 2)
+        near = np.array([*aside, rng.uniform(-error_m, error_m)])
+    arm = SimulatedArm(Pose(np.eye(3), np.array([0.4, 0.0, 0.6])), error=error, repeat_sigma_m=1e-4, rng=rng)
+    x, y, z = (float(value) for value in near)
+    return CrownCapCell(
+        arm, cap, rng,
+        far_error_m=(float(far[0]), float(far[1]), float(far[2])), near_error_m=(x, y, z),
+        wrench_gain=float(rng.normal(1.0, 0.02)), open_N=float(rng.uniform(60.0, 110.0)), duration_s=duration_s,
+        beam=beam or OpenerBeam(),
+    )  # fmt: skip
+
+
+def open_virtual_cap(
+    seed: int,
+    sight: Literal["tracked", "start", "corner"] = "start",
+    settings: CapSettings | None = None,
+    *,
+    sensor: OpenerSensor | None = None,
+) -> OpenerTrial:
+    """Open the cap of one seed.
+
+    Parameters
+    ----------
+    sensor
+        Reads the wrench from pictures of the bending rod; by default it is the truth with noise.
+    """
+    cell = virtual_opener(seed, sight, beam=None if sensor is None else sensor.rod)
+
+    def noisy(frame: Frame) -> Wrench:
+        wrench, covariance = cell.feel(frame)
+        return Wrench(frame.t_s, True, Reason.OK, wrench[:3], wrench[3:], covariance, "tool")
+
+    feel = noisy if sensor is None else sensor.reader(cell, np.random.default_rng([seed, 1]))
+
+    opening = open_crown_cap(cell.arm, cell, feel, cell.look, settings or CapSettings(scan_m=SCAN_M))
+    return OpenerTrial(seed, opening, cell.opened)

@@ -1,0 +1,82 @@
+"""Tables with glass that a simulated depth camera goes around, what detectors find on them, and what is true."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..io.depth.depth_sequence import DepthFrame
+from ..reconstruction.fusion.depth_noise import SENSOR_NOISE
+from ..reconstruction.fusion.volume import SpaceGrid
+from ..reconstruction.transparency.consistency import ConsistencyDetector
+from ..reconstruction.transparency.detector import TransparencyDetector
+from ..reconstruction.transparency.pose_refinement import refine_poses
+from ..reconstruction.transparency.regions import TransparentRegion
+from ..simulation.tabletop.depth_camera import DepthCamera
+from ..simulation.tabletop.glass_scenes import GlassScene, disturb_pose
+
+__all__ = ["HIGH_M", "LOW_M", "POSE_NOISE", "VOXEL_M", "detected", "disturbed", "judged", "rendered"]
+
+POSE_NOISE = (0.003, math.radians(0.1))
+#: (1 m)^3 cut to what is above the table.
+LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
+
+
+def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
+    """The views of a scene with their true poses."""
+    sensor = DepthCamera.kinect(width)
+    views = scene.render(sensor, np.random.default_rng([6, seed]))
+    return [
+        DepthFrame(view.t_s, view.depth_m, None, view.true_T_world_camera, sensor.camera, i)
+        for i, view in enumerate(views)
+    ]
+
+
+def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
+    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses."""
+    rng = np.random.default_rng([7, seed])
+    return [
+        replace(frame, T_world_camera=disturb_pose(frame.T_world_camera, rng, *POSE_NOISE))
+        for frame in frames
+    ]
+
+
+def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegion, ...]:
+    """Regions by one of the methods."""
+    grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
+    if method == "published":
+        published = TransparencyDetector(grid)
+        for frame in frames:
+            published.add(frame)
+        return published.regions()
+    detector = ConsistencyDetector(grid, SENSOR_NOISE["simulated"])
+    detector.run(refine_poses(frames))
+    return detector.regions()
+
+
+def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str, float]:
+    """Objects, objects found, false regions, and voxels right, told and true."""
+    grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
+    centres = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
+    truth = scene.truth(centres)
+    told = np.zeros(len(centres), dtype=bool)
+    false = 0
+    for region in regions:
+        inside = region.contains(centres)
+        told |= inside
+        false += int(not inside.any() or truth[inside].mean() < 0.2)
+    fractions = [told[solid.transparent_at(centres)] for solid in scene.glass]
+    found = sum(float(fraction.size > 0 and fraction.mean() > 0.25) for fraction in fractions)
+    right = float(np.count_nonzero(truth & told))
+    return {
+        "objects": float(len(scene.glass)),
+        "found": found,
+        "false": float(false),
+        "right": right,
+        "told": float(told.sum()),
+        "true": float(truth.sum()),
+        "f1": 2 * right / max(float(told.sum() + truth.sum()), 1.0),
+    }

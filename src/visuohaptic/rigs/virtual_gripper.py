@@ -1,0 +1,101 @@
+"""A gripper's foam sensor in the virtual world: pressed, calibrated, stripe learnt, zeroed, as one would a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.camera.plane import PlaneView
+from ..sensing.foam.finger import FingerSensor
+from ..sensing.foam.strip.config import FoamSensorConfig
+from ..sensing.foam.strip.stripe_view import train_stripe
+from ..simulation.foam.rig import SensorRig
+from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip_law import StripLaw
+from ..simulation.rendering._finger_tag import FingerTag
+from ..simulation.rendering.effects import CameraEffects
+from ..simulation.tabletop.gripper import (
+    GRIPPER_RIG,
+    ROD,
+    RUBBER_FOAM,
+    STRIPE_M,
+    VirtualGripper,
+    gripper_look,
+)
+from .virtual_sensor import calibrate_by_press
+
+__all__ = ["GripperSensor"]
+
+
+@dataclass
+class GripperSensor:
+    """What it takes to simulate a gripper's foam sensor, and the files that describe it."""
+
+    geometry: StripGeometry = ROD
+    law: StripLaw = RUBBER_FOAM
+    rig: SensorRig = GRIPPER_RIG
+    tag: FingerTag = field(default_factory=FingerTag)
+    stripe: bool = True
+    effects: CameraEffects = field(default_factory=lambda: CameraEffects(1.0, 3.0, vignetting=0.2))
+    press_sigma_N: float = 0.15  #: noise of the press's force sensor
+    spacing_m: float = 0.002  #: of the contour's points
+
+    def gripper(self, *objects: Any, rng: np.random.Generator, **more: Any) -> VirtualGripper:
+        """The gripper that this sensor is on."""
+        options: dict[str, Any] = {
+            "geometry": self.geometry, "law": self.law, "rig": self.rig, "tag": self.tag,
+            "look": gripper_look(stripe=self.stripe), "effects": self.effects,
+        }  # fmt: skip
+        return VirtualGripper(objects, rng=rng, **(options | more))
+
+    def build(
+        self,
+        folder: Path | str,
+        rng: np.random.Generator,
+        *,
+        zero_frames: int = 20,
+        on_step: Callable[[str], None] | None = None,
+        **config: Any,
+    ) -> FingerSensor:
+        """Write all files to a folder and return the zeroed sensor.
+
+        Parameters
+        ----------
+        config
+            Further fields of ``sensor.yaml``.
+        """
+        folder = Path(folder)
+        say = on_step or (lambda text: None)
+        rod = self.geometry
+        calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng, say)
+        pose = self.tag.T_foam_tag
+        sections: dict[str, Any] = {
+            "tracking": {"base_is": "brighter", "foam_is": "darker"},
+            "finger": {
+                "tag_id": self.tag.tag_id,
+                "tag_size_m": self.tag.size_m,
+                "T_foam_tag": {
+                    "translation_m": [float(value) for value in pose.translation_m],
+                    "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
+                },
+            },
+        }
+        if self.stripe:
+            sections["stripe"] = {"model": "stripe.npz", "width_m": STRIPE_M}
+        strip = {"length_m": rod.length_m, "spacing_m": self.spacing_m}
+        path = self.rig.write(folder, length_m=rod.length_m, **(sections | {"strip": strip} | config))
+        frames = self.gripper(rng=rng)
+        if self.stripe:
+            say("learning the stripe's colours")
+            setup = FoamSensorConfig.load(path)
+            plane = PlaneView(setup.camera, setup.T_camera_foam)
+            train_stripe(setup, frames.frame().image, plane, rng=rng).save(folder / "stripe.npz")
+        sensor = FingerSensor.load(path)
+        say("taking the zero reference")
+        zero = sensor.zero((frames.frame() for _ in range(zero_frames)), limit=zero_frames)
+        zero.save(sensor.setup.zero_path)
+        return sensor

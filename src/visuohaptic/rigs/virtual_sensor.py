@@ -1,0 +1,123 @@
+"""A complete foam sensor in the virtual world: pressed, calibrated, mounted, zeroed, as one would a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..core.camera.frame import Frame
+from ..sensing.foam.material.calibration import calibrate_foam
+from ..sensing.foam.material.records import read_strain_stress
+from ..sensing.foam.sensor import FoamSensor
+from ..simulation.foam.press_rig import calibration_press
+from ..simulation.foam.rig import SensorRig
+from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip_law import SOFT_FOAM, StripLaw, write_calibration_csv
+from ..simulation.rendering.appearance import Look
+from ..simulation.rendering.effects import CameraEffects
+from ..simulation.rendering.renderer import SceneRenderer
+from ..simulation.rendering.scene import FoamScene
+
+__all__ = ["VirtualSensor", "calibrate_by_press", "rest_scene"]
+
+#: Imperfections of the camera in demos and benchmarks: a usual webcam in indoor light.
+WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
+
+
+def rest_scene(geometry: StripGeometry, t_s: float = 0.0) -> FoamScene:
+    """The strip with nothing in front of it."""
+    s = geometry.positions_m()
+    back = geometry.back_m(s)
+    return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
+
+
+def calibrate_by_press(
+    folder: Path,
+    geometry: StripGeometry,
+    law: StripLaw,
+    press_sigma_N: float,
+    rng: np.random.Generator,
+    say: Callable[[str], None],
+) -> None:
+    """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would."""
+    say("pressing the foam for its strain-stress curve")
+    rows = calibration_press(
+        geometry=StripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
+        law=law,
+        reference_sigma_N=press_sigma_N,
+        rng=rng,
+    )
+    write_calibration_csv(folder / "strain_stress.csv", rows)
+    say("calibrating")
+    calibration = calibrate_foam(
+        read_strain_stress(folder / "strain_stress.csv"),
+        width_m=geometry.width_m,
+        height_m=geometry.height_m,
+    )
+    calibration.material.save(folder / "foam.yaml")
+
+
+@dataclass
+class VirtualSensor:
+    """What it takes to simulate a foam sensor, and the files that describe it.
+
+    ``build`` writes ``strain_stress.csv`` from a simulated press, calibrates it to
+    ``foam.yaml``, writes ``camera.yaml`` and ``sensor.yaml``, and takes the zero
+    reference from rendered frames: the estimator gets nothing else.
+    """
+
+    geometry: StripGeometry = field(default_factory=lambda: StripGeometry(spacing_m=0.001))
+    law: StripLaw = SOFT_FOAM
+    rig: SensorRig = field(default_factory=SensorRig)
+    look: Look = field(default_factory=Look.photo)
+    effects: CameraEffects = WEBCAM
+    press_sigma_N: float = 0.05  #: noise of the press's force sensor
+    frame_rate_Hz: float = 30.0
+
+    def build(
+        self,
+        folder: Path | str,
+        rng: np.random.Generator,
+        *,
+        zero_frames: int = 30,
+        on_step: Callable[[str], None] | None = None,
+        **config: Any,
+    ) -> FoamSensor:
+        """Write all files to a folder and return the zeroed sensor.
+
+        Parameters
+        ----------
+        config
+            Further fields of ``sensor.yaml``.
+        """
+        folder = Path(folder)
+        say = on_step or (lambda text: None)
+        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng, say)
+        bent = np.isfinite(self.geometry.radius_m)
+        path = self.rig.write(
+            folder,
+            length_m=self.geometry.length_m,
+            radius_m=self.geometry.radius_m if bent else None,
+            **config,
+        )
+        sensor = FoamSensor.load(path)
+        say("taking the zero reference")
+        zero = sensor.zero(self.rest_frames(rng, zero_frames), limit=zero_frames)
+        zero.save(sensor.setup.zero_path)
+        return sensor
+
+    def renderer(self) -> SceneRenderer:
+        """The camera above this strip."""
+        return SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
+
+    def rest_frames(self, rng: np.random.Generator, count: int) -> list[Frame]:
+        """Frames of the untouched strip that end just before time zero."""
+        renderer, scene = self.renderer(), rest_scene(self.geometry)
+        return [
+            Frame(renderer.render(scene, rng=rng), (i - count) / self.frame_rate_Hz, i - count)
+            for i in range(count)
+        ]

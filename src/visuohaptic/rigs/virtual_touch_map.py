@@ -1,0 +1,148 @@
+"""A room mapped by touch in the virtual world, and how right the map is (Alt 2016, Fig. 3.11)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from ..navigation.mapping.haptic_map import HapticContact, HapticMap
+from ..simulation.foam.strip import StripGeometry
+from ..simulation.mobile.odometry import DriftingBase, OdometryErrors
+from ..simulation.mobile.platform import PlatformConfig
+from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames
+from ..simulation.mobile.quick_world import QuickWorld
+from ..simulation.mobile.touch_rooms import WALL_M, TouchRoom, touch_room
+from ..tasks.mobile.touch_map.map_records import MapSettings
+from ..tasks.mobile.touch_map.map_task import TouchMapping, map_by_touch
+
+if TYPE_CHECKING:
+    from ..sensing.foam.sensor import FoamSensor
+
+__all__ = ["MapScore", "RoomTrial", "map_virtual_room", "score_map"]
+
+#: Radius around contact points in which a map is judged (m).
+AROUND_M = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class MapScore:
+    """The map against the truth, in the cells around the contacts."""
+
+    occupied_iou: float
+    free_iou: float
+    flags_right: int  #: contacts whose movable flag is right
+    contacts: int
+    mixed: int  #: movable things that were touched and stand in the layer of the fixed ones
+
+    @property
+    def iou(self) -> float:
+        """Mean of both."""
+        return 0.5 * (self.occupied_iou + self.free_iou)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RoomTrial:
+    """One room."""
+
+    room: TouchRoom
+    mapping: TouchMapping
+    touched: tuple[tuple[str, float, float], ...]  #: of each contact: thing, and where it was then
+    score: MapScore
+
+
+def map_virtual_room(
+    seed: int,
+    contacts: int = 22,
+    *,
+    resolution_m: float = 0.025,
+    errors: OdometryErrors | None = None,
+    on_contact: Callable[[HapticContact, HapticMap], None] | None = None,
+) -> RoomTrial:
+    """Map the room of a seed with the quick foam and drifting odometry."""
+    room, rng = touch_room(seed), np.random.default_rng(seed)
+    x, y, heading = room.start
+    # The bumper covers the whole front: a corner of the hull beside it would be blind.
+    config = PlatformConfig(
+        x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=StripGeometry(0.3, spacing_m=0.002)
+    )
+    world = QuickWorld(room.obstacles, config)
+    haptic = HapticMap.empty(
+        (-0.5, -0.5), (room.size_m[0] + 1.0, room.size_m[1] + 1.0), resolution_m, depth_m=WALL_M
+    )
+    touched: list[tuple[str, float, float]] = []
+
+    def note(contact: HapticContact, so_far: HapticMap) -> None:
+        # The thing whose surface is nearest to where the foam is.
+        cx, cy, _ = world.platform_pose()
+        name = world.last_touched
+        touched.append((name, *world.places.get(name, (cx, cy))))
+        if on_contact is not None:
+            on_contact(contact, so_far)
+
+    mapping = map_by_touch(
+        DriftingBase(world, rng, errors),
+        QuickFrames(world),
+        cast("FoamSensor", QuickFoam(world, rng)),
+        haptic,
+        MapSettings(contacts=contacts),
+        on_contact=note,
+    )
+    return RoomTrial(room, mapping, tuple(touched), score_map(room, mapping, touched))
+
+
+def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, float, float]]) -> MapScore:
+    """Occupied and free intersection over union around the contacts.
+
+    Judged are the cells within ``AROUND_M`` of a contact point, but for those deeper
+    than a wall behind a surface: nobody has felt them. Unknown counts as neither.
+    """
+    from scipy.spatial import cKDTree
+
+    haptic = mapping.haptic_map
+    rows, columns = haptic.static.shape
+    x = haptic.origin_m[0] + (np.arange(columns) + 0.5) * haptic.resolution_m
+    y = haptic.origin_m[1] + (np.arange(rows) + 0.5) * haptic.resolution_m
+    places = np.stack(np.meshgrid(x, y), axis=-1)
+    points = [_in_map(contact) for contact in mapping.contacts]
+    if not points:
+        return MapScore(0.0, 0.0, 0, 0, 0)
+    near = cKDTree(np.concatenate(points)).query(places.reshape(-1, 2))[0].reshape(rows, columns) < AROUND_M
+    solid = room.occupied(places)
+    near &= ~room.occupied(places, grow_m=-WALL_M)
+    wide, deep = room.size_m
+    # What is outside the walls has not been felt either.
+    inside = (
+        (places >= -WALL_M).all(axis=-1)
+        & (places[..., 0] <= wide + WALL_M)
+        & (places[..., 1] <= deep + WALL_M)
+    )
+    near &= inside
+    told_solid, told_free = haptic.static >= 0.05, haptic.static <= -0.05
+    names = {o.name: o for o in room.obstacles}
+    right = sum(
+        contact.movable == names[name].movable
+        for contact, (name, _, _) in zip(mapping.contacts, touched, strict=True)
+        if name in names
+    )
+    mixed = 0
+    for (name, px, py), contact in zip(touched, mapping.contacts, strict=True):
+        if name in names and names[name].movable:
+            centre = np.array([[px, py]])
+            mixed += bool(haptic.value_at(centre)[0] >= 0.05 or not contact.movable)
+    return MapScore(
+        _iou(told_solid, solid, near), _iou(told_free, ~solid, near), right, len(mapping.contacts), mixed
+    )
+
+
+def _in_map(contact: HapticContact) -> np.ndarray:
+    x, y, yaw = contact.T_map_foam
+    c, s = np.cos(yaw), np.sin(yaw)
+    return contact.points_foam_m @ np.array([[c, s], [-s, c]]) + np.array([x, y])
+
+
+def _iou(told: np.ndarray, true: np.ndarray, where: np.ndarray) -> float:
+    both, either = (told & true & where).sum(), ((told | true) & where).sum()
+    return float(both / either) if either else 1.0

@@ -1,0 +1,3 @@
+from .gripper import RosGripper as RosGripper
+from .mobile_base import RosBase as RosBase
+from .probe_arm import RosArm as RosArm

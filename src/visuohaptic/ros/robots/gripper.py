@@ -1,0 +1,131 @@
+"""A two-finger gripper behind a joint trajectory controller."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+from ...core.errors import DeviceError, InputError
+from ...core.resources import Closing
+from ...core.robots import GripperState
+from ...io.ros.ros_messages import header, stamp_ns
+from ..frames import message_time_s
+from ..latest import LatestMessage, finite
+from ..node import Received, RosNode
+
+__all__ = ["RosGripper"]
+
+
+class RosGripper(Closing):
+    """Implements :class:`visuohaptic.core.robots.Gripper`.
+
+    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the way divided by the speed.
+
+    Parameters
+    ----------
+    joint
+        Name of the finger's joint in ``joint_states``.
+    opening_per_joint, opening_at_zero_m
+        The opening is ``opening_at_zero_m + opening_per_joint * position``: 2 where a joint moves each of the
+        two fingers, negative where a larger position closes.
+    max_opening_m
+        Openings beyond 0 to this are refused.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        joint: str,
+        *,
+        command: str = "gripper_controller/joint_trajectory",
+        states: str = "joint_states",
+        opening_per_joint: float = 1.0,
+        opening_at_zero_m: float = 0.0,
+        max_opening_m: float = 0.1,
+        max_age_s: float = 0.5,
+    ) -> None:
+        if not (math.isfinite(opening_per_joint) and opening_per_joint):
+            raise InputError(
+                "RosGripper", f"found {opening_per_joint}, expected not 0", field="opening_per_joint"
+            )
+        self.joint = joint
+        self._slope, self._zero_m, self._largest_m = opening_per_joint, opening_at_zero_m, max_opening_m
+        self._publisher = node.advertise(command, "trajectory_msgs/msg/JointTrajectory")
+        self._states = LatestMessage(node, states, "sensor_msgs/msg/JointState", max_age_s)
+
+    def move(self, opening_m: float, speed_m_s: float) -> None:
+        """Begin to move to an opening.
+
+        Raises
+        ------
+        InputError
+            The opening is out of reach, or the speed not positive.
+        StaleFrameError
+            The present opening, from which the time is told, is not known.
+        DeviceError
+            Nobody listens.
+        """
+        finite("RosGripper.move", opening_m=opening_m, speed_m_s=speed_m_s)
+        if not 0.0 <= opening_m <= self._largest_m:
+            raise InputError(
+                "RosGripper.move",
+                f"found {opening_m:g} m, expected 0 to {self._largest_m:g} m",
+                field="opening_m",
+            )
+        if speed_m_s <= 0:
+            raise InputError("RosGripper.move", f"found {speed_m_s:g} m/s, expected > 0", field="speed_m_s")
+        self._send(opening_m, abs(opening_m - self.state().opening_m) / speed_m_s)
+
+    def stop(self) -> None:
+        """Hold the present opening."""
+        self._send(self.state().opening_m, 0.0)
+
+    def _send(self, opening_m: float, after_s: float) -> None:
+        self._publisher.wait_until_heard()
+        # A controller refuses a point in the past; 50 ms is soon enough.
+        seconds, nanoseconds = divmod(stamp_ns(max(after_s, 0.05)), 1_000_000_000)
+        point: dict[str, Any] = {
+            "positions": [(opening_m - self._zero_m) / self._slope],
+            "velocities": [],
+            "accelerations": [],
+            "effort": [],
+            "time_from_start": {"sec": seconds, "nanosec": nanoseconds},
+        }
+        head = header(time.time(), "")
+        head["stamp"] = {"sec": 0, "nanosec": 0}  # zero: begin at once, whatever the clocks say
+        self._publisher.publish({"header": head, "joint_names": [self.joint], "points": [point]})
+
+    def state(self) -> GripperState:
+        """Newest reading.
+
+        Raises
+        ------
+        StaleFrameError
+            There is none, or it is too old.
+        DeviceError
+            It does not name the joint.
+        """
+        received = self._states.get()
+        position, speed = self._joint(received)
+        return GripperState(
+            message_time_s(received, received.message.header.stamp),
+            self._zero_m + self._slope * position,
+            self._slope * speed,
+        )
+
+    def _joint(self, received: Received) -> tuple[float, float]:
+        message = received.message
+        if self.joint not in message.name:
+            raise DeviceError(
+                f"{self._states.topic} has no joint {self.joint!r}, only {', '.join(message.name) or 'none'}"
+            )
+        place = message.name.index(self.joint)
+        if place >= len(message.position):
+            raise DeviceError(f"{self._states.topic} has no position of the joint {self.joint!r}")
+        speed = float(message.velocity[place]) if place < len(message.velocity) else math.nan
+        return float(message.position[place]), speed
+
+    def close(self) -> None:
+        """Give the gripper back; it stays as it is."""
+        self._states.close()

@@ -1,0 +1,137 @@
+"""A platform that listens to ``cmd_vel`` and tells its odometry."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+
+from ...core.errors import DeviceError, InputError
+from ...core.resources import Closing
+from ...core.robots import BaseState
+from ...io.ros.ros_messages import header
+from ..frames import message_time_s
+from ..latest import LatestMessage, Repeater, finite
+from ..node import Received, RosNode
+
+__all__ = ["RosBase"]
+
+
+class RosBase(Closing):
+    """Implements :class:`visuohaptic.core.robots.MobileBase`.
+
+    Parameters
+    ----------
+    command, odometry
+        Topics: ``geometry_msgs/Twist`` out, ``nav_msgs/Odometry`` in.
+    stamped
+        Send ``geometry_msgs/TwistStamped``, as Nav2 and ros2_control do since Jazzy.
+    max_speed_m_s, max_turn_rad_s
+        Larger commands are refused.
+    rate_Hz
+        A command is repeated so often until the next one; on :meth:`close` it is a stop.
+    max_age_s
+        Odometry that is older is no odometry.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        *,
+        command: str = "cmd_vel",
+        odometry: str = "odom",
+        stamped: bool = False,
+        frame: str = "base_link",
+        max_speed_m_s: float = 0.5,
+        max_turn_rad_s: float = 1.5,
+        rate_Hz: float = 20.0,
+        max_age_s: float = 0.5,
+    ) -> None:
+        datatype = "geometry_msgs/msg/" + ("TwistStamped" if stamped else "Twist")
+        self._limits = (max_speed_m_s, max_turn_rad_s)
+        self._stamped, self._frame = stamped, frame
+        self._lock = threading.Lock()
+        self._command: tuple[float, float] | None = None
+        self._publisher = node.advertise(command, datatype)
+        self._odometry = LatestMessage(node, odometry, "nav_msgs/msg/Odometry", max_age_s)
+        self._repeater = Repeater(self._send, rate_Hz, f"commands to {self._publisher.entity.topic}")
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
+
+        Raises
+        ------
+        InputError
+            A velocity is not finite or larger than allowed.
+        DeviceError
+            Nobody listens.
+        """
+        finite("RosBase.drive", speed_m_s=speed_m_s, turn_rate_rad_s=turn_rate_rad_s)
+        for name, value, limit in zip(
+            ("speed_m_s", "turn_rate_rad_s"), (speed_m_s, turn_rate_rad_s), self._limits, strict=True
+        ):
+            if abs(value) > limit:
+                raise InputError("RosBase.drive", f"found {value:g}, allowed are {limit:g}", field=name)
+        self._repeater.check()
+        self._publisher.wait_until_heard()
+        with self._lock:
+            self._command = (float(speed_m_s), float(turn_rate_rad_s))
+        self._send()
+
+    def stop(self) -> None:
+        """Stand still."""
+        with self._lock:
+            self._command = (0.0, 0.0)
+        self._send()
+
+    def _send(self) -> None:
+        with self._lock:
+            command = self._command
+            if command is None:  # nobody has driven yet: another node may
+                return
+            self._publisher.publish(self._message(*command))
+
+    def _message(self, speed_m_s: float, turn_rate_rad_s: float) -> dict[str, object]:
+        twist: dict[str, object] = {
+            "linear": {"x": speed_m_s, "y": 0.0, "z": 0.0},
+            "angular": {"x": 0.0, "y": 0.0, "z": turn_rate_rad_s},
+        }
+        return {"header": header(time.time(), self._frame), "twist": twist} if self._stamped else twist
+
+    def state(self) -> BaseState:
+        """Newest odometry.
+
+        Raises
+        ------
+        StaleFrameError
+            There is none, or it is too old.
+        """
+        return base_state(self._odometry.get())
+
+    def close(self) -> None:
+        """Stop, and give the platform back; harmless when repeated."""
+        if self._command is not None:
+            with contextlib.suppress(DeviceError):  # the session may be gone; the robot's watchdog is left
+                self.stop()
+        self._repeater.close()
+        self._odometry.close()
+        with self._lock:
+            self._command = None
+
+
+def base_state(received: Received) -> BaseState:
+    """Of a ``nav_msgs/Odometry``."""
+    message = received.message
+    place, turn = message.pose.pose.position, message.pose.pose.orientation
+    # Heading of a quaternion, whatever its roll and pitch.
+    heading = math.atan2(2.0 * (turn.w * turn.z + turn.x * turn.y), 1.0 - 2.0 * (turn.y**2 + turn.z**2))
+    speed = message.twist.twist
+    return BaseState(
+        message_time_s(received, message.header.stamp),
+        place.x,
+        place.y,
+        heading,
+        speed.linear.x,
+        speed.angular.z,
+    )

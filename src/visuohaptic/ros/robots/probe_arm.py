@@ -1,0 +1,153 @@
+"""An arm with a probe tip behind a Cartesian controller."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.resources import Closing
+from ...io.ros import ros_messages as ros
+from ..frames import message_time_s
+from ..latest import LatestMessage, Repeater, finite
+from ..node import RosNode
+
+__all__ = ["RosArm"]
+
+
+class RosArm(Closing):
+    """Implements :class:`visuohaptic.core.robots.ProbeArm`.
+
+    The straight line is made here: ``geometry_msgs/PoseStamped`` targets along it, at a rate. Any controller
+    that follows such a topic will do.
+
+    Parameters
+    ----------
+    command, pose
+        Topics: targets out, the tip's pose in; both in the base frame.
+    reach_m
+        Smallest and largest distance of the tip from the base [m]; targets beyond are refused.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        reach_m: tuple[float, float],
+        *,
+        command: str = "target_frame",
+        pose: str = "current_pose",
+        frame: str = "base_link",
+        rate_Hz: float = 50.0,
+        max_age_s: float = 0.5,
+    ) -> None:
+        if not 0.0 <= reach_m[0] < reach_m[1] < float("inf"):
+            raise InputError("RosArm", f"found {reach_m}, expected 0 <= smallest < largest", field="reach_m")
+        self._reach_m, self._frame = reach_m, frame
+        self._lock = threading.Lock()
+        self._line: _Line | None = None
+        self._publisher = node.advertise(command, "geometry_msgs/msg/PoseStamped")
+        self._pose = LatestMessage(node, pose, "geometry_msgs/msg/PoseStamped", max_age_s)
+        self._repeater = Repeater(self._step, rate_Hz, f"targets to {self._publisher.entity.topic}")
+
+    def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
+        """Begin to move the tip in a straight line.
+
+        Raises
+        ------
+        InputError
+            The target is out of reach, or the speed not positive.
+        StaleFrameError
+            It is not known where the tip is.
+        DeviceError
+            Nobody listens.
+        """
+        finite("RosArm.move_linear", speed_m_s=speed_m_s)
+        if speed_m_s <= 0:
+            raise InputError(
+                "RosArm.move_linear", f"found {speed_m_s:g} m/s, expected > 0", field="speed_m_s"
+            )
+        distance_m = float(np.linalg.norm(T_base_tip.translation_m))
+        if not self._reach_m[0] <= distance_m <= self._reach_m[1]:
+            raise InputError(
+                "RosArm.move_linear",
+                f"found a target {distance_m:.3f} m away, the tip reaches {self._reach_m[0]:g} to "
+                f"{self._reach_m[1]:g} m",
+                field="T_base_tip",
+            )
+        self._repeater.check()
+        self._publisher.wait_until_heard()
+        _, now = self.pose()
+        with self._lock:
+            self._line = _Line(now, T_base_tip, speed_m_s)
+
+    def stop(self) -> None:
+        """Hold the present pose."""
+        _, now = self.pose()
+        with self._lock:
+            self._line = None
+            self._publish(now)
+
+    def _step(self) -> None:
+        with self._lock:
+            if self._line is None:
+                return
+            target, arrived = self._line.at(time.monotonic())
+            self._publish(target)
+            if arrived:
+                self._line = None
+
+    def _publish(self, target: Pose) -> None:
+        self._publisher.publish({"header": ros.header(time.time(), self._frame), "pose": ros.pose(target)})
+
+    def pose(self) -> tuple[float, Pose]:
+        """Newest time [s] and pose of the tip in the base frame.
+
+        Raises
+        ------
+        StaleFrameError
+            There is none, or it is too old.
+        """
+        received = self._pose.get()
+        place, turn = received.message.pose.position, received.message.pose.orientation
+        pose = Pose.from_quaternion([turn.x, turn.y, turn.z, turn.w], [place.x, place.y, place.z])
+        return message_time_s(received, received.message.header.stamp), pose
+
+    def reach_m(self) -> Float[np.ndarray, "2"]:
+        """Smallest and largest distance of the tip from the base."""
+        return np.array(self._reach_m)
+
+    def close(self) -> None:
+        """Send no more targets, and give the arm back; harmless when repeated."""
+        with self._lock:
+            self._line = None
+        self._repeater.close()
+        self._pose.close()
+
+
+class _Line:
+    """A straight way at a constant speed, the turn spread evenly over it."""
+
+    #: A turn without a way takes as long as a point so far from the axis would need.
+    _LEVER_M = 0.1
+
+    def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
+        from scipy.spatial.transform import Rotation
+
+        self._start, self._end = start, end
+        self._turn = Rotation.from_matrix(start.rotation.T @ end.rotation).as_rotvec()
+        way_m = float(np.linalg.norm(end.translation_m - start.translation_m))
+        self._lasts_s = max(way_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
+        self._began_s = time.monotonic()
+
+    def at(self, now_s: float) -> tuple[Pose, bool]:
+        """Target at a time, and whether it is the last one."""
+        part = 1.0 if self._lasts_s <= 0 else (now_s - self._began_s) / self._lasts_s
+        if part >= 1.0:
+            return self._end, True
+        way = self._end.translation_m - self._start.translation_m
+        turned = Pose.from_rotation_vector(part * self._turn, np.zeros(3))
+        return Pose(self._start.rotation @ turned.rotation, self._start.translation_m + part * way), False

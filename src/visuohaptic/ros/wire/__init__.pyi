@@ -1,0 +1,14 @@
+from .attachment import Attachment as Attachment
+from .cdr import decode as decode
+from .cdr import encode as encode
+from .graph import Entity as Entity
+from .graph import EntityKind as EntityKind
+from .graph import Qos as Qos
+from .graph import resolve_name as resolve_name
+from .graph import topic_key as topic_key
+from .message_types import NO_HASH as NO_HASH
+from .message_types import Field as Field
+from .message_types import MessageType as MessageType
+from .message_types import Shape as Shape
+from .message_types import message_type as message_type
+from .message_types import parse_definition as parse_definition

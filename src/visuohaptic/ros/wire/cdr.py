@@ -1,0 +1,246 @@
+"""CDR, the form of ROS 2 messages on the wire: a mapping of fields to bytes, and bytes to an object with fields.
+
+Every value is aligned to its own size, counted from behind the header of four bytes. Texts have their length
+with a closing zero, sequences the number of their values in front.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ...core.errors import InputError
+from .message_types import Field, MessageType, Shape
+
+__all__ = ["decode", "encode"]
+
+#: Plain type -> NumPy's code; little-endian is what all of ROS writes.
+_CODES = {
+    "bool": "u1",
+    "byte": "u1",
+    "char": "u1",
+    "int8": "i1",
+    "uint8": "u1",
+    "int16": "i2",
+    "uint16": "u2",
+    "int32": "i4",
+    "uint32": "u4",
+    "int64": "i8",
+    "uint64": "u8",
+    "float32": "f4",
+    "float64": "f8",
+}
+_LITTLE = {kind: np.dtype("<" + code) for kind, code in _CODES.items()}
+_BIG = {kind: np.dtype(">" + code) for kind, code in _CODES.items()}
+_STRUCTS = {
+    order: {kind: struct.Struct(order + np.dtype(code).char) for kind, code in _CODES.items()}
+    for order in "<>"
+}
+_HEADER = b"\x00\x01\x00\x00"
+
+
+def encode(message: Mapping[str, Any], kind: MessageType) -> bytes:
+    """The bytes of a message.
+
+    Parameters
+    ----------
+    message
+        Fields by name, messages inside it as mappings, sequences as lists, arrays or bytes.
+    kind
+        What it is.
+
+    Raises
+    ------
+    InputError
+        A field is missing, unknown, of the wrong kind or out of range; the message names it.
+    """
+    out = bytearray(_HEADER)
+    _write_message(out, message, kind, kind.name, "")
+    return bytes(out)
+
+
+def _write_message(out: bytearray, value: Any, kind: MessageType, name: str, where: str) -> None:
+    if not isinstance(value, Mapping):
+        raise _wrong(kind, where, value, f"a mapping of the fields of {name}")
+    fields = kind.parts[name]
+    if len(value) != len(fields) or any(field.name not in value for field in fields):
+        names = {field.name for field in fields}
+        missing, unknown = sorted(names - set(value)), sorted(set(value) - names)
+        raise InputError(
+            kind.name,
+            f"{', '.join(missing)} missing" if missing else f"{', '.join(unknown)} unknown",
+            field=where.lstrip("."),
+        )
+    for field in fields:
+        _write_field(out, value[field.name], kind, field, f"{where}.{field.name}")
+
+
+def _write_field(out: bytearray, value: Any, kind: MessageType, field: Field, where: str) -> None:
+    if field.shape is Shape.ONE:
+        _write_one(out, value, kind, field, where)
+        return
+    plain = not field.nested and field.kind != "string"
+    items = _plain_array(value, kind, field, where) if plain else value
+    try:
+        count = len(items)
+    except TypeError as error:
+        raise _wrong(kind, where, value, "a sequence") from error
+    limit = field.capacity
+    if field.shape is Shape.ARRAY and count != limit:
+        raise _wrong(kind, where, value, f"{limit} values, not {count}")
+    if field.shape is Shape.BOUNDED and count > limit:
+        raise _wrong(kind, where, value, f"at most {limit} values, not {count}")
+    if field.shape is not Shape.ARRAY:
+        _align(out, 4)
+        out += struct.pack("<I", count)
+    if plain:
+        if count:
+            _align(out, items.itemsize)
+        out += items.tobytes()
+        return
+    for place, item in enumerate(items):
+        _write_one(out, item, kind, field, f"{where}[{place}]")
+
+
+def _write_one(out: bytearray, value: Any, kind: MessageType, field: Field, where: str) -> None:
+    if field.nested:
+        _write_message(out, value, kind, field.kind, where)
+    elif field.kind == "string":
+        if not isinstance(value, str) or "\0" in value:
+            raise _wrong(kind, where, value, "a text without zeros")
+        data = value.encode()
+        if field.text_capacity and len(data) > field.text_capacity:
+            raise _wrong(kind, where, value, f"at most {field.text_capacity} bytes of text")
+        _align(out, 4)
+        out += struct.pack("<I", len(data) + 1)
+        out += data
+        out += b"\0"
+    else:
+        packer = _STRUCTS["<"][field.kind]
+        _align(out, packer.size)
+        try:
+            out += packer.pack(bool(value) if field.kind == "bool" else value)
+        except (struct.error, TypeError, OverflowError) as error:
+            raise _wrong(kind, where, value, field.kind) from error
+
+
+def _plain_array(value: Any, kind: MessageType, field: Field, where: str) -> np.ndarray:
+    wanted = _LITTLE[field.kind]
+    if isinstance(value, (bytes, bytearray, memoryview)):
+        if wanted.itemsize != 1:
+            raise _wrong(kind, where, value, f"numbers of {field.kind}")
+        return np.frombuffer(value, dtype=wanted)
+    array = np.asarray(value)
+    if array.ndim != 1:
+        raise _wrong(kind, where, value, f"a row of {field.kind}")
+    if array.dtype == wanted or not array.size:
+        return array.astype(wanted, copy=False)
+    whole = wanted.kind in "iu"
+    if array.dtype.kind not in ("biu" if whole else "biuf"):
+        raise _wrong(kind, where, value, f"numbers of {field.kind}")
+    if whole:
+        limits = np.iinfo(wanted)
+        if int(array.min()) < limits.min or int(array.max()) > limits.max:
+            raise _wrong(kind, where, value, f"numbers of {field.kind}")
+    return array.astype(wanted)
+
+
+def _align(out: bytearray, size: int) -> None:
+    if pad := -(len(out) - len(_HEADER)) % size:
+        out += bytes(pad)
+
+
+def _wrong(kind: MessageType, where: str, value: Any, expected: str) -> InputError:
+    found = repr(value) if isinstance(value, (int, float, str, bool)) else type(value).__name__
+    return InputError(kind.name, f"found {found[:60]}, expected {expected}", field=where.lstrip("."))
+
+
+def decode(data: bytes | memoryview, kind: MessageType, where: str = "") -> Any:
+    """An object with the message's fields as attributes.
+
+    Numbers in sequences become NumPy arrays that look into ``data`` without a copy.
+
+    Parameters
+    ----------
+    where
+        Topic or file, for messages.
+
+    Raises
+    ------
+    InputError
+        The bytes end too early, or are of another encoding.
+    """
+    return _Reader(data, kind, where or kind.name).message()
+
+
+class _Reader:
+    """A place in the bytes of one message."""
+
+    __slots__ = ("data", "end", "kind", "place", "structs", "types", "where")
+
+    def __init__(self, data: bytes | memoryview, kind: MessageType, where: str) -> None:
+        self.data, self.kind, self.where = memoryview(data), kind, where
+        self.end, self.place = len(self.data), len(_HEADER)
+        head = bytes(self.data[:2])
+        if self.end < len(_HEADER) or head not in (b"\x00\x00", b"\x00\x01"):
+            raise InputError(where, f"begins with {head!r}, expected CDR (00 00 or 00 01)")
+        little = head[1] == 1
+        self.types, self.structs = (_LITTLE, _STRUCTS["<"]) if little else (_BIG, _STRUCTS[">"])
+
+    def message(self) -> Any:
+        return self._message(self.kind.name)
+
+    def _message(self, name: str) -> SimpleNamespace:
+        return SimpleNamespace(**{field.name: self._field(field) for field in self.kind.parts[name]})
+
+    def _field(self, field: Field) -> Any:
+        if field.shape is Shape.ONE:
+            return self._one(field)
+        count = field.capacity if field.shape is Shape.ARRAY else self._number("uint32")
+        if field.shape is Shape.BOUNDED and count > field.capacity:
+            raise self._damaged(f"{field.name} has {count} values, at most {field.capacity} are allowed")
+        if field.nested or field.kind == "string":
+            # Each has a byte at least: a damaged number must not take the memory.
+            self._check(count, field.name)
+            return [self._one(field) for _ in range(count)]
+        wanted = self.types[field.kind]
+        if count:
+            self._align(wanted.itemsize)
+        self._check(count * wanted.itemsize, field.name)
+        values = np.frombuffer(self.data, dtype=wanted, count=count, offset=self.place)
+        self.place += count * wanted.itemsize
+        return values.astype(bool) if field.kind == "bool" else values
+
+    def _one(self, field: Field) -> Any:
+        if field.nested:
+            return self._message(field.kind)
+        if field.kind == "string":
+            length = self._number("uint32")
+            self._check(length, field.name)
+            text = bytes(self.data[self.place : self.place + length])
+            self.place += length
+            return text.removesuffix(b"\0").decode(errors="replace")
+        value = self._number(field.kind)
+        return bool(value) if field.kind == "bool" else value
+
+    def _number(self, kind: str) -> Any:
+        packer = self.structs[kind]
+        self._align(packer.size)
+        self._check(packer.size, kind)
+        (value,) = packer.unpack_from(self.data, self.place)
+        self.place += packer.size
+        return value
+
+    def _align(self, size: int) -> None:
+        self.place += -(self.place - len(_HEADER)) % size
+
+    def _check(self, length: int, name: str) -> None:
+        if self.place + length > self.end:
+            raise self._damaged(f"{name} needs {length} bytes, {max(0, self.end - self.place)} are left")
+
+    def _damaged(self, problem: str) -> InputError:
+        return InputError(self.where, f"is a damaged {self.kind.name}: {problem}")

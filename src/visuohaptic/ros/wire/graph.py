@@ -1,0 +1,172 @@
+"""Names on the wire: topics as key expressions, nodes and their topics as liveliness tokens (rmw_zenoh).
+
+A publisher and a subscription meet when their key expressions are the same: domain, topic, type and the
+type's hash. Liveliness tokens tell the others that they are there, for ``ros2 topic list`` and the like.
+Written from the design of rmw_zenoh (its ``docs/design.md``) as of Jazzy to Rolling.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Self
+
+from ...core.errors import InputError
+
+__all__ = ["Entity", "EntityKind", "Qos", "resolve_name", "topic_key"]
+
+_SPACE = "@ros2_lv"
+_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+#: Queue of rmw_zenoh where nobody says how long; not written into a token.
+_DEFAULT_DEPTH = 42
+
+
+class EntityKind(StrEnum):
+    """What a token stands for."""
+
+    NODE = "NN"
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVICE = "SS"
+    CLIENT = "SC"
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """Quality of service, as far as it is used here."""
+
+    reliable: bool = True
+    latched: bool = False  #: late subscribers get the last messages (``TRANSIENT_LOCAL``)
+    depth: int = 10  #: messages that are kept
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.depth <= 100_000:
+            raise InputError("Qos", f"found {self.depth}, expected 1 to 100000", field="depth")
+
+    def key(self) -> str:
+        """As in a token: what is as by default in rmw_zenoh is left out."""
+        depth = "" if self.depth == _DEFAULT_DEPTH else str(self.depth)
+        return f"{'' if self.reliable else 2}:{1 if self.latched else ''}:,{depth}:,:,:,,"
+
+    @classmethod
+    def parse(cls, key: str) -> Self:
+        """From a token; what is not used here is passed over."""
+        parts = key.split(":")
+        history = parts[2].split(",") if len(parts) >= 6 else []
+        numbers = [*parts[:2], *history]
+        if len(history) != 2 or not all(part.isdecimal() or not part for part in numbers):
+            raise InputError("liveliness token", f"found quality of service {key!r}")
+        depth = int(history[1] or _DEFAULT_DEPTH) or _DEFAULT_DEPTH
+        return cls(parts[0] not in ("0", "2"), parts[1] == "1", min(depth, 100_000))
+
+
+@dataclass(frozen=True, slots=True)
+class Entity:
+    """A node, or a publisher or subscription of a node."""
+
+    domain: int
+    session: str  #: id of the zenoh session
+    node_id: int
+    entity_id: int
+    kind: EntityKind
+    namespace: str  #: ``/`` or as ``/robot1``
+    node: str
+    topic: str = ""  #: as ``/robot1/camera/image``; empty for a node
+    datatype: str = ""  #: as ``sensor_msgs/msg/Image``
+    type_hash: str = ""
+    qos: Qos = Qos()
+
+    def token(self) -> str:
+        """Its liveliness token."""
+        words = [_SPACE, str(self.domain), self.session, str(self.node_id), str(self.entity_id)]
+        # The enclave is that of a system without SROS.
+        words += [self.kind.value, "%", _mangled(self.namespace), _mangled(self.node)]
+        if self.kind is not EntityKind.NODE:
+            words += [_mangled(self.topic), _dds(self.datatype), self.type_hash, self.qos.key()]
+        return "/".join(words)
+
+    @classmethod
+    def parse(cls, token: str) -> Self:
+        """From the token of anybody's.
+
+        Raises
+        ------
+        InputError
+            It is no token of a version that is known here.
+        """
+        words = token.split("/")
+        if len(words) not in (9, 13) or words[0] != _SPACE or not all(words):
+            raise InputError("liveliness token", f"found {token!r}, expected {_SPACE}/ and 8 or 12 parts")
+        try:
+            kind = EntityKind(words[5])
+            domain, node_id, entity_id = int(words[1]), int(words[3]), int(words[4])
+        except ValueError as error:
+            raise InputError("liveliness token", f"found {token!r}: {error}") from error
+        if (kind is EntityKind.NODE) != (len(words) == 9):
+            raise InputError("liveliness token", f"found {token!r}, {len(words)} parts do not fit {kind}")
+        namespace, node = words[7].replace("%", "/"), words[8].replace("%", "/")
+        if kind is EntityKind.NODE:
+            return cls(domain, words[2], node_id, entity_id, kind, namespace, node)
+        topic, datatype = words[9].replace("%", "/"), _from_dds(words[10])
+        qos = Qos.parse(words[12])
+        return cls(
+            domain, words[2], node_id, entity_id, kind, namespace, node, topic, datatype, words[11], qos
+        )
+
+
+def all_tokens(domain: int) -> str:
+    """Key expression of everybody's tokens in a domain."""
+    return f"{_SPACE}/{domain}/**"
+
+
+def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
+    """Key expression of a topic.
+
+    Examples
+    --------
+    >>> topic_key(0, "/chatter", "std_msgs/msg/String", "RIHS01_df66")
+    '0/chatter/std_msgs::msg::dds_::String_/RIHS01_df66'
+    """
+    return f"{domain}/{topic.strip('/')}/{_dds(datatype)}/{type_hash}"
+
+
+def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
+    """Absolute name of a topic: ``/a`` stays, ``a`` is in the namespace, ``~/a`` is the node's.
+
+    Raises
+    ------
+    InputError
+        It is no name of ROS: letters, digits and ``_`` between slashes, no digit first, no ``__``.
+    """
+    if name.startswith("~/"):
+        name = f"{node}/{name[2:]}"
+    whole = name if name.startswith("/") else f"{namespace.rstrip('/')}/{name}"
+    words = whole.split("/")[1:]
+    if not all(_WORD.fullmatch(word) for word in words) or "__" in whole:
+        raise InputError(
+            "name",
+            f"found {name!r}, expected words of letters, digits and _ between slashes, as /camera/image",
+        )
+    return whole
+
+
+def check_node(namespace: str, node: str) -> None:
+    """Complain about names that ROS does not allow."""
+    if not _WORD.fullmatch(node) or "__" in node:
+        raise InputError("node name", f"found {node!r}, expected letters, digits and _, no digit first")
+    if namespace != "/":
+        resolve_name(namespace if namespace.startswith("/") else f"{namespace}!")
+
+
+def _mangled(name: str) -> str:
+    return name.replace("/", "%")
+
+
+def _dds(datatype: str) -> str:
+    package, middle, short = datatype.split("/")
+    return f"{package}::{middle}::dds_::{short}_"
+
+
+def _from_dds(name: str) -> str:
+    return name.replace("::dds_::", "::").removesuffix("_").replace("::", "/")

@@ -1,0 +1,38 @@
+"""Fields that the sensors' YAML files share."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat
+
+from ..core.camera.pose import Pose
+
+__all__ = ["PoseSection", "Positive", "Section", "Vector3", "Vector4"]
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Vector3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+Vector4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+
+
+class Section(BaseModel):
+    """A part of a file; a field that it does not know is refused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class PoseSection(Section):
+    """A rigid motion: translation [m] and quaternion in ROS order."""
+
+    translation_m: Vector3
+    quaternion_xyzw: Vector4
+
+    def pose(self) -> Pose:
+        """The motion.
+
+        Raises
+        ------
+        InputError
+            The quaternion is zero.
+        """
+        return Pose.from_quaternion(self.quaternion_xyzw, self.translation_m)

@@ -1,0 +1,5 @@
+"""The foam's mechanics: stress-strain law, calibration, hysteresis, boundary tension (Alt 2016, Sec. 3.1)."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,181 @@
+"""How the foam beside a contact carries load: three laws for the boundary effect (Alt 2016, Sec. 3.2).
+
+Symbols: eps = delta / w strain, theta slope angle of the front contour
+(tan theta = d delta / d s), m(eps) calibrated stress, h height, w width, F force.
+
+``local``
+    Only the points that touch count. Reads too little: the flanks pull as well.
+``enlarged``
+    Published baseline: every deflected point counts, ``F = h * integral m ds``.
+``tension``
+    A Pasternak foundation whose tension depends on the strain,
+
+        p h = h m - (T delta')' + T' delta'^2 / 2,    T(eps) = kappa h w G(eps) / 3.
+
+    With a constant T the tension cancels in the integral over a whole impression
+    and the law gives the same force as ``enlarged``. Foam softens, and what stays is
+
+        F = h * integral [ m(eps) + kappa / 6 * dG/deps * sin(theta)^2 ] ds,
+
+    with sin(theta) in place of delta' because steep flanks rotate more than they
+    shear. G needs no further test: for foam with a Poisson ratio of zero (usual
+    beyond the first percents of strain), a column that is compressed to 1 - eps
+    and sheared by g stores ``G g^2 / 2`` more, with
+
+        G(eps) = m(eps) (1 - eps) / (eps (2 - eps)),
+
+    and the mean over the thickness of the squared shear of a linear column is a
+    third of that at the front. Columns are not linear and relieve their shear by
+    moving sideways, which kappa < 1 stands for. It is one number for many foams
+    and bodies (0.27 +- 0.1, chosen on small simulations of four foams under five bodies),
+    and can be calibrated with a plate narrower than the strip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ....core.errors import CalibrationError, InputError
+
+if TYPE_CHECKING:
+    from .foam_material import FoamMaterial
+    from .records import PlateRecord
+
+__all__ = [
+    "BOUNDARIES",
+    "Boundary",
+    "Tension",
+    "calibrate_tension",
+    "contour_force",
+    "shear_modulus",
+    "softening",
+]
+
+Boundary = Literal["tension", "enlarged", "local"]
+BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = number used by the kernel
+
+#: Below this strain the quotient m / eps is taken at it: both vanish at zero.
+SMALL_STRAIN = 2e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Tension:
+    """Lateral tension of the foam, relative to the shear modulus that its own curve implies."""
+
+    ratio: float = 0.27  #: kappa, dimensionless; the default is the mean over simulated foams and bodies
+    sigma: float = 0.10  #: standard deviation of ``ratio`` over bodies
+    calibrated: bool = False  #: True when fitted to a plate narrower than the strip
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.ratio <= 5 and 0 <= self.sigma <= 5):
+            raise InputError(
+                "Tension", f"found ratio {self.ratio}, sigma {self.sigma}; expected both in [0, 5]"
+            )
+
+
+def shear_modulus(
+    strain: Float[np.ndarray, "..."], stress_Pa: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "..."]:
+    """Shear modulus G(eps) [Pa] of a compressed column, from its stress at that strain (> 0)."""
+    return stress_Pa * (1 - strain) / (strain * (2 - strain))
+
+
+def softening(material: FoamMaterial, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Loss of stress per sin(theta)^2 and unit kappa, ``- dG/deps / 6`` [Pa]."""
+    eps = np.maximum(np.asarray(strain, dtype=np.float64), SMALL_STRAIN)
+    stress, slope = material.stress(eps), material.slope(eps)
+    factor = (1 - eps) / (eps * (2 - eps))
+    # d/deps of (1 - eps) / (2 eps - eps^2) is -(eps^2 - 2 eps + 2) / (2 eps - eps^2)^2.
+    factor_slope = -(eps**2 - 2 * eps + 2) / (eps * (2 - eps)) ** 2
+    return -(slope * factor + stress * factor_slope) / 6
+
+
+def contour_force(
+    s_m: Float[np.ndarray, "k"], delta_m: Float[np.ndarray, "k"], material: FoamMaterial
+) -> tuple[float, float]:
+    """Force of one whole impression: (enlarged law [N], what unit kappa takes away from it [N]).
+
+    The force of the tension law is ``first - kappa * second``. Trapezoid rule on
+    the real spacing of the points.
+    """
+    strain = np.maximum(delta_m, 0.0) / material.width_m
+    spacing = np.diff(s_m)
+    enlarged = material.height_m * float(np.trapezoid(material.stress(strain), s_m))
+    slope = np.diff(np.maximum(delta_m, 0.0)) / spacing
+    middle = 0.5 * (strain[1:] + strain[:-1])
+    sine2 = slope**2 / (1 + slope**2)
+    return enlarged, material.height_m * float(softening(material, middle) @ (sine2 * spacing))
+
+
+def calibrate_tension(
+    records: Sequence[PlateRecord],
+    material: FoamMaterial,
+    *,
+    spacing_m: float = 0.003,
+    where: str = "plate records",
+) -> Tension:
+    """Fit kappa to contours under a body that is narrower than the strip.
+
+    The contours are sampled as sparsely as the camera will sample them (mean over
+    eight phases), because the slope of a plate's flank depends on the spacing. The
+    standard deviation is the misfit over the depths, and never less than a fifth of
+    kappa, which is how much other bodies differ.
+
+    Raises
+    ------
+    CalibrationError
+        The plate covers the whole record, or its forces don't fit the material.
+    """
+    taken, enlarged, relief = [], [], []
+    for record in records:
+        top = float(record.delta_m.max())
+        if not 0.04 * material.width_m <= top <= material.densification_strain * material.width_m:
+            continue
+        ends = max(float(record.delta_m[0]), float(record.delta_m[-1]))
+        if ends > 0.05 * top:
+            raise CalibrationError(
+                where,
+                f"at depth {record.depth_m:g} m the contour ends {ends * 1e3:.2f} mm deep, expected 0",
+                remedy="use a plate narrower than the strip and record the contour beyond its flanks",
+            )
+        samples = []
+        for phase in np.arange(8) / 8:
+            s = np.arange(record.s_m[0] + phase * spacing_m, record.s_m[-1], spacing_m)
+            samples.append(contour_force(s, np.interp(s, record.s_m, record.delta_m), material))
+        mean = np.mean(samples, axis=0)
+        taken.append(record.force_N)
+        enlarged.append(mean[0])
+        relief.append(mean[1])
+    if len(taken) < 2:
+        raise CalibrationError(
+            where,
+            f"found {len(taken)} usable depths between strain 0.04 and densification, expected 2 or more",
+        )
+    force = np.array(taken)
+    excess, effect = np.array(enlarged) / force - 1, np.array(relief) / force
+    weight = float(effect @ effect)
+    worst = float(np.max(np.abs(excess)))
+    if worst > 0.25:
+        raise CalibrationError(
+            where,
+            f"the forces differ by {100 * worst:.0f} % from the material's curve, expected less than 25 %",
+            remedy="calibrate with the same strip; check its height and width",
+        )
+    if weight < 1e-6:
+        raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
+    kappa = float(effect @ excess) / weight
+    misfit = excess - kappa * effect
+    sigma = float(np.sqrt(misfit @ misfit / (len(force) - 1) / weight * len(force)))
+    if not -2 * sigma <= kappa <= 2.0:
+        raise CalibrationError(
+            where,
+            f"found a tension ratio of {kappa:.2f} +- {sigma:.2f}, expected 0 to 2",
+            remedy="the plate and the strip calibration disagree; repeat both",
+        )
+    kappa = max(kappa, 0.0)
+    return Tension(kappa, max(sigma, 0.2 * kappa), True)

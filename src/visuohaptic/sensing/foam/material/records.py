@@ -1,0 +1,236 @@
+"""Press records in: stress over strain, and contours under a plate, from CSV files that are distrusted."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ....core.errors import CalibrationError
+from ....core.files import read_text
+
+__all__ = ["PlateRecord", "StrainStress", "read_plate", "read_strain_stress"]
+
+#: Larger files are refused: a press log of an hour at 100 Hz is about 10 MB.
+MAX_BYTES = 64 * 1024 * 1024
+#: A foam whose stress stays below this is softer than any; kPa without their name look so [Pa].
+SOFTEST_Pa = 150.0
+
+_STRAIN = {"strain": 1.0, "strain_percent": 0.01, "strain_pct": 0.01, "strain_%": 0.01}
+_STRESS = {"stress": 1.0, "stress_pa": 1.0, "stress_kpa": 1e3, "stress_mpa": 1e6}
+_DIRECTION = ("direction", "direction_of_loading", "loading_direction")
+_LOADING = {"loading", "load", "increasing", "up", "1", "+1"}
+_UNLOADING = {"unloading", "unload", "decreasing", "down", "-1"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StrainStress:
+    """Calibration points in the order of measurement; compression positive."""
+
+    strain: Float[np.ndarray, "n"]
+    stress_Pa: Float[np.ndarray, "n"]
+    direction: Int[np.ndarray, "n"]  #: +1 loading, -1 unloading
+    where: str = "strain and stress"  #: file, for messages
+
+    @property
+    def loading(self) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Strain and stress of the points of rising load."""
+        return self.strain[self.direction > 0], self.stress_Pa[self.direction > 0]
+
+    @property
+    def unloading(self) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+        """Strain and stress of the points of falling load."""
+        return self.strain[self.direction < 0], self.stress_Pa[self.direction < 0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateRecord:
+    """One depth of a body pressed into the strip: the contour and the force on the body."""
+
+    depth_m: float
+    force_N: float
+    s_m: Float[np.ndarray, "k"]
+    delta_m: Float[np.ndarray, "k"]
+
+
+def direction_from_order(strain: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
+    """Derive the direction of loading from the order of the points.
+
+    The record is split at its turning points; wiggles smaller than 5 % of the
+    strain range are noise and don't turn the direction.
+    """
+    threshold = 0.05 * float(np.ptp(strain))
+    direction = np.ones(len(strain), dtype=np.int64)
+    turn, sign = 0, 1
+    for i in range(1, len(strain)):
+        if sign * (strain[i] - strain[turn]) >= 0:
+            turn = i
+        elif sign * (strain[turn] - strain[i]) > threshold:
+            direction[turn + 1 :] = -sign
+            turn, sign = i, -sign
+    return direction
+
+
+def read_strain_stress(path: Path | str) -> StrainStress:
+    """Read ``strain, stress_Pa[, direction]`` from a CSV file.
+
+    The unit is in the column's name: ``strain`` (1) or ``strain_percent``, and
+    ``stress_Pa`` (or ``stress``), ``stress_kPa`` or ``stress_MPa``. The direction is ``loading`` or
+    ``unloading``; without that column it follows from the order of the strain.
+
+    Raises
+    ------
+    CalibrationError
+        A column is missing or a row cannot be read; the message has the line.
+    """
+    rows, names = _rows(path)
+    strain_name = _one_of(path, names, _STRAIN, "strain")
+    stress_name = _one_of(path, names, _STRESS, "stress")
+    direction_name = next((name for name in _DIRECTION if name in names), "")
+    strain, stress, direction, lines = [], [], [], []
+    for line, row in rows:
+        strain.append(_number(path, line, row, strain_name) * _STRAIN[strain_name])
+        stress.append(_number(path, line, row, stress_name) * _STRESS[stress_name])
+        lines.append(line)
+        if direction_name:
+            text = row[direction_name].strip().lower()
+            if text not in _LOADING and text not in _UNLOADING:
+                raise CalibrationError(
+                    path,
+                    f"found {text[:20]!r}, expected loading or unloading",
+                    field=f"line {line}: {direction_name}",
+                )
+            direction.append(1 if text in _LOADING else -1)
+    strain_values, stress_values = np.array(strain), np.array(stress)
+    too_far = np.flatnonzero((strain_values < -0.01) | (strain_values >= 1.0))
+    if len(too_far):
+        i = int(too_far[0])
+        percent = strain_values.max() > 1.5
+        raise CalibrationError(
+            path,
+            f"found strain {strain_values[i]:g}, expected 0 <= strain < 1",
+            field=f"line {lines[i]}: {strain_name}",
+            remedy="name the column strain_percent if it is in percent" if percent else "",
+        )
+    if stress_values.size and _STRESS[stress_name] == 1.0 and 0 < stress_values.max() < SOFTEST_Pa:
+        raise CalibrationError(
+            path,
+            f"found at most {stress_values.max():g} Pa, expected more than {SOFTEST_Pa:g} Pa: no foam is so soft",
+            field=stress_name,
+            remedy="name the column stress_kPa or stress_MPa if it is in these",
+        )
+    if not direction_name:
+        directions = direction_from_order(strain_values)
+    else:
+        directions = np.array(direction, dtype=np.int64)
+    return StrainStress(strain_values, stress_values, directions, str(path))
+
+
+def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
+    """Read contours under a body: ``depth_m, force_N, s_m, delta_m`` in long format.
+
+    Raises
+    ------
+    CalibrationError
+        A column is missing, a row cannot be read, or a depth has too few points.
+    """
+    rows, names = _rows(path)
+    for name in ("depth_m", "force_n", "s_m", "delta_m"):
+        if name not in names:
+            raise CalibrationError(path, f"found columns {', '.join(names)}; expected {name}", field="line 1")
+    table = np.array(
+        [
+            [_number(path, line, row, n) for n in ("depth_m", "force_n", "s_m", "delta_m")]
+            for line, row in rows
+        ]
+    )
+    records = []
+    for depth in np.unique(table[:, 0]):
+        part = table[table[:, 0] == depth]
+        part = part[np.argsort(part[:, 2], kind="stable")]
+        where = f"depth {depth:g} m"
+        if len(part) < 10 or np.any(np.diff(part[:, 2]) <= 0):
+            raise CalibrationError(
+                path, f"found {len(part)} points, expected 10 or more at different s_m", field=where
+            )
+        if np.ptp(part[:, 1]) > 1e-9 + 1e-6 * abs(part[0, 1]) or part[0, 1] <= 0:
+            raise CalibrationError(path, "expected one positive force_N for the whole depth", field=where)
+        records.append(PlateRecord(float(depth), float(part[0, 1]), part[:, 2].copy(), part[:, 3].copy()))
+    return tuple(records)
+
+
+def _rows(path: Path | str) -> tuple[list[tuple[int, dict[str, str]]], list[str]]:
+    path = Path(path)
+    text = read_text(path, MAX_BYTES, error=CalibrationError)
+    lines = _lines(path, text)
+    first = next(lines, None)
+    if first is None:
+        raise CalibrationError(path, "is empty, expected a header line and rows")
+    names = [name.strip().lower().replace(" ", "_") for name in first[1]]
+    if any(_is_number(name) for name in names):
+        raise CalibrationError(
+            path,
+            "found numbers, expected a header with column names",
+            field=f"line {first[0]}",
+            remedy="start the file with: strain,stress_Pa,direction",
+        )
+    if len(set(names)) != len(names):
+        raise CalibrationError(path, "found a column name twice", field=f"line {first[0]}")
+    rows = []
+    for line, cells in lines:
+        if len(cells) != len(names):
+            raise CalibrationError(
+                path, f"found {len(cells)} cells, expected {len(names)}", field=f"line {line}"
+            )
+        rows.append((line, dict(zip(names, cells, strict=True))))
+    if not rows:
+        raise CalibrationError(path, "has a header but no rows")
+    return rows, names
+
+
+def _lines(path: Path, text: str) -> Iterator[tuple[int, list[str]]]:
+    delimiter = ";" if text.partition("\n")[0].count(";") > text.partition("\n")[0].count(",") else ","
+    reader = csv.reader(text.splitlines(), delimiter=delimiter)
+    try:
+        for cells in reader:
+            if cells and any(cell.strip() for cell in cells) and not cells[0].lstrip().startswith("#"):
+                yield reader.line_num, cells
+    except csv.Error as error:
+        raise CalibrationError(path, f"is not CSV: {error}", field=f"line {reader.line_num}") from error
+
+
+def _one_of(path: Path | str, names: list[str], known: dict[str, float], what: str) -> str:
+    found = [name for name in names if name in known]
+    if len(found) != 1:
+        raise CalibrationError(
+            path,
+            f"found columns {', '.join(names)[:120]}; expected one of {', '.join(known)} for the {what}",
+            field="header",
+            remedy="name the columns with their unit, for example strain,stress_Pa,direction",
+        )
+    return found[0]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _number(path: Path | str, line: int, row: dict[str, str], name: str) -> float:
+    text = row[name].strip()
+    try:
+        value = float(text)
+    except ValueError:
+        raise CalibrationError(
+            path, f"found {text[:20]!r}, expected a number", field=f"line {line}: {name}"
+        ) from None
+    if not np.isfinite(value):
+        raise CalibrationError(path, f"found {text}, expected a finite number", field=f"line {line}: {name}")
+    return value

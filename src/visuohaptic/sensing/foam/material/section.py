@@ -1,0 +1,153 @@
+"""Foam rods whose cross section is thinner at the front (Alt 2016, Fig. 3.2 and 3.4).
+
+Symbols: y position through the width, h(y) height of the section there, N force
+per length of the strip. Slabs of the rod are columns of foam in series: each
+carries the same N, so that the thin front compresses first,
+
+    m(eps(y)) = N / h(y),    strain of the rod = mean over y of eps(y),
+
+and the stress of the rod is N / h with the full height h, "related to the same
+area" as the rectangle for comparison.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ....core.errors import InputError
+from .calibration import fit_curve, plateau
+from .foam_material import FoamMaterial
+from .stress_curve import StressCurve
+
+__all__ = ["Section", "force_sigma", "section_height", "section_material", "section_stress", "sensitivity"]
+
+Section = Literal["rectangle", "triangle", "trapezoid"]
+
+#: Height of the front of each section relative to its back; a triangle is cut at a fiftieth,
+#: because the stress at a sharp edge is infinite.
+FRONT_RATIO: dict[Section, float] = {"rectangle": 1.0, "triangle": 0.02, "trapezoid": 0.5}
+
+
+def section_height(
+    section: Section, y_relative: Float[np.ndarray, "n"], front_ratio: float | None = None
+) -> Float[np.ndarray, "n"]:
+    """Height of the section relative to its back; ``y_relative`` is 0 at the back, 1 at the front."""
+    if section not in FRONT_RATIO:
+        raise InputError("section", f"found {section!r}, expected one of {', '.join(FRONT_RATIO)}")
+    front = FRONT_RATIO[section] if front_ratio is None else front_ratio
+    if not 0 < front <= 1:
+        raise InputError("front_ratio", f"found {front}, expected 0 < front_ratio <= 1")
+    return 1.0 - (1.0 - front) * y_relative
+
+
+def section_stress(
+    curve: StressCurve, section: Section, *, front_ratio: float | None = None, slabs: int = 200
+) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"]]:
+    """Strain of the rod and its stress related to the full height [Pa].
+
+    The table ends where the front slab reaches the end of the base material's
+    calibration; a rod can't be read beyond it. For the triangle, whose sharp front
+    is crushed at any load, slabs go on along the tangent of the curve, at most
+    to a strain of 0.9, and the table ends when half of the rod is beyond.
+    """
+    y = (np.arange(slabs) + 0.5) / slabs
+    height = section_height(section, y, front_ratio)
+    # Inverse of the curve by a dense table: it is monotone.
+    strain = np.linspace(0.0, curve.max_strain, 4000)
+    stress = curve.stress(strain)
+    end_slope = float(curve.slope(np.array(curve.max_strain)))
+    load = stress[-1] * np.linspace(0.0, 1.0, 400) ** 1.5
+    load = load * (
+        0.5 if section == "triangle" else float(section_height(section, np.array(1.0), front_ratio))
+    )
+    local = load[:, None] / height[None, :]
+    inside = np.interp(local, stress, strain)
+    # Foam densifies: the tangent underestimates its stiffness, and nothing is compressed away.
+    beyond = np.maximum(local - stress[-1], 0.0) / end_slope
+    limit = max(0.9, curve.max_strain)
+    return np.minimum(inside + beyond, limit).mean(axis=1), load
+
+
+def section_material(
+    material: FoamMaterial, section: Section, *, front_ratio: float | None = None
+) -> FoamMaterial:
+    """Material of a rod of the given section, cut from the same foam as the rectangle.
+
+    The covariance is carried over by finite differences of the parameters. The rod
+    has no unloading curve of its own and keeps the tension ratio; both are better
+    calibrated on the rod itself.
+    """
+    if section == "rectangle":
+        return replace(material, section=section)
+    strain, stress = section_stress(material.loading, section, front_ratio=front_ratio)
+    strain, keep = np.unique(strain, return_index=True)
+    stress = stress[keep]
+    fit = fit_curve(strain, stress, where=f"{section} section")
+    base = material.loading
+    design = fit.curve.basis(strain)
+    inverse = np.linalg.pinv(design)
+    deviations, directions = np.linalg.eigh(base.covariance)
+    columns = []
+    for variance, direction in zip(deviations, directions.T, strict=True):
+        # One standard deviation along each principal direction: differences are of the size that matters.
+        shift = np.sqrt(max(variance, 0.0)) * direction
+        if not np.any(shift):
+            continue
+        moved = replace(base, parameters=base.parameters + shift)
+        if moved.minimum_slope()[1] <= 0:
+            shift = 0.1 * shift
+            moved = replace(base, parameters=base.parameters + shift)
+            factor = 10.0
+        else:
+            factor = 1.0
+        other = section_stress(moved, section, front_ratio=front_ratio)
+        columns.append(factor * (inverse @ (np.interp(strain, *other) - stress)))
+    jacobian = np.array(columns).reshape(len(columns), design.shape[1])
+    curve = replace(fit.curve, covariance=jacobian.T @ jacobian)
+    working, densification = plateau(curve)
+    return replace(
+        material,
+        loading=curve,
+        unloading=None,
+        unloading_peak_strain=0.0,
+        hysteresis=None,
+        working_strain=working,
+        densification_strain=densification,
+        residual_Pa=float(np.hypot(material.residual_Pa, fit.residual_Pa)),
+        section=section,
+    )
+
+
+def sensitivity(
+    material: FoamMaterial,
+    strain: Float[np.ndarray, "n"],
+    *,
+    distance_m: float = 0.3,
+    gamma_rad: float = np.radians(70.0),
+    focal_px: float = 1800.0,
+) -> Float[np.ndarray, "n"]:
+    """Change of pressure per pixel, Eq. (3.9): ``dm/d delta * d / (f sin gamma)`` [Pa/px].
+
+    The defaults are those of Fig. 3.4. Printed as sin^-1; 1 / sin is meant.
+    """
+    if not (distance_m > 0 and focal_px > 0 and 0 < gamma_rad <= np.pi / 2):
+        raise InputError(
+            "sensitivity",
+            f"found d {distance_m} m, f {focal_px} px, gamma {gamma_rad} rad; "
+            "expected d > 0, f > 0, 0 < gamma <= pi/2",
+        )
+    return material.slope(strain) / material.width_m * distance_m / (focal_px * np.sin(gamma_rad))
+
+
+def force_sigma(
+    sensitivity_Pa_px: float, points: int, spacing_m: float, height_m: float, sigma_px: float
+) -> float:
+    """Standard deviation of the force of N equal contact points, Eq. (3.10) [N].
+
+    The factor sqrt 2 stands for the two contours, front and reference.
+    """
+    return float(np.sqrt(2.0 * points) * height_m * spacing_m * sensitivity_Pa_px * sigma_px)

@@ -1,0 +1,144 @@
+"""A stress curve that is linear in its parameters: cubic as published, or a monotone spline.
+
+Symbols: eps strain, P parameters, N pieces. Every curve is a piecewise cubic,
+``m(eps) = sum_j parameters[j] * basis_j(eps)``, so that its covariance
+propagates exactly. The stress at zero strain is zero, a negative strain (foam
+that stands out) carries no stress, and beyond the last strain the curve goes on
+along its tangent, so that it never folds back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from ....core.errors import InputError
+
+__all__ = ["CurveKind", "StressCurve"]
+
+CurveKind = Literal["spline", "cubic"]
+
+
+@dataclass(frozen=True, eq=False)
+class StressCurve:
+    """Nominal stress over strain, m_P of Eq. (3.2) or its monotone counterpart.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> curve = StressCurve("cubic", np.array([0.0, 0.6]), np.array([4e4, -1e5, 1e5]), np.eye(3))
+    >>> float(np.round(curve.stress(np.array([0.1]))[0], 6))
+    3100.0
+    """
+
+    kind: CurveKind
+    knots: Float[np.ndarray, "n"]  #: increasing strains from 0 to the end of the calibrated range
+    parameters: Float[np.ndarray, "p"]  #: cubic: c1, c2, c3 [Pa]; spline: B-spline coefficients [Pa]
+    covariance: Float[np.ndarray, "p p"]  #: of ``parameters`` [Pa^2]
+
+    def __post_init__(self) -> None:
+        expected = 3 if self.kind == "cubic" else len(self.knots) + 1
+        sound = (
+            self.knots.ndim == 1
+            and len(self.knots) >= 2
+            and bool(np.all(np.isfinite(self.knots)))
+            and self.knots[0] == 0.0
+            and bool(np.all(np.diff(self.knots) > 0))
+            and self.knots[-1] < 1.0
+        )
+        if not sound:
+            raise InputError("StressCurve", "knots must rise from exactly 0 to less than 1", field="knots")
+        if self.parameters.shape != (expected,) or self.covariance.shape != (expected, expected):
+            raise InputError(
+                "StressCurve",
+                f"found {self.parameters.shape} parameters and covariance {self.covariance.shape}, "
+                f"expected {expected} for a {self.kind} with {len(self.knots)} knots",
+                field="parameters",
+            )
+        if not (np.all(np.isfinite(self.parameters)) and np.all(np.isfinite(self.covariance))):
+            raise InputError("StressCurve", "parameters and covariance must be finite", field="parameters")
+
+    @property
+    def max_strain(self) -> float:
+        """End of the calibrated range."""
+        return float(self.knots[-1])
+
+    @cached_property
+    def basis_pieces(self) -> Float[np.ndarray, "pieces p 4"]:
+        """Polynomial coefficients of every basis function on every piece, lowest power first.
+
+        On piece n, ``basis_j(eps) = sum_k basis_pieces[n, j, k] * (eps - knots[n])**k``.
+        """
+        if self.kind == "cubic":
+            pieces = np.zeros((len(self.knots) - 1, 3, 4))
+            for piece, start in enumerate(self.knots[:-1]):
+                # Taylor expansion of x, x^2, x^3 about the start of the piece.
+                pieces[piece, 0] = [start, 1, 0, 0]
+                pieces[piece, 1] = [start**2, 2 * start, 1, 0]
+                pieces[piece, 2] = [start**3, 3 * start**2, 3 * start, 1]
+            return pieces
+        from scipy.interpolate import BSpline, PPoly
+
+        clamped = np.concatenate([np.full(3, self.knots[0]), self.knots, np.full(3, self.knots[-1])])
+        count = len(clamped) - 4
+        pieces = np.zeros((len(self.knots) - 1, count - 1, 4))
+        for j in range(1, count):  # the first basis function is the stress at zero strain: left out
+            poly = PPoly.from_spline(BSpline(clamped, np.eye(count)[j], 3))
+            inside = poly.c[::-1, 3 : 3 + len(self.knots) - 1]
+            pieces[:, j - 1, :] = inside.T
+        return pieces
+
+    @cached_property
+    def pieces(self) -> Float[np.ndarray, "pieces 4"]:
+        """Polynomial coefficients of the curve itself on every piece [Pa], lowest power first."""
+        return np.ascontiguousarray(np.einsum("npk,p->nk", self.basis_pieces, self.parameters))
+
+    def basis(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... p"]:
+        """Basis functions at the strains: the derivative of the stress by each parameter."""
+        strain = np.asarray(strain, dtype=np.float64)
+        clipped = np.clip(strain, 0.0, self.max_strain)
+        piece = self._piece(clipped)
+        x = (clipped - self.knots[piece])[..., None]
+        c = self.basis_pieces[piece]
+        value = c[..., 0] + x * (c[..., 1] + x * (c[..., 2] + x * c[..., 3]))
+        slope = c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
+        beyond = np.maximum(strain - self.max_strain, 0.0)[..., None]
+        return value + slope * beyond
+
+    def stress(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Nominal stress [Pa]."""
+        strain = np.asarray(strain, dtype=np.float64)
+        clipped = np.clip(strain, 0.0, self.max_strain)
+        piece = self._piece(clipped)
+        x = clipped - self.knots[piece]
+        c = self.pieces[piece]
+        value = c[..., 0] + x * (c[..., 1] + x * (c[..., 2] + x * c[..., 3]))
+        return value + self.slope(clipped) * np.maximum(strain - self.max_strain, 0.0)
+
+    def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Derivative of the stress by the strain [Pa]; that of zero strain below it."""
+        clipped = np.clip(np.asarray(strain, dtype=np.float64), 0.0, self.max_strain)
+        piece = self._piece(clipped)
+        x = clipped - self.knots[piece]
+        c = self.pieces[piece]
+        return c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
+
+    def stress_sigma(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+        """Standard deviation of the stress from the fit's covariance [Pa]."""
+        basis = self.basis(strain)
+        variance = np.einsum("...p,pq,...q->...", basis, self.covariance, basis)
+        return np.sqrt(np.maximum(variance, 0.0))
+
+    def minimum_slope(self) -> tuple[float, float]:
+        """The strain in the calibrated range with the lowest slope, and that slope [Pa]."""
+        strain = np.linspace(0.0, self.max_strain, 1001)
+        slope = self.slope(strain)
+        lowest = int(np.argmin(slope))
+        return float(strain[lowest]), float(slope[lowest])
+
+    def _piece(self, clipped: Float[np.ndarray, "..."]) -> np.ndarray:
+        return np.clip(np.searchsorted(self.knots, clipped, side="right") - 1, 0, len(self.knots) - 2)

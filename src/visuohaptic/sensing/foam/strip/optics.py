@@ -1,0 +1,284 @@
+"""The optical half of the foam sensor: from an image to the width of the strip at each point."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ....core.camera.frame import Frame
+from ....core.camera.plane import PlaneView
+from ....core.errors import InputError
+from ....tracking.contours.contour import Contour, ContourSettings, ContourTracker, PointReason
+from ....tracking.contours.lines import ConstraintLines
+from ._reference import ImageMotion, fit_motion, motion_basis
+from .appearance import front_grey, interior_grey
+from .config import TrackingSection
+from .geometry import StripGeometry
+from .stripe_view import StripeView
+from .zero import ZeroReference
+
+__all__ = ["BaseView", "ObservedStrip", "StripOptics"]
+
+_POLARITY = {"brighter": 1, "darker": -1, "either": 0}
+
+#: The front is searched from this fraction of the width ...
+_SEARCH_FROM = 0.12
+#: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
+_SEARCH_TO = 1.12
+
+#: Motion of the base tells a change of distance no better than with a lever of this length.
+_SHORTEST_LEVER_PX = 30.0
+
+#: A shaking camera moves within a frame up to this many times faster than from frame to frame.
+_SHAKE_FACTOR = 3.0
+
+_DOUBTFUL = (PointReason.POOR_FIT, PointReason.JUMP)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservedStrip:
+    """What one image shows of the strip; K points."""
+
+    t_s: float
+    grey: UInt8[np.ndarray, "rows columns"]  #: the image
+    reference: Contour  #: reference contour (B) as tracked
+    front: Contour  #: front contour as tracked
+    reference_px: Float[np.ndarray, "K"]  #: reference contour as used, along the model's lines
+    reference_points_px: Float[np.ndarray, "K 2"]
+    front_points_px: Float[np.ndarray, "K 2"]
+    front_foam_m: Float[np.ndarray, "K 2"]  #: front contour in frame F
+    width_m: Float[np.ndarray, "K"]  #: distance between both contours along the deflection
+    width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation, noise and what texture may shift
+    width_noise_m: Float[np.ndarray, "K"]  #: the part of it that changes from frame to frame
+    foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
+    front_grey: Float[np.ndarray, "K"]  #: mean grey level just before the front
+    usable: Bool[np.ndarray, "K"]
+    doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
+    motion: ImageMotion  #: of the base in the image since the zero reference was taken
+    moved_px: float  #: largest shift of a reference point by that motion
+    common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
+    blur_px: float  #: median blur of the front, pixel included; NaN where none was seen
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BaseView:
+    """The reference contour in one image; K points."""
+
+    reference: Contour  #: as tracked
+    position_px: Float[np.ndarray, "K"]  #: as used, along the model's lines
+    sigma_px: Float[np.ndarray, "K"]
+    motion: ImageMotion  #: since the zero reference was taken
+    moved_px: float  #: largest shift of a point by a motion that should not be
+
+
+class StripOptics:
+    """Tracks both contours of a strip that is seen under a known pose."""
+
+    def __init__(
+        self,
+        geometry: StripGeometry,
+        tracking: TrackingSection,
+        plane: PlaneView,
+        *,
+        stripe: StripeView | None = None,
+    ) -> None:
+        self.geometry = geometry
+        self.tracking = tracking
+        self.stripe = stripe
+        #: Distance from the back to the tracked edge at rest: the front, or the inner edge of a stripe.
+        self.rest_width_m = geometry.width_m - (stripe.width_m if stripe is not None else 0.0)
+        self._front_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.foam_is]))
+        self._reference_tracker = ContourTracker(ContourSettings(polarity=-_POLARITY[tracking.base_is]))
+        self.forget_motion()
+        self.place(plane)
+
+    def reset(self) -> None:
+        """Forget the previous frame."""
+        self._front_tracker.reset()
+        self._reference_tracker.reset()
+        if self.stripe is not None:
+            self.stripe.reset()
+        self.forget_motion()
+
+    def forget_motion(self) -> None:
+        """Forget how fast the camera moved, after a pause."""
+        self._last_motion: tuple[float, np.ndarray] | None = None
+        self._last_velocity: np.ndarray | None = None
+
+    def place(self, plane: PlaneView) -> None:
+        """Lay the lines of the geometric model into the image."""
+        geometry = self.geometry
+        width = self.rest_width_m
+        self.plane = plane
+        origin = plane.project(geometry.back_m)
+        front = plane.project(geometry.back_m + width * geometry.outward)
+        size = np.array([plane.camera.width - 1, plane.camera.height - 1])
+        outside = ~((origin >= 0) & (origin <= size) & (front >= 0) & (front <= size)).all(axis=1)
+        if outside.any():
+            raise InputError(
+                "T_camera_foam",
+                f"{int(outside.sum())} of {len(origin)} points of the strip are outside the image",
+                remedy="check T_camera_foam and strip in sensor.yaml",
+            )
+        self._origin_px = np.ascontiguousarray(origin)
+        self._length_px = np.linalg.norm(front - origin, axis=1)
+        self._direction_px = np.ascontiguousarray((front - origin) / self._length_px[:, None])
+        # A camera that comes closer by the fraction q moves each point by q times this along its line.
+        principal = plane.camera.matrix[:2, 2]
+        along = np.abs(np.einsum("ki,ki->k", origin - principal, self._direction_px))
+        self._depth_lever_px = max(float(along.max()), _SHORTEST_LEVER_PX)
+        spacing = np.linalg.norm(np.gradient(origin, axis=0), axis=1)
+        self._half_width_px = 0.5 * spacing
+        self._basis_scale = (origin.mean(axis=0), 0.5 * float(np.linalg.norm(origin[-1] - origin[0])))
+        self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
+
+    def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
+        """Track both contours; ``None`` when the reference contour cannot be found."""
+        grey = frame.grey
+        base = self.find_base(grey, zero)
+        return None if base is None else self.find_front(frame, grey, base)
+
+    def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
+        """Track the reference contour; ``None`` when it cannot be found."""
+        search = self.tracking.reference_search_px
+        expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
+        lines = ConstraintLines(
+            self._origin_px, self._direction_px, expected - search, expected + search, self._half_width_px
+        )
+        reference = self._reference_tracker.track(grey, lines)
+        shift = reference.position_px - expected
+        motion = fit_motion(self._basis, shift, reference.sigma_px, reference.valid)
+        if motion is None:
+            return None
+        moved = self._basis @ motion.parameters
+        if zero is not None:
+            position = expected + moved
+            sigma = np.sqrt(np.einsum("ki,ij,kj->k", self._basis, motion.covariance, self._basis))
+        else:
+            # The zero itself keeps each point where it was seen: the base need not be a perfect curve.
+            position = np.where(reference.valid, reference.position_px, moved)
+            sigma = reference.sigma_px
+        return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
+
+    def find_front(self, frame: Frame, grey: np.ndarray, base: BaseView) -> ObservedStrip:
+        """Track the front contour, seen from the reference contour of the same image."""
+        base_px = self._origin_px + base.position_px[:, None] * self._direction_px
+        # The visible width ends where the geometric model's front is, seen from the moved reference.
+        length = self._length_px - base.position_px
+        lines = ConstraintLines(
+            base_px, self._direction_px, _SEARCH_FROM * length, _SEARCH_TO * length, self._half_width_px
+        )
+        if self.stripe is None:
+            front = self._front_tracker.track(grey, lines)
+        else:
+            front = self.stripe.track(frame, lines)
+        skew_px, skew_sigma_px = self._rolling_shutter_px(base.motion, base_px, front, frame.t_s)
+        position = front.position_px - skew_px
+        front_px = base_px + position[:, None] * self._direction_px
+        back_m, front_m, back_slope, front_slope = self._cast(base_px, front_px)
+        outward = self.geometry.outward
+        width = np.einsum("ki,ki->k", front_m - back_m, outward)
+        skew_m = np.broadcast_to(front_slope * skew_sigma_px, width.shape)
+        # Motion shifts all points alike; what one of them may move more than the others is its own.
+        common = float(np.nanmedian(skew_m))
+        own = np.sqrt(np.maximum(skew_m**2 - common**2, 0.0))
+        sigma = np.hypot(np.hypot(front_slope * front.sigma_px, own), back_slope * base.sigma_px)
+        noise = np.hypot(front_slope * front.noise_px, back_slope * base.sigma_px)
+        finite = np.isfinite(width) & np.isfinite(sigma)
+        extent = np.nan_to_num(position, nan=-1.0)
+        return ObservedStrip(
+            frame.t_s,
+            grey,
+            base.reference,
+            front,
+            base.position_px,
+            base_px,
+            front_px,
+            front_m,
+            width,
+            sigma,
+            noise,
+            interior_grey(grey, base_px, self._direction_px, extent),
+            front_grey(grey, np.nan_to_num(front_px, nan=-1.0), self._direction_px, extent),
+            front.valid & finite,
+            ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
+            base.motion,
+            base.moved_px,
+            float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
+            float(np.median(front.blur_px[front.valid])) if front.valid.any() else float("nan"),
+        )
+
+    def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
+        """Where a front that lies ``width_m`` [m] before the back is on each line, from its origin [px]."""
+        base_px = strip.reference_points_px
+        back_m = self.plane.cast(base_px)[:, :2]
+        front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
+        return np.einsum("ki,ki->k", front_px - base_px, self._direction_px)
+
+    @property
+    def direction_px(self) -> Float[np.ndarray, "K 2"]:
+        """Unit directions of the lines in the image, from back to front."""
+        return self._direction_px
+
+    def visible_width_m(self, frame: Frame) -> float:
+        """Median distance from the back to the first strong edge before it, however far [m].
+
+        NaN where the back or an edge is not found at half of the points: what the strip measures when
+        it is not as wide as declared.
+        """
+        grey = frame.grey
+        base = self.find_base(grey, None)
+        if base is None or self.stripe is not None:
+            return float("nan")
+        base_px = self._origin_px + base.position_px[:, None] * self._direction_px
+        size = np.array([grey.shape[1] - 1.0, grey.shape[0] - 1.0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ahead = np.where(self._direction_px > 0, size - base_px, -base_px) / self._direction_px
+        border = np.nanmin(np.where(self._direction_px == 0, np.inf, ahead), axis=1) - 1.0
+        lines = ConstraintLines(
+            base_px, self._direction_px, _SEARCH_FROM * self._length_px, border, self._half_width_px
+        )
+        front = ContourTracker(self._front_tracker.settings).track(grey, lines)
+        if 2 * front.valid.sum() < len(front.valid):
+            return float("nan")
+        back_m, front_m = self.plane.cast(np.concatenate([base_px, front.points_px])).reshape(2, -1, 2)[
+            ..., :2
+        ]
+        width = np.einsum("ki,ki->k", front_m - back_m, self.geometry.outward)
+        return float(np.median(width[front.valid]))
+
+    def _rolling_shutter_px(
+        self, motion: ImageMotion, base_px: np.ndarray, front: Contour, t_s: float
+    ) -> tuple[np.ndarray | float, np.ndarray | float]:
+        """How far motion moved each front point since its reference point was exposed, and its sigma.
+
+        Rows are exposed ``row_delay_s`` apart; the motion is that of the reference contour
+        since the last frame (Alt 2016, Sec. 3.3.2).
+        """
+        row_delay = self.plane.camera.row_delay_s
+        last, self._last_motion = self._last_motion, (t_s, motion.parameters)
+        if row_delay == 0.0 or last is None or t_s <= last[0]:
+            return 0.0, 0.0
+        velocity = (motion.parameters - last[1]) / (t_s - last[0])
+        delay = front.position_px * self._direction_px[:, 1] * row_delay
+        basis = motion_basis(base_px, self._direction_px, *self._basis_scale)
+        change = velocity - (self._last_velocity if self._last_velocity is not None else velocity)
+        self._last_velocity = velocity
+        # A motion that changes from frame to frame may have done anything in between.
+        shake_px = _SHAKE_FACTOR * float(np.nanmax(np.abs((basis @ change) * delay)))
+        return (basis @ velocity) * delay, shake_px
+
+    def _cast(self, base_px: np.ndarray, front_px: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Both contours in frame F and the scale [m/px] along each line at either of them."""
+        count = len(base_px)
+        step = 0.5 * self._direction_px
+        pixels = np.concatenate(
+            [base_px, front_px, base_px + step, base_px - step, front_px + step, front_px - step]
+        )
+        points = self.plane.cast(pixels).reshape(6, count, 2)
+        outward = self.geometry.outward
+        back_slope = np.abs(np.einsum("ki,ki->k", points[2] - points[3], outward))
+        front_slope = np.abs(np.einsum("ki,ki->k", points[4] - points[5], outward))
+        return points[0], points[1], back_slope, front_slope

@@ -1,0 +1,267 @@
+"""The zero reference: what the strip looks like while nothing touches it, and how it drifts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field, FiniteFloat
+
+from ....core.errors import CalibrationError, InputError
+from ....core.files import load_yaml_model, save_yaml
+from ...config_fields import Section
+
+__all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
+
+#: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
+_WIDTH_TOLERANCE = 0.10
+
+#: Up to this share of the points, no two of them neighbours, may be missing: a line of the floor that meets
+#: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
+_UNSEEN_SHARE, _UNSEEN_SIGMA = 0.04, 0.01
+
+#: Arrays of the file.
+_REQUIRED = ("reference_px", "width_m", "width_sigma_m", "foam_grey")
+_OPTIONAL = ("front_ratio", "contrast")
+
+Numbers = Annotated[list[FiniteFloat], Field(min_length=8, max_length=2000)]
+
+
+class _ZeroFile(Section):
+    t_s: FiniteFloat
+    frames: Annotated[int, Field(ge=1)]
+    gain: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    reference_px: Numbers
+    width_m: Numbers
+    width_sigma_m: Numbers
+    foam_grey: Numbers
+    front_ratio: Numbers | None = None
+    contrast: Numbers | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZeroReference:
+    """The strip at rest; K points. Normalised strain is 0 here and 1 at the reference contour."""
+
+    t_s: float  #: time of the last frame that went in
+    frames: int  #: how many frames were averaged
+    reference_px: Float[np.ndarray, "K"]  #: reference contour along the lines of the geometric model
+    width_m: Float[np.ndarray, "K"]  #: distance from back to front
+    width_sigma_m: Float[np.ndarray, "K"]  #: its standard deviation
+    foam_grey: Float[np.ndarray, "K"]  #: mean grey level of the foam along each line
+    gain: float = 1.0  #: mean of ``foam_grey``, for tests of the light
+    #: Grey level just before the front by ``foam_grey``; ``None`` in files of older versions.
+    front_ratio: Float[np.ndarray, "K"] | None = None
+    contrast: Float[np.ndarray, "K"] | None = None  #: step at the front, signed [grey levels]
+
+    @classmethod
+    def from_samples(
+        cls,
+        t_s: float,
+        reference_px: Float[np.ndarray, "n K"],
+        width_m: Float[np.ndarray, "n K"],
+        foam_grey: Float[np.ndarray, "n K"],
+        *,
+        uncertainty_m: Float[np.ndarray, "K"] | float = 0.0,
+        front_grey: Float[np.ndarray, "n K"] | None = None,
+        contrast: Float[np.ndarray, "n K"] | None = None,
+        where: str = "zero",
+    ) -> ZeroReference:
+        """Average n frames of a strip that nothing touches; NaN marks points that were not seen.
+
+        Parameters
+        ----------
+        uncertainty_m
+            What each width may be wrong by in all frames alike, for example by texture at its edge.
+        front_grey, contrast
+            Grey level just before the front, and the step there.
+
+        Raises
+        ------
+        CalibrationError
+            Points were seen too seldom, or the strip moved while it was zeroed.
+        """
+        seen = np.isfinite(width_m).sum(axis=0)
+        missing = np.flatnonzero(seen < max(1, len(width_m) // 2))
+        if len(missing) > _UNSEEN_SHARE * width_m.shape[1] or (np.diff(missing) == 1).any():
+            raise CalibrationError(
+                where,
+                f"{len(missing)} of {width_m.shape[1]} contour points were seen in fewer than half of the "
+                f"{len(width_m)} frames",
+                remedy="free the view of the strip, check T_camera_foam and the light",
+            )
+        if len(missing):
+            known = np.setdiff1d(np.arange(width_m.shape[1]), missing)
+            width_m, reference_px, foam_grey = (
+                _filled(values, known, missing) for values in (width_m, reference_px, foam_grey)
+            )
+            uncertainty_m = np.broadcast_to(np.asarray(uncertainty_m, dtype=np.float64), seen.shape).copy()
+            uncertainty_m[missing] = _UNSEEN_SIGMA * float(np.nanmedian(width_m))
+        width = np.nanmedian(width_m, axis=0)
+        scatter = np.nanstd(width_m, axis=0, ddof=1) if len(width_m) > 1 else np.full(len(width), 1e-5)
+        if len(width_m) >= 4:
+            half = len(width_m) // 2
+            trend = np.nanmean(width_m[half:] - width_m[:1], axis=0)
+            moved = float(np.nanmedian(np.abs(trend)))
+            limit = 0.01 * float(np.median(width))
+            if moved > limit:
+                raise CalibrationError(
+                    where,
+                    f"the front moved by {moved * 1e3:.2f} mm while zeroing, expected less than "
+                    f"{limit * 1e3:.2f} mm",
+                    remedy="zero while nothing touches the strip",
+                )
+        return cls(
+            t_s,
+            len(width_m),
+            np.nanmedian(reference_px, axis=0),
+            width,
+            # The median costs a factor sqrt(pi/2) over the mean.
+            np.hypot(1.2533 * scatter / np.sqrt(np.maximum(seen, 1)), uncertainty_m),
+            np.nanmedian(foam_grey, axis=0),
+            float(np.nanmean(foam_grey)),
+            _middle(front_grey / foam_grey) if front_grey is not None else None,
+            _middle(contrast) if contrast is not None else None,
+        )
+
+    def save(self, path: Path | str) -> None:
+        """Write as YAML, whole or not at all."""
+        save_yaml(
+            path,
+            {
+                "t_s": self.t_s,
+                "frames": self.frames,
+                "gain": self.gain,
+                **{
+                    name: [float(f"{value:.9g}") for value in getattr(self, name)]
+                    for name in (*_REQUIRED, *_OPTIONAL)
+                    if getattr(self, name) is not None
+                },
+            },
+        )
+
+    @classmethod
+    def load(cls, path: Path | str, count: int) -> ZeroReference:
+        """Read a file of :meth:`save`; ``count`` is the number of contour points of the sensor."""
+        data = load_yaml_model(path, _ZeroFile)
+        arrays = {}
+        for name in (*_REQUIRED, *(name for name in _OPTIONAL if getattr(data, name) is not None)):
+            values = np.array(getattr(data, name))
+            if len(values) != count:
+                raise InputError(
+                    path,
+                    f"has {len(values)} points, the sensor has {count}",
+                    field=name,
+                    remedy="zero again: visuohaptic sense foam --zero",
+                )
+            arrays[name] = values
+        if (arrays["width_m"] <= 0).any() or (arrays["width_sigma_m"] < 0).any():
+            raise InputError(path, "found widths or sigmas that are not positive", field="width_m")
+        return cls(data.t_s, data.frames, **arrays, gain=data.gain)
+
+
+def check_width(measured_m: float, declared_m: float, where: Path | str, *, stripe_m: float = 0.0) -> None:
+    """Refuse a zero reference whose strip is not as wide as the foam's file says.
+
+    Measured is the distance between both tracked contours, on the foam's top plane under
+    ``T_camera_foam``: the width w along the compression. The height h lies along the view of the camera,
+    which cannot measure it.
+
+    Parameters
+    ----------
+    measured_m
+        Median distance from the back to the tracked edge [m].
+    declared_m
+        ``width_m`` of the foam's file [m].
+    where
+        What the message names: the file or the step.
+    stripe_m
+        Width of a colour stripe, whose inner edge is tracked in place of the front [m].
+
+    Raises
+    ------
+    CalibrationError
+        They are more than 10 % apart.
+    """
+    found = measured_m + stripe_m
+    if not abs(found - declared_m) <= _WIDTH_TOLERANCE * declared_m:
+        raise CalibrationError(
+            where,
+            f"the camera measures a strip {1e3 * found:.1f} mm wide, expected {1e3 * declared_m:.1f} mm "
+            f"+- {100 * _WIDTH_TOLERANCE:.0f} % (width_m of the foam)",
+            remedy="calibrate the foam again with the true --width, or mend T_camera_foam in sensor.yaml",
+        )
+
+
+def _middle(values: Float[np.ndarray, "n K"]) -> Float[np.ndarray, "K"] | None:
+    """Median over the frames, the strip's median where nothing was seen; ``None`` without any value."""
+    if not np.isfinite(values).any():
+        return None
+    seen = np.isfinite(values).any(axis=0)
+    result: Float[np.ndarray, "K"] = np.full(values.shape[1], float(np.nanmedian(values)))
+    result[seen] = np.nanmedian(values[:, seen], axis=0)
+    return result
+
+
+def _filled(
+    values: Float[np.ndarray, "n K"], known: np.ndarray, missing: np.ndarray
+) -> Float[np.ndarray, "n K"]:
+    """Columns that were not seen, between the medians of their neighbours."""
+    result = np.array(values, dtype=np.float64)
+    result[:, missing] = np.interp(missing, known, np.nanmedian(result[:, known], axis=0))
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class DriftSettings:
+    """How the zero reference follows slow changes."""
+
+    time_constant_s: float = 30.0  #: of the adaptation while nothing touches
+    rest_s: float = 1.0  #: how long nothing must have touched before it adapts
+    limit: float = 0.03  #: accumulated drift, as a fraction of the width, beyond which it is not trusted
+
+
+class ZeroWatch:
+    """Follows the zero reference while the sensor is at rest and tells when it has drifted away."""
+
+    def __init__(self, zero: ZeroReference, settings: DriftSettings | None = None) -> None:
+        self.settings = settings or DriftSettings()
+        self.zero = zero
+        self._first = zero
+        self._rest_since: float | None = None
+        self._last_t: float | None = None
+
+    @property
+    def drift_m(self) -> float:
+        """Mean distance that the zero has moved since it was taken [m]."""
+        return float(np.mean(self.zero.width_m - self._first.width_m))
+
+    @property
+    def drifted(self) -> bool:
+        """Whether the zero is so far away that it has to be taken again."""
+        return abs(self.drift_m) > self.settings.limit * float(np.mean(self._first.width_m))
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation common to all points [m]: what adaptation may still lag behind."""
+        return 0.1 * abs(self.drift_m)
+
+    def update(
+        self, t_s: float, width_m: Float[np.ndarray, "K"], *, touched: bool, usable: np.ndarray
+    ) -> None:
+        """Look at one frame; adapts only after a time without any contact."""
+        elapsed = 0.0 if self._last_t is None else max(0.0, t_s - self._last_t)
+        self._last_t = t_s
+        if touched:
+            self._rest_since = None
+            return
+        if self._rest_since is None:
+            self._rest_since = t_s
+        if t_s - self._rest_since < self.settings.rest_s:
+            return
+        rate = min(1.0, elapsed / self.settings.time_constant_s)
+        change = np.where(usable, rate * (width_m - self.zero.width_m), 0.0)
+        self.zero = replace(self.zero, t_s=t_s, width_m=self.zero.width_m + change)

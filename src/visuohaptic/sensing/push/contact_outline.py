@@ -1,0 +1,332 @@
+"""What a foam contour looks like when a simple outline is pressed into it, and the fit of that picture.
+
+The foam's front does not end where the object ends: lateral tension lets it
+run out in smooth flanks that do not lie on the object (Alt 2016, Sec. 3.2 and
+the remark on fits "at the boundaries of the deformation region", 3.6.2). A
+fit that takes flank points for object points gets the wrong shape. Here the
+flanks are part of the model, so that the data decide where the contact ends.
+
+Symbols: u along the strip, v towards the base, delta = v - rest(u) >= 0 the
+deflection; the flank obeys T delta'' = c delta^n (a Pasternak foundation with
+a power law), whose first integral is a slope S(delta) = S_0 (delta/scale)^((n+1)/2)
+and whose solution is closed. An object touches as long as it falls away less
+steeply than S.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ._primitive_kernels import BENT, ROUND, STRAIGHT, profile_and_jacobian
+
+__all__ = ["FlankPrior", "Hypothesis", "OutlineFit", "Profile", "fit_outline", "hypotheses"]
+
+#: "No tip here" in the kernels' parameters [m].
+FAR_M = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class FlankPrior:
+    """What is known of the foam's flanks before a contact is seen."""
+
+    length_m: float = 0.007  #: deflection by slope where the flank begins
+    log_length_sigma: float = 0.5  #: standard deviation of its logarithm
+    exponent: float = 0.4  #: n of the power law: 0 plateau, 1 linear
+    exponent_sigma: float = 0.4
+    asymmetry_sigma: float = 0.08  #: left against right, of the logarithm
+    error: float = 0.02  #: how far a real flank departs from the power law, by deflection
+    contact_error: float = 0.001  #: how far the touched foam departs from the object, by deflection
+    min_segment_m: float = 0.01  #: a face shorter than this counts as a tip
+    min_radius_m: float = 0.012  #: a round object smaller than this counts as a tip
+    max_radius_m: float = 0.6  #: a round object larger than this counts as flat
+    parsimony: float = 2.0  #: added to log K: what a further parameter has to earn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """A measured contour in coordinates of the strip."""
+
+    u_m: Float[np.ndarray, "K"]  #: increasing
+    delta_m: Float[np.ndarray, "K"]
+    sigma_m: Float[np.ndarray, "K"]
+    rest: Float[np.ndarray, "3"]  #: rest(u) = r0 + r1 u + r2 u² [m], v of the unpressed front
+    spacing_m: float
+
+    @property
+    def scale_m(self) -> float:
+        """Largest deflection [m]."""
+        return float(self.delta_m.max())
+
+    @property
+    def cut(self) -> tuple[bool, bool]:
+        """Whether the strip ends (left, right) before the foam is back at rest."""
+        limit = np.maximum(0.1 * self.scale_m, 10 * self.sigma_m)
+        return bool(self.delta_m[0] > limit[0]), bool(self.delta_m[-1] > limit[-1])
+
+    @property
+    def v_m(self) -> Float[np.ndarray, "K"]:
+        """Depth of the points [m]."""
+        return self.delta_m + self.rest[0] + (self.rest[1] + self.rest[2] * self.u_m) * self.u_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """One thing that may have touched the foam."""
+
+    name: str
+    family: int
+    free: tuple[int, ...]  #: shape parameters that are fitted
+    starts: tuple[Float[np.ndarray, "p"], ...]  #: full shape parameters, without the flank's
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutlineFit:
+    """A hypothesis fitted to a profile."""
+
+    hypothesis: Hypothesis
+    theta: Float[np.ndarray, "p"]  #: shape and flank parameters, as in the kernels
+    covariance: Float[np.ndarray, "p p"]  #: zero rows for parameters that were not free
+    model_m: Float[np.ndarray, "K"]  #: deflection of the model
+    touched: Bool[np.ndarray, "K"]  #: points on the object
+    ends_m: tuple[float, float]  #: where the contact begins and ends (u)
+    deviance: float  #: -2 log likelihood, with the flank prior
+    criterion: float  #: deviance + free parameters x log K: Bayesian information criterion
+    chi2: float  #: weighted squared residuals of the touched points
+
+
+def _straight_start(profile: Profile, keep: np.ndarray) -> tuple[float, float]:
+    u, v, w = profile.u_m[keep], profile.v_m[keep], 1.0 / profile.sigma_m[keep]
+    if len(u) < 2:
+        return float(profile.v_m.max()), 0.0
+    slope, level = np.polyfit(u, v, 1, w=w)
+    return float(level), float(slope)
+
+
+def hypotheses(profile: Profile) -> list[Hypothesis]:
+    """All outlines worth a try, with their starting points from simple fits to the deepest points."""
+    from .circle_fit import fit_circle_algebraic
+
+    u, delta, v = profile.u_m, profile.delta_m, profile.v_m
+    deepest = int(np.argmax(delta))
+    peak_u, peak_v = float(u[deepest]), float(v[deepest])
+    cores = [delta >= fraction * profile.scale_m for fraction in (0.85, 0.6, 0.3)]
+    lines = [_straight_start(profile, core) for core in cores]
+    spans = [(float(u[core].min()), float(u[core].max())) for core in cores]
+    half = 0.5 * profile.spacing_m
+
+    def tips(left: bool, right: bool) -> tuple[np.ndarray, ...]:
+        return tuple(
+            np.array([a, m, low - half if left else -FAR_M, high + half if right else FAR_M])
+            for (a, m), (low, high) in zip(lines, spans, strict=True)
+        )
+
+    # A face that begins at the deepest point: slope from the points on its own side.
+    faces = []
+    for side in (-1, 1):
+        own = side * (u - peak_u) >= 0
+        near = own & (delta >= 0.5 * profile.scale_m)
+        level, slope = _straight_start(profile, near if near.sum() >= 2 else own)
+        faces.append((level, slope))
+    # The sharpest bend away from the object is a tip, wherever the deepest point is.
+    bend = v[2:] - 2 * v[1:-1] + v[:-2]
+    kink = float(u[1 + int(np.argmin(bend))]) if len(u) >= 5 else peak_u
+    bends = [(_straight_start(profile, side * (u - kink) >= 0)) for side in (-1, 1)]
+    rounds = []
+    for fraction in (0.8, 0.5, 0.3):
+        core = delta >= fraction * profile.scale_m
+        if core.sum() < 3:
+            core = np.abs(u - peak_u) <= 2.1 * profile.spacing_m
+        try:
+            a, b, radius = fit_circle_algebraic(np.column_stack([u[core], v[core]]))
+        except ValueError:
+            continue
+        below = b < v[core].mean()  # the object's body lies at smaller v than its tip
+        radius = float(np.clip(radius if below else 0.3, 0.006, 0.5))
+        rounds.append(np.array([a if below else peak_u, b + radius if below else peak_v, np.log(radius)]))
+    for radius in (0.012, 0.05):
+        rounds.append(np.array([peak_u, peak_v, np.log(radius)]))
+    left_slope, right_slope = max(faces[0][1], 0.05), max(-faces[1][1], 0.05)
+    centre = 0.5 * (spans[0][0] + spans[0][1])
+    return [
+        Hypothesis("line", STRAIGHT, (0, 1), tips(False, False)),
+        Hypothesis(
+            "tip_left",
+            STRAIGHT,
+            (0, 1, 2),
+            (
+                *tips(True, False),
+                np.array([*faces[1], peak_u - half, FAR_M]),
+                np.array([*bends[1], kink - half, FAR_M]),
+            ),
+        ),
+        Hypothesis(
+            "tip_right",
+            STRAIGHT,
+            (0, 1, 3),
+            (
+                *tips(False, True),
+                np.array([*faces[0], -FAR_M, peak_u + half]),
+                np.array([*bends[0], -FAR_M, kink + half]),
+            ),
+        ),
+        Hypothesis("two_tips", STRAIGHT, (0, 1, 2, 3), tips(True, True)),
+        Hypothesis("point", BENT, (0, 1), tuple(np.array([c, peak_v, 50.0, 50.0]) for c in (peak_u, centre))),
+        Hypothesis(
+            "corner",
+            BENT,
+            (0, 1, 2, 3),
+            tuple(np.array([c, peak_v, left_slope, right_slope]) for c in (peak_u, centre)),
+        ),
+        Hypothesis("circle", ROUND, (0, 1, 2), tuple(rounds)),
+    ]
+
+
+class _Problem:
+    """Residuals of one hypothesis: contour, flank prior and weak bounds on the shape."""
+
+    def __init__(self, profile: Profile, hypothesis: Hypothesis, prior: FlankPrior) -> None:
+        self.profile, self.hypothesis, self.prior = profile, hypothesis, prior
+        self.shape_count = {STRAIGHT: 4, ROUND: 3, BENT: 4}[hypothesis.family]
+        self.count = self.shape_count + 3
+        self.free = np.array([*hypothesis.free, *range(self.shape_count, self.count)])
+        steps = np.full(self.count, 1e-6)
+        steps[self.shape_count :] = 1e-4
+        if hypothesis.family == STRAIGHT:
+            steps[1] = 1e-5
+        elif hypothesis.family == ROUND:
+            steps[2] = 1e-4
+        else:
+            steps[2:4] = 1e-5
+        fixed = np.setdiff1d(np.arange(self.count), self.free)
+        steps[fixed] = 0.0
+        self.steps = steps
+        self.log_slope = float(np.log(profile.scale_m / prior.length_m))
+        k = len(profile.u_m)
+        self.delta = np.zeros(k)
+        self.touched = np.zeros(k, dtype=bool)
+        self.jacobian = np.zeros((k, self.count))
+        self.ends = np.zeros(2)
+        self.low = float(profile.u_m[0] - profile.spacing_m)
+        self.high = float(profile.u_m[-1] + profile.spacing_m)
+
+    def start(self, shape: np.ndarray) -> np.ndarray:
+        return np.array([*shape, self.log_slope, self.log_slope, self.prior.exponent])
+
+    def project(self, theta: np.ndarray) -> np.ndarray:
+        """Keep the parameters where the kernel is defined."""
+        theta = theta.copy()
+        theta[-1] = np.clip(theta[-1], -0.6, 2.0)
+        theta[-3:-1] = np.clip(theta[-3:-1], self.log_slope - 4, self.log_slope + 4)
+        if self.hypothesis.family == ROUND:
+            theta[2] = np.clip(theta[2], np.log(0.003), np.log(2.0))
+        elif self.hypothesis.family == BENT:
+            theta[0] = np.clip(theta[0], self.low, self.high)
+            theta[2:4] = np.clip(theta[2:4], -0.6, 60.0)
+        elif 2 in self.hypothesis.free and 3 in self.hypothesis.free:
+            theta[2] = np.clip(theta[2], self.low, self.high)
+            theta[3] = max(min(theta[3], self.high), theta[2] + self.prior.min_segment_m)
+        elif 2 in self.hypothesis.free:
+            theta[2] = np.clip(theta[2], self.low, self.high)
+        elif 3 in self.hypothesis.free:
+            theta[3] = np.clip(theta[3], self.low, self.high)
+        return theta
+
+    def soft(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Prior residuals and their Jacobian."""
+        p, rows, values = self.prior, [], []
+
+        def add(weights: dict[int, float], value: float) -> None:
+            row = np.zeros(self.count)
+            for index, weight in weights.items():
+                row[index] = weight
+            rows.append(row)
+            values.append(value)
+
+        left, right, n = self.count - 3, self.count - 2, self.count - 1
+        w = 1.0 / p.log_length_sigma
+        mean = 0.5 * (theta[left] + theta[right])
+        add({left: 0.5 * w, right: 0.5 * w}, w * (mean - self.log_slope))
+        # A free end lifts the flank next to it.
+        w = 1.0 / (0.3 if any(self.profile.cut) else p.asymmetry_sigma)
+        add({left: w, right: -w}, w * (theta[left] - theta[right]))
+        w = 1.0 / p.exponent_sigma
+        add({n: w}, w * (theta[n] - p.exponent))
+        if self.hypothesis.name == "corner":
+            for index in (2, 3):  # edges of real corners: steeper than 10 degrees, weakly about 45
+                add({index: 0.3}, 0.3 * (theta[index] - 1.0))
+        if self.hypothesis.family == ROUND:
+            low, high = np.log(p.min_radius_m), np.log(p.max_radius_m)
+            outside = max(theta[2] - high, 0.0) + min(theta[2] - low, 0.0)
+            add({2: 10.0 if outside else 0.0}, 10.0 * outside)
+        return np.array(values), np.array(rows)
+
+    def evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Residuals, Jacobian (free columns) and deviance."""
+        data = self.profile
+        profile_and_jacobian(
+            self.hypothesis.family, theta, self.steps, data.rest, data.scale_m,
+            self.low, self.high, data.u_m, self.delta, self.touched, self.jacobian, self.ends,
+        )  # fmt: skip
+        error = np.where(self.touched, self.prior.contact_error, self.prior.error)
+        # The error of the flank law is taken from the data, so that no model earns slack by being wrong.
+        sigma = np.hypot(data.sigma_m, error * np.maximum(data.delta_m, 0.0))
+        residual = (self.delta - data.delta_m) / sigma
+        jacobian = self.jacobian / sigma[:, None]
+        value, rows = self.soft(theta)
+        deviance = float(residual @ residual + 2 * np.log(sigma).sum() + value @ value)
+        return np.concatenate([residual, value]), np.vstack([jacobian, rows])[:, self.free], deviance
+
+
+def _descend(problem: _Problem, theta: np.ndarray, iterations: int) -> tuple[np.ndarray, float]:
+    theta = problem.project(theta)
+    residual, jacobian, deviance = problem.evaluate(theta)
+    damping = 1e-2
+    for _ in range(iterations):
+        normal = jacobian.T @ jacobian
+        damped = normal + damping * np.diag(np.diag(normal) + 1e-9 * np.trace(normal) + 1e-12)
+        step = np.zeros(problem.count)
+        step[problem.free] = np.linalg.solve(damped, -jacobian.T @ residual)
+        moved = problem.project(theta + step)
+        trial = problem.evaluate(moved)
+        if trial[2] < deviance:
+            gain = deviance - trial[2]
+            theta, (residual, jacobian, deviance) = moved, trial
+            damping = max(damping / 5, 1e-9)
+            if gain < 1e-4:
+                break
+        else:
+            damping *= 6
+            if damping > 1e8:
+                break
+    return theta, deviance
+
+
+def fit_outline(
+    profile: Profile, hypothesis: Hypothesis, prior: FlankPrior, *, iterations: int = 40
+) -> OutlineFit:
+    """Levenberg-Marquardt from every start; the best end wins."""
+    problem = _Problem(profile, hypothesis, prior)
+    found = [_descend(problem, problem.start(shape), iterations) for shape in hypothesis.starts]
+    theta, _ = min(found, key=lambda item: item[1])
+    residual, jacobian, deviance = problem.evaluate(theta)
+    normal = jacobian.T @ jacobian
+    # A direction that the data leave open (a face that is not touched) gets a large, finite variance.
+    small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
+    covariance = np.zeros((problem.count, problem.count))
+    covariance[np.ix_(problem.free, problem.free)] = small
+    k = len(profile.u_m)
+    touched = problem.touched.copy()
+    return OutlineFit(
+        hypothesis=hypothesis,
+        theta=theta,
+        covariance=covariance,
+        model_m=problem.delta.copy(),
+        touched=touched,
+        ends_m=(float(problem.ends[0]), float(problem.ends[1])),
+        deviance=deviance,
+        criterion=deviance + len(hypothesis.free) * (float(np.log(k)) + prior.parsimony),
+        chi2=float(residual[:k][touched] @ residual[:k][touched]),
+    )

@@ -1,0 +1,248 @@
+"""Events of a contact: contact, motion, release (Alt 2016, Sec. 3.6.2 and 4.1).
+
+*Contact*: the deflection rises beyond its noise. *Motion*: the deflection
+stays or falls while the platform goes on: the object gives way. *Release*:
+the contact is lost. *Fall* and *slip* come from the scene's tracking and are
+passed through.
+
+With the default settings a contact needs five sigma in two frames in a row:
+for 85 points of white noise that is a false alarm in about 10^11 frames, and
+the event is raised one frame late. Motion is raised when the platform has
+moved 2 mm (at least four frames) on a deflection that no longer follows; its
+time stamp is the moment at which the plateau began.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.measurement import Event, EventKind, ForceProfile, Reason
+
+__all__ = ["ContactEvents", "DeflectionEvents", "EventSettings"]
+
+#: Frames whose force is not to be trusted but whose contour was seen.
+_CONTOUR_SEEN = frozenset({Reason.OK, Reason.UNLOADING, Reason.SATURATED})
+
+
+@dataclass(frozen=True, slots=True)
+class EventSettings:
+    """Thresholds of the state machine."""
+
+    contact_sigmas: float = 5.0  #: deflection above this many sigma begins a contact
+    contact_m: float = 1e-4  #: and above this [m]
+    release_fraction: float = 0.5  #: hysteresis: released below this share of the contact threshold
+    confirm_frames: int = 2  #: frames in a row for contact and release
+    motion_slope: float = 0.3  #: deflection by travel, as a share of its rise, below which the object moves
+    motion_sigmas: float = 2.0  #: confidence of the slope
+    motion_travel_m: float = 0.002  #: travel over which the slope is measured
+    motion_frames: int = 4
+    region_gap_m: float = 0.01  #: regions closer than this are one
+
+
+class DeflectionEvents:
+    """State machine of one contact on its deflection [m] and the platform's travel [m].
+
+    Call :meth:`update` once per frame in order of time; a frame that shows
+    nothing is simply not passed. Without travel the platform is taken to go
+    on as fast as the deflection rose when it rose fastest.
+    """
+
+    def __init__(self, settings: EventSettings | None = None, s_m: float = float("nan")) -> None:
+        self.settings = settings or EventSettings()
+        self.s_m = s_m
+        self.in_contact = False
+        self.moving = False
+        self._above = 0
+        self._below = 0
+        self._last_t = -np.inf
+        self._first = (0.0, 0.0)  # time and deflection of the first frame above the threshold
+        self._rate = 0.0  # fastest rise so far, stands in for the platform's speed [m/s]
+        self._history: list[tuple[float, float, float, float]] = []
+
+    def update(
+        self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None = None
+    ) -> tuple[Event, ...]:
+        """Take one frame; returns the events that it decides."""
+        if not (t_s > self._last_t and np.isfinite(deflection_m)):
+            return ()  # late, repeated or empty
+        self._last_t = t_s
+        c = self.settings
+        threshold = max(c.contact_sigmas * sigma_m, c.contact_m)
+        if not self.in_contact:
+            if deflection_m <= threshold:
+                self._above = 0
+                return ()
+            if self._above == 0:
+                self._first = (t_s, deflection_m)
+                self._history = []
+            self._above += 1
+            self._remember(t_s, deflection_m, sigma_m, travel_m)
+            if self._above < c.confirm_frames:
+                return ()
+            self.in_contact, self.moving, self._below, self._above = True, False, 0, 0
+            return (Event(EventKind.CONTACT, self._first[0], self.s_m),)
+        if deflection_m < c.release_fraction * threshold:
+            self._below += 1
+            if self._below == 1:
+                self._first = (t_s, deflection_m)
+            if self._below >= c.confirm_frames:
+                lost: tuple[Event, ...] = (Event(EventKind.RELEASE, self._first[0], self.s_m),)
+                peak = max(self._history, key=lambda row: row[1])
+                # The platform went on and yet the contact was lost: the object ran ahead of it.
+                ran_ahead = not self.moving and travel_m is not None and travel_m > peak[3]
+                if ran_ahead:
+                    lost = (Event(EventKind.MOTION, peak[0], self.s_m), *lost)
+                self.in_contact, self.moving, self._history, self._rate = False, False, [], 0.0
+                return lost
+            return ()
+        self._below = 0
+        self._remember(t_s, deflection_m, sigma_m, travel_m)
+        onset = None if self.moving else self._motion_onset()
+        if onset is None:
+            return ()
+        self.moving = True
+        return (Event(EventKind.MOTION, onset, self.s_m),)
+
+    def _remember(self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None) -> None:
+        if travel_m is None:
+            before = self._history[-1] if self._history else None
+            if before is not None:
+                self._rate = max(self._rate, (deflection_m - before[1]) / (t_s - before[0]))
+            travel_m = before[3] + self._rate * (t_s - before[0]) if before else 0.0
+        self._history.append((t_s, deflection_m, sigma_m, travel_m))
+
+    def _motion_onset(self) -> float | None:
+        """Time at which the deflection stopped to follow, if it did within the last window."""
+        c, history = self.settings, np.array(self._history)
+        t, deflection, sigma, travel = history.T
+        inside = np.flatnonzero(travel < travel[-1] - c.motion_travel_m)
+        if len(inside) == 0:
+            return None
+        begin = min(int(inside[-1]), len(t) - c.motion_frames)
+        if begin < 0:
+            return None
+        x, d, s = travel[begin:], deflection[begin:], float(np.mean(sigma[begin:]))
+        centred = x - x.mean()
+        power = float(centred @ centred)
+        slope = float(centred @ d) / power
+        # The plateau began when the deflection first came within its noise of the later level.
+        level = min(float(np.median(d[-max(2, len(d) // 2) :])), float(d.max()))
+        reached = int(np.flatnonzero(deflection >= level - 2.0 * s)[0])
+        # A soft object lets the foam follow only in part: the rise so far is the measure.
+        way = float(travel[reached] - travel[0])
+        rise = min(1.0, level / way) if way > 0 else 1.0
+        if slope + c.motion_sigmas * s / np.sqrt(power) >= c.motion_slope * rise:
+            return None
+        return float(t[reached])
+
+
+@dataclass(slots=True)
+class _Region:
+    low_m: float
+    high_m: float
+    machine: DeflectionEvents
+    seen: bool = field(default=False)
+
+
+class ContactEvents:
+    """One state machine per contact region of a foam strip.
+
+    Frames without a contour (occluded, lost, stale, camera moved) change
+    nothing; frames that are invalid only as a force (unloading, saturated)
+    still tell where the object is.
+    """
+
+    def __init__(self, settings: EventSettings | None = None) -> None:
+        self.settings = settings or EventSettings()
+        self._regions: list[_Region] = []
+        self._t_s = -np.inf
+        self._travel_m = 0.0
+
+    @property
+    def in_contact(self) -> bool:
+        """Whether any region is in contact."""
+        return any(region.machine.in_contact for region in self._regions)
+
+    @property
+    def moving(self) -> bool:
+        """Whether an object that is touched gives way."""
+        return any(region.machine.moving for region in self._regions)
+
+    def update(
+        self,
+        profile: ForceProfile,
+        *,
+        travel_m: float | None = None,
+        speed_m_s: float | None = None,
+        external: Iterable[Event] = (),
+    ) -> tuple[Event, ...]:
+        """Take one frame.
+
+        Parameters
+        ----------
+        profile
+            The frame's measurement.
+        travel_m
+            Distance that the platform has driven, from odometry [m].
+        speed_m_s
+            Used instead, integrated over time, when ``travel_m`` is absent.
+        external
+            Falls and slips from the scene's tracking, passed through.
+
+        Returns
+        -------
+        Events decided by this frame, in order of time.
+        """
+        passed = tuple(external)
+        for event in passed:
+            if event.kind not in (EventKind.FALL, EventKind.SLIP):
+                raise InputError("external", f"found event '{event.kind}', expected fall or slip")
+        if not profile.t_s > self._t_s:
+            return passed
+        if travel_m is None and speed_m_s is not None:
+            step = profile.t_s - self._t_s
+            self._travel_m += speed_m_s * (step if np.isfinite(step) else 0.0)
+            travel_m = self._travel_m
+        self._t_s = profile.t_s
+        if profile.reason not in _CONTOUR_SEEN:
+            return passed
+        events = [
+            event for region in self._matched(profile) for event in self._step(region, profile, travel_m)
+        ]
+        self._regions = [r for r in self._regions if r.machine.in_contact or r.seen]
+        return tuple(sorted((*events, *passed), key=lambda event: event.t_s))
+
+    def _matched(self, profile: ForceProfile) -> list[_Region]:
+        """Regions of this frame: those that are known, moved to where they are now, and new ones."""
+        gap = self.settings.region_gap_m
+        for region in self._regions:
+            region.seen = False
+        for contact in profile.contacts:
+            low, high = contact.s_start_m, contact.s_end_m
+            known = [r for r in self._regions if low <= r.high_m + gap and high >= r.low_m - gap]
+            if not known:
+                machine = DeflectionEvents(self.settings, contact.centre_m)
+                self._regions.append(_Region(low, high, machine, True))
+                continue
+            # Two contacts that have grown together go on as the older one; two that
+            # split up go on as one until the strip between them is free again.
+            region = known[0]
+            region.low_m = min(low, region.low_m) if region.seen else low
+            region.high_m = max(high, region.high_m) if region.seen else high
+            region.seen = True
+            region.machine.s_m = contact.centre_m
+        return list(self._regions)
+
+    def _step(self, region: _Region, profile: ForceProfile, travel_m: float | None) -> tuple[Event, ...]:
+        inside = (profile.s_m >= region.low_m) & (profile.s_m <= region.high_m) & profile.point_valid
+        if not inside.any():
+            return ()
+        delta, sigma = profile.delta_m[inside], profile.delta_sigma_m[inside]
+        # The three deepest points: less noise than one, still the tip of a thin object.
+        deepest = np.argsort(delta)[-3:]
+        deflection = float(delta[deepest].mean())
+        return region.machine.update(profile.t_s, deflection, float(sigma[deepest].mean()), travel_m)

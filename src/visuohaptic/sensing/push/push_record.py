@@ -1,0 +1,216 @@
+"""A push as it was recorded, cut into its phases (Alt 2016, Sec. 4.1), and when to stop pushing (3.6.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.errors import InputError
+from ...core.measurement import Event, EventKind, ForceProfile, Reason
+from .events import DeflectionEvents, EventSettings
+
+__all__ = [
+    "Phases",
+    "PushRecord",
+    "StopLimits",
+    "StopReason",
+    "find_phases",
+    "reaches_limit",
+    "record_push",
+    "stop_reason",
+]
+
+
+class StopReason(StrEnum):
+    """Why the platform has to stop (Alt 2016, Sec. 3.6.2)."""
+
+    DENSIFIED = "densified"  #: (a) the strain leaves the foam's working range: fixed
+    TOO_HEAVY = "too_heavy"  #: (b) the force reaches what the platform can push: fixed
+    PUSHED_FAR = "pushed_far"  #: (c) pushed by more than the sensor's width: movable
+    FELL = "fell"  #: it is seen to fall: nothing more to be felt, and nothing to be pushed on
+
+
+@dataclass(frozen=True, slots=True)
+class StopLimits:
+    """What foam and platform can bear."""
+
+    deflection_m: float  #: densification limit of the strain x thickness of the foam
+    force_N: float  #: pushing capability of the platform
+    distance_m: float  #: width of the sensor
+
+
+def reaches_limit(force_N: float, sigma_N: float, max_force_N: float) -> bool:
+    """Whether a force may have reached the platform's capability; safe side: it counts with two sigma."""
+    return force_N + 2.0 * sigma_N >= max_force_N
+
+
+def stop_reason(
+    deflection_m: float,
+    force_N: float,
+    pushed_m: float,
+    limits: StopLimits,
+    *,
+    force_sigma_N: float = 0.0,
+) -> StopReason | None:
+    """First stop condition that holds, or None."""
+    if deflection_m >= limits.deflection_m:
+        return StopReason.DENSIFIED
+    if reaches_limit(force_N, force_sigma_N, limits.force_N):
+        return StopReason.TOO_HEAVY
+    return StopReason.PUSHED_FAR if pushed_m > limits.distance_m else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PushRecord:
+    """One push, N frames in order of time. NaN where something was not measured."""
+
+    t_s: Float[np.ndarray, "N"]
+    force_valid: Bool[np.ndarray, "N"]  #: force may be used (not unloading, occluded, saturated, ...)
+    force_N: Float[np.ndarray, "N"]
+    force_sigma_N: Float[np.ndarray, "N"]  #: random part, from frame to frame
+    #: common relative error of the forces, calibration and model: one for all or one per frame
+    force_scale_sigma: Float[np.ndarray, "N"] | float
+    deflection_m: Float[np.ndarray, "N"]  #: of the deepest part of the contact
+    deflection_sigma_m: Float[np.ndarray, "N"]
+    travel_m: Float[np.ndarray, "N"]  #: distance that the platform has driven along the push
+    lateral_m: Float[np.ndarray, "N"]  #: platform's shift to the left of the push
+    contact_m: Float[np.ndarray, "N"]  #: centre of the contact along the strip, to the left
+    angle_rad: Float[np.ndarray, "N"]  #: angle of the object to the world, counter-clockwise
+    deepest_points_m: Float[np.ndarray, "k 2"] | None = None  #: contour at the largest force
+
+    def __post_init__(self) -> None:
+        count = len(self.t_s)
+        if count < 2 or not np.all(np.diff(self.t_s) > 0):
+            raise InputError("PushRecord", f"found {count} times, expected at least 2 that increase")
+        for name in (
+            "force_valid", "force_N", "force_sigma_N", "deflection_m", "deflection_sigma_m",
+            "travel_m", "lateral_m", "contact_m", "angle_rad",
+        ):  # fmt: skip
+            if len(getattr(self, name)) != count:
+                found = len(getattr(self, name))
+                raise InputError("PushRecord", f"found {found} values, expected {count}", field=name)
+
+    def common_sigma(self, frames: np.ndarray) -> float:
+        """Common relative error of the forces of some frames, their median."""
+        scale = np.broadcast_to(self.force_scale_sigma, self.t_s.shape)[frames]
+        known = scale[np.isfinite(scale)]
+        return float(np.median(known)) if len(known) else 0.0
+
+
+def record_push(
+    profiles: Sequence[ForceProfile],
+    travel_m: Float[np.ndarray, "N"],
+    *,
+    lateral_m: Float[np.ndarray, "N"] | None = None,
+    angle_rad: Float[np.ndarray, "N"] | None = None,
+) -> PushRecord:
+    """A push from the foam's measurements and the platform's odometry, frame by frame.
+
+    ``angle_rad`` is the object's rotation, from its tracked features or from
+    the fitted line plus the platform's heading; without it the rotation stays
+    unobserved.
+    """
+    count = len(profiles)
+    if len(travel_m) != count:
+        raise InputError("travel_m", f"found {len(travel_m)} values, expected one per profile ({count})")
+    columns = np.full((7, count), np.nan)
+    scale, deepest, largest = np.full(count, np.nan), None, -np.inf
+    for i, profile in enumerate(profiles):
+        seen = profile.reason in (Reason.OK, Reason.UNLOADING, Reason.SATURATED)
+        delta = np.where(profile.point_valid, profile.delta_m, -np.inf)
+        top = np.argsort(delta)[-3:]
+        budget = profile.budget
+        columns[:, i] = [
+            profile.t_s,
+            profile.force_N if profile.valid else np.nan,
+            np.hypot(budget.image_N, budget.zero_N),
+            float(np.mean(profile.delta_m[top])) if seen else np.nan,
+            float(np.mean(profile.delta_sigma_m[top])) if seen else np.nan,
+            np.nan,
+            0.0,
+        ]
+        main = max(profile.contacts, key=lambda contact: contact.force_N, default=None)
+        if seen and main is not None:
+            columns[5, i] = main.centre_m
+        if profile.valid and profile.force_N > 0:
+            scale[i] = float(np.hypot(budget.calibration_N, budget.model_N) / profile.force_N)
+        if profile.valid and profile.force_N > largest:
+            largest = profile.force_N
+            if main is not None:
+                deepest = main.points_foam_m
+    nothing = np.full(count, np.nan)
+    return PushRecord(
+        t_s=columns[0],
+        force_valid=np.isfinite(columns[1]),
+        force_N=columns[1],
+        force_sigma_N=columns[2],
+        force_scale_sigma=scale,
+        deflection_m=columns[3],
+        deflection_sigma_m=columns[4],
+        travel_m=np.asarray(travel_m, dtype=float),
+        lateral_m=np.zeros(count) if lateral_m is None else np.asarray(lateral_m, dtype=float),
+        contact_m=columns[5],
+        angle_rad=nothing if angle_rad is None else np.asarray(angle_rad, dtype=float),
+        deepest_points_m=deepest,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """Times of a push [s]; NaN for what did not happen."""
+
+    contact_s: float
+    motion_s: float
+    stop_s: float
+    release_s: float
+
+    def rising(self, t_s: np.ndarray) -> np.ndarray:
+        """Phase (a): contact until motion, or until the stop when nothing moved."""
+        end = self.motion_s if np.isfinite(self.motion_s) else self.stop_s
+        end = end if np.isfinite(end) else np.inf
+        return (t_s >= self.contact_s) & (t_s <= end)
+
+    def pushing(self, t_s: np.ndarray) -> np.ndarray:
+        """Phase (b): motion until the platform stops or the contact is lost."""
+        ends = [e for e in (self.stop_s, self.release_s) if np.isfinite(e)]
+        return (t_s > self.motion_s) & (t_s <= min(ends, default=np.inf))
+
+    def stopped(self, t_s: np.ndarray) -> np.ndarray:
+        """Phase (c): after the platform has stopped."""
+        return t_s > self.stop_s
+
+
+def find_phases(
+    record: PushRecord, *, settings: EventSettings | None = None, events: Sequence[Event] | None = None
+) -> Phases:
+    """Cut a push at its events; those given win over those found in the deflection.
+
+    The platform has stopped when its travel no longer grows.
+    """
+    machine, found = DeflectionEvents(settings), list(events or ())
+    if events is None:
+        for i in range(len(record.t_s)):
+            found += machine.update(
+                float(record.t_s[i]), float(record.deflection_m[i]), float(record.deflection_sigma_m[i]),
+                float(record.travel_m[i]),
+            )  # fmt: skip
+
+    def first(kind: EventKind) -> float:
+        return next((event.t_s for event in found if event.kind == kind), float("nan"))
+
+    travelled = record.travel_m - record.travel_m[0]
+    contact = first(EventKind.CONTACT)
+    stop = float("nan")
+    if travelled[-1] > 0:
+        # A thousandth of the way is the noise of odometry, not a movement.
+        arrived = np.flatnonzero(travelled >= travelled[-1] - 1e-3 * (travelled[-1] - travelled[0]))
+        if arrived[0] < len(record.t_s) - 1:
+            stop = float(record.t_s[int(arrived[0])])
+    motion = first(EventKind.MOTION)
+    if np.isfinite(stop) and motion > stop:
+        motion = float("nan")
+    return Phases(contact, motion, stop, first(EventKind.RELEASE))

@@ -1,0 +1,308 @@
+"""The haptic tag of a push: how an object answers (Alt 2016, Sec. 4.1).
+
+Phase (a), contact until motion: static friction and deformability. Phase (b),
+motion until the platform stops: dynamic friction, drift, rotation. Phase (c):
+deceleration. What a phase did not show stays None, apart from zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.errors import InputError
+from ...core.measurement import Event, EventKind
+from ...core.objects import Estimate, HapticTag, Primitive
+from .breakaway import break_away
+from .events import EventSettings
+from .push_record import Phases, PushRecord, StopReason, find_phases
+
+__all__ = ["TagSettings", "predictive_interval", "tag_from_push"]
+
+
+@dataclass(frozen=True, slots=True)
+class TagSettings:
+    """How a push is evaluated."""
+
+    events: EventSettings | None = None
+    settle_frames: int = 2  #: left out at the begin of phase (b): the peak is still falling
+    min_frames: int = 4  #: fewer frames observe nothing
+    deflection_scale_sigma: float = 0.005  #: relative error of deflection against travel
+    travel_sigma_m: float = 2e-4  #: error of the odometry over a push
+    deceleration_min_s: float = 0.1  #: phase (c) has to last this long to observe anything
+
+
+def tag_from_push(
+    record: PushRecord,
+    *,
+    phases: Phases | None = None,
+    events: Sequence[Event] | None = None,
+    stopped_by: StopReason | None = None,
+    primitive: Primitive | None = None,
+    object_centre_m: float | None = None,
+    settings: TagSettings | None = None,
+) -> HapticTag:
+    """Evaluate one push.
+
+    Parameters
+    ----------
+    record
+        The push, frame by frame.
+    phases
+        When given, the events are not looked for.
+    events
+        Events raised during the push; a fall is only known from here.
+    stopped_by
+        Why the platform stopped: without motion this tells a fixed object
+        from a push that ended early.
+    primitive
+        Shape fitted while the platform stood still, in frame F of that moment; it is kept as it is.
+    object_centre_m
+        Where along the strip (y of frame F) the object's centre is. The contact offset is the
+        median of the contact's place minus this one over phase (a), positive to the left.
+    settings
+        Thresholds.
+    """
+    settings = settings or TagSettings()
+    given = list(events or ())
+    kinds = {event.kind for event in given}
+    if phases is None:
+        usable = given if EventKind.CONTACT in kinds else None
+        phases = find_phases(record, settings=settings.events, events=usable)
+    moved = bool(np.isfinite(phases.motion_s))
+    fell = EventKind.FALL in kinds
+    # Pushed by more than the sensor's width: it moved, even if it ran ahead unfelt (3.6.2, case c);
+    # what falls is not fixed either.
+    fixed = False if moved or fell or stopped_by == StopReason.PUSHED_FAR else None
+    if fixed is None and stopped_by in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
+        fixed = True
+    if not np.isfinite(phases.contact_s):
+        return HapticTag(explored=1, failed=int(fell), falls=True if fell else None, fixed=fixed)
+    dynamic = _dynamic_friction(record, phases, settings) if moved else None
+    # Without a phase (b) the object ran ahead at once (a door): the force was its inertia.
+    static = _static_friction(record, phases, dynamic) if dynamic is not None else None
+    deformability, stiffness = _deformation(record, phases, settings)
+    offset = None
+    touched = phases.rising(record.t_s) & np.isfinite(record.contact_m)
+    if object_centre_m is not None and touched.any():
+        where = record.contact_m[touched] - object_centre_m
+        offset = Estimate(float(np.median(where)), float(np.std(where) / np.sqrt(len(where))))
+    # Sideways shift of the contact in the world, and turn of the object, by pushed distance.
+    drift = _slope(record, phases, record.contact_m + record.lateral_m, settings) if moved else None
+    rotation = _slope(record, phases, record.angle_rad, settings) if moved else None
+    return HapticTag(
+        static_friction_N=static,
+        dynamic_friction_N=dynamic,
+        deceleration_s=_deceleration(record, phases, settings) if moved else None,
+        drift=drift,
+        deformability=deformability,
+        stiffness_N_per_m=stiffness,
+        rotation_rad_per_m=rotation,
+        contact_offset_m=offset,
+        primitive=primitive,
+        deformation_shape_m=record.deepest_points_m,
+        fixed=fixed,
+        falls=True if fell else (False if moved else None),
+        explored=1,
+        failed=int(fell),
+    )
+
+
+def _normal_quantile(p: float) -> float:
+    from scipy.special import ndtri
+
+    return float(ndtri(p))
+
+
+def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | None) -> Estimate | None:
+    """Force at which the object breaks away, between the dynamic friction and the largest force.
+
+    The text takes the largest force of phase (a). Two corrections: the largest
+    of m equal values with noise sigma lies sigma Phi^-1((m - 3/8) / (m + 1/4))
+    too high (Blom), m being the number of frames that the noise lets compete;
+    and after the break-away the force goes on rising until the object is as
+    fast as the platform (its inertia), so the break-away itself is looked for
+    in the object's motion, see :func:`break_away`.
+    """
+    valid = np.flatnonzero(record.force_valid)
+    # The event is dated to the first frame on the plateau within its noise: the peak may be one later.
+    until = int(np.searchsorted(record.t_s, phases.motion_s, side="right")) + 1
+    begin = int(np.searchsorted(record.t_s, phases.contact_s))
+    inside = valid[(valid >= begin) & (valid < until)]
+    if len(inside) == 0:
+        return None
+    force = record.force_N[inside]
+    sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
+    found = break_away(record, begin, until, dynamic.value if dynamic is not None else 0.0)
+    common = record.common_sigma(inside[-min(3, len(inside)) :])
+    later = phases.pushing(record.t_s) & record.force_valid
+    if later.any():
+        # A contact is in doubt while it is new; what later frames have confirmed no longer is.
+        common = min(common, record.common_sigma(later))
+    if found is not None:
+        value, random = found
+        return Estimate(value, float(np.sqrt(sigma**2 + random**2 + (common * value) ** 2)))
+    # There at once with the full force: no phase (a), static friction was not seen.
+    if not np.any(inside < until - 2):
+        return None
+    bias = 0.0
+    for _ in range(5):
+        rivals = int(np.sum(force > force.max() - bias - 2.0 * sigma))
+        bias = sigma * _normal_quantile((rivals - 0.375) / (rivals + 0.25))
+    value, uncertain = float(force.max()) - bias, 0.0
+    if dynamic is not None:
+        # Break-away not seen: it lies between the dynamic friction (Coulomb: it takes at least as
+        # much to start as to go on) and the peak, to which inertia may have added.
+        above = max(value - dynamic.value, 0.0)
+        value, uncertain = dynamic.value + 0.5 * above, above / np.sqrt(12.0)
+    return Estimate(value, float(np.sqrt(sigma**2 + uncertain**2 + (common * value) ** 2)))
+
+
+def _autocorrelation_frames(values: np.ndarray) -> float:
+    """Integrated autocorrelation time in frames, 1 for white noise (initial positive sequence)."""
+    centred = values - values.mean()
+    power = float(centred @ centred)
+    if power <= 0:
+        return 1.0
+    tau = 1.0
+    for lag in range(1, len(values) // 2):
+        rho = float(centred[:-lag] @ centred[lag:]) / power
+        if rho <= 0.05:
+            break
+        tau += 2.0 * rho
+    return tau
+
+
+def _dynamic_friction(record: PushRecord, phases: Phases, settings: TagSettings) -> Estimate | None:
+    """Mean force in phase (b); its error counts neighbouring frames by their correlation."""
+    chosen = phases.pushing(record.t_s) & record.force_valid
+    force = record.force_N[chosen][settings.settle_frames :]
+    if len(force) < settings.min_frames:
+        return None
+    tau = _autocorrelation_frames(force)
+    free = max(len(force) / tau, 1.0)
+    value = float(force.mean())
+    random = float(np.hypot(force.std(ddof=1), 0.0)) / np.sqrt(free)
+    return Estimate(value, float(np.hypot(random, record.common_sigma(chosen) * abs(value))))
+
+
+def _line_fit(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Slope, its standard deviation from the residuals (correlation counted), and the intercept."""
+    centred = x - x.mean()
+    power = float(centred @ centred)
+    slope = float(centred @ y) / power
+    residual = y - y.mean() - slope * centred
+    variance = float(residual @ residual) / max(len(x) - 2, 1)
+    sigma = float(np.sqrt(variance * _autocorrelation_frames(residual) / power))
+    return slope, sigma, float(y.mean() - slope * x.mean())
+
+
+def _slope(record: PushRecord, phases: Phases, values: np.ndarray, settings: TagSettings) -> Estimate | None:
+    """Change of a quantity by pushed distance in phase (b)."""
+    chosen = phases.pushing(record.t_s) & np.isfinite(values)
+    if chosen.sum() < settings.min_frames or np.ptp(record.travel_m[chosen]) <= settings.travel_sigma_m:
+        return None
+    slope, sigma, _ = _line_fit(record.travel_m[chosen], values[chosen])
+    return Estimate(slope, sigma)
+
+
+def _deformation(
+    record: PushRecord, phases: Phases, settings: TagSettings
+) -> tuple[Estimate | None, Estimate | None]:
+    """H_D and the object's stiffness, both where force and distance are largest in phase (a)."""
+    chosen = phases.rising(record.t_s) & np.isfinite(record.deflection_m)
+    where = np.flatnonzero(chosen)
+    if len(where) < settings.min_frames:
+        return None, None
+    # The last frames before motion may already creep: stop at 95 % of the deflection.
+    limit = 0.95 * float(record.deflection_m[where].max())
+    if np.isfinite(phases.motion_s):
+        where = where[record.deflection_m[where] <= limit]
+    travel, deflection = record.travel_m[where], record.deflection_m[where]
+    if len(where) < 3 or np.ptp(travel) <= settings.travel_sigma_m:
+        return None, None
+    noise = float(np.median(record.deflection_sigma_m[where]))
+    # Slope over the phase: the unknown place of first touch falls out.
+    slope, scatter, intercept = _line_fit(travel, deflection)
+    touch = -intercept / slope if slope > 0 else travel[0]
+    far = int(np.argmax(deflection))
+    moved = float(travel[far] - touch)
+    if moved <= 3.0 * noise:
+        return None, None
+    power = float(np.sum((travel - travel.mean()) ** 2))
+    scatter = max(scatter, noise / np.sqrt(power))
+    common = np.hypot(settings.deflection_scale_sigma * slope, settings.travel_sigma_m / moved * slope)
+    sigma = float(np.hypot(scatter, common))
+    value = 1.0 - slope
+    deformability = Estimate(value, sigma)
+    yielded, yielded_sigma = value * moved, sigma * moved
+    force = record.force_N[where[far]]
+    if not record.force_valid[where[far]] or yielded < 2.0 * yielded_sigma:
+        return deformability, None  # as good as rigid: no stiffness was observed
+    stiffness = float(force / yielded)
+    relative = np.sqrt(
+        (yielded_sigma / yielded) ** 2
+        + (record.force_sigma_N[where[far]] / force) ** 2
+        + record.common_sigma(where[far : far + 1]) ** 2
+    )
+    return deformability, Estimate(stiffness, float(stiffness * relative))
+
+
+def _deceleration(record: PushRecord, phases: Phases, settings: TagSettings) -> Estimate | None:
+    """How long the object goes on after the platform has stopped; zero when it stays."""
+    chosen = phases.stopped(record.t_s) & np.isfinite(record.deflection_m)
+    t, deflection = record.t_s[chosen], record.deflection_m[chosen]
+    if not np.isfinite(phases.stop_s) or len(t) < settings.min_frames:
+        return None
+    if t[-1] - phases.stop_s < settings.deceleration_min_s:
+        return None
+    frame = float(np.median(np.diff(t)))
+    noise = float(np.median(record.deflection_sigma_m[chosen]))
+    last = int(np.searchsorted(record.t_s, phases.stop_s, side="right")) - 1
+    before = record.deflection_m[max(last - 2, 0) : last + 1]
+    at_stop = float(np.nanmedian(before))
+    final = float(np.median(deflection[-max(3, len(deflection) // 4) :]))
+    # A relaxing foam and the last millimetre of odometry are no motion of the object.
+    if at_stop - final < max(5.0 * noise, 0.1 * at_stop):
+        return Estimate(0.0, frame / np.sqrt(12.0))
+    arrived = np.flatnonzero(deflection <= final + max(2.0 * noise, 0.05 * (at_stop - final)))
+    duration = float(t[int(arrived[0])] - 0.5 * frame - phases.stop_s)
+    # Once the object has left the foam its further way is unseen: the time is a lower bound.
+    unseen = duration if final <= 2.0 * noise else 0.0
+    return Estimate(duration, float(np.hypot(frame, unseen)))
+
+
+def predictive_interval(
+    estimate: Estimate, level: float = 0.9, *, prior_cv: float = 0.25, prior_samples: float = 1.0
+) -> tuple[float, float]:
+    """Interval in which the next push, at another contact point, is expected.
+
+    Student's t over the spread of the samples, shrunk towards a prior: real
+    pushes of one object spread by 18-49 % with the contact point, so a single
+    push must not pretend to know the next.
+
+    Parameters
+    ----------
+    estimate
+        A property of a tag.
+    level
+        Probability of the interval.
+    prior_cv
+        Relative spread expected before there are repetitions.
+    prior_samples
+        How many samples the prior counts for; 0 trusts the data alone.
+    """
+    if not 0.0 < level < 1.0:
+        raise InputError("level", f"found {level}, expected a probability between 0 and 1")
+    from scipy.special import stdtrit
+
+    n = estimate.samples
+    freedom = n - 1 + prior_samples
+    if freedom <= 0:
+        raise InputError("estimate", "found one sample and no prior, expected at least one of more")
+    squares = (n - 1) * estimate.spread**2 + prior_samples * (prior_cv * estimate.value) ** 2
+    variance = squares / freedom * (1.0 + 1.0 / n) + estimate.sigma**2
+    half = float(stdtrit(freedom, 0.5 + 0.5 * level)) * float(np.sqrt(variance))
+    return estimate.value - half, estimate.value + half

@@ -1,0 +1,142 @@
+"""One motion of the platform from floor, odometry and gyroscope: a small Kalman filter (Alt 2016, Sec. 3.5).
+
+State: velocity of the sensor frame's origin (v_x, v_y) [m/s] and turn rate omega [rad/s], which change by
+random accelerations. Each source measures their mean over a frame: the floor all three, the
+odometry forward speed and turn rate, the gyroscope the turn rate. The origin of frame F is
+ahead of the platform's centre, so that a turn moves it sideways.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ...core.measurement import Motion, Reason
+from ...core.robots import BaseState
+from .floor_motion import chain, chain_covariance
+
+__all__ = ["EgoMotionFilter", "EgoMotionSettings"]
+
+
+@dataclass(frozen=True, slots=True)
+class EgoMotionSettings:
+    """How much the sources are trusted."""
+
+    foam_ahead_m: float = 0.17  #: origin of frame F in front of the platform's centre
+    acceleration_m_s2: float = 1.0  #: standard deviation of the platform's acceleration
+    turn_acceleration_rad_s2: float = 4.0
+    odometry_m_s: float = 0.003  #: standard deviation of the odometry's speed
+    odometry_fraction: float = 0.02  #: and its part that grows with the speed (slip, wheel size)
+    side_slip_m_s: float = 0.002  #: speed sideways that wheels let happen
+    odometry_rad_s: float = 0.01
+    gyroscope_rad_s: float = 0.005
+    gate: float = 5.0  #: a source farther off than so many standard deviations is left out
+
+    def __post_init__(self) -> None:
+        if not (self.acceleration_m_s2 > 0 and self.odometry_m_s > 0 and self.gyroscope_rad_s > 0):
+            raise InputError("EgoMotionSettings", f"found {self}, expected standard deviations > 0")
+
+
+class EgoMotionFilter:
+    """Fuses what the camera sees of the floor with odometry and gyroscope, each of which may be missing.
+
+    Attributes
+    ----------
+    pose, pose_covariance
+        (x, y, theta) of frame F since the begin [m, rad].
+    agree
+        Whether all sources of the newest frame agreed; wheels that slip do not.
+
+    Examples
+    --------
+    >>> ego = EgoMotionFilter()
+    >>> for i in range(31):
+    ...     motion = ego.update(i / 30, odometry=BaseState(i / 30, 0, 0, 0, 0.1, 0.0))
+    >>> round(float(ego.pose[0]), 2)
+    0.1
+    """
+
+    def __init__(self, settings: EgoMotionSettings | None = None) -> None:
+        self.settings = settings or EgoMotionSettings()
+        self.pose: Float[np.ndarray, "3"] = np.zeros(3)
+        self.pose_covariance: Float[np.ndarray, "3 3"] = np.zeros((3, 3))
+        self.velocity: Float[np.ndarray, "3"] = np.zeros(3)
+        self.covariance: Float[np.ndarray, "3 3"] = np.diag([1.0, 1.0, 4.0])
+        self.agree = True
+        self._t_s = math.nan
+
+    def update(
+        self,
+        t_s: float,
+        *,
+        floor: Motion | None = None,
+        odometry: BaseState | None = None,
+        gyroscope_rad_s: float | None = None,
+    ) -> Motion:
+        """Motion since the last call; not valid without any source.
+
+        Parameters
+        ----------
+        floor
+            Motion that the camera saw since then; left out when not valid.
+        odometry
+            Newest state of the base; its velocities are used.
+        gyroscope_rad_s
+            Turn rate, counter-clockwise.
+        """
+        if not math.isnan(self._t_s) and not t_s > self._t_s:
+            return Motion(t_s, False, Reason.STALE, np.zeros(2), 0.0, np.full((3, 3), np.inf))
+        if math.isnan(self._t_s):
+            self._t_s = t_s
+            return Motion(t_s, False, Reason.NOT_ZEROED, np.zeros(2), 0.0, np.full((3, 3), np.inf))
+        dt, s = t_s - self._t_s, self.settings
+        self._t_s = t_s
+        change = np.array([s.acceleration_m_s2, s.acceleration_m_s2, s.turn_acceleration_rad_s2]) * dt
+        self.covariance = self.covariance + np.diag(change**2)
+        used, self.agree = False, True
+        if odometry is not None:
+            ahead = np.array([[1.0, 0, 0], [0, 1.0, -s.foam_ahead_m], [0, 0, 1.0]])
+            sigma = np.hypot(s.odometry_m_s, s.odometry_fraction * odometry.speed_m_s)
+            noise = np.diag([sigma, s.side_slip_m_s, s.odometry_rad_s]) ** 2
+            used |= self._measure(np.array([odometry.speed_m_s, 0.0, odometry.turn_rate_rad_s]), ahead, noise)
+        if gyroscope_rad_s is not None:
+            turn = np.array([[0.0, 0.0, 1.0]])
+            used |= self._measure(np.array([gyroscope_rad_s]), turn, np.array([[s.gyroscope_rad_s**2]]))
+        if floor is not None and floor.valid:
+            # The chord of an even turn points half way between both headings.
+            half = chain(np.array([0.0, 0.0, -0.5 * floor.rotation_rad]), np.array([*floor.translation_m, 0]))
+            rate = np.array([half[0], half[1], floor.rotation_rad]) / dt
+            used |= self._measure(rate, np.eye(3), floor.covariance / dt**2, trusted=True)
+        return self._move(t_s, dt, used)
+
+    def _measure(
+        self, value: np.ndarray, design: np.ndarray, noise: np.ndarray, *, trusted: bool = False
+    ) -> bool:
+        """One update; a trusted source that disagrees starts the state afresh, others are left out."""
+        innovation = value - design @ self.velocity
+        spread = design @ self.covariance @ design.T + noise
+        if float(innovation @ np.linalg.solve(spread, innovation)) > len(value) * self.settings.gate**2:
+            self.agree = False
+            if not trusted:
+                return False
+            self.velocity, self.covariance = value.copy(), noise.copy()
+            return True
+        gain = self.covariance @ design.T @ np.linalg.inv(spread)
+        self.velocity = self.velocity + gain @ innovation
+        rest = np.eye(3) - gain @ design
+        # Joseph's form stays symmetric and positive.
+        self.covariance = rest @ self.covariance @ rest.T + gain @ noise @ gain.T
+        return True
+
+    def _move(self, t_s: float, dt: float, used: bool) -> Motion:
+        way = self.velocity * dt
+        moved = chain(np.array([0.0, 0.0, 0.5 * way[2]]), np.array([way[0], way[1], 0.5 * way[2]]))
+        covariance = self.covariance * dt**2
+        self.pose_covariance = chain_covariance(self.pose, self.pose_covariance, moved, covariance)
+        self.pose = chain(self.pose, moved)
+        reason = Reason.OK if used else Reason.LOST
+        return Motion(t_s, used, reason, moved[:2], float(moved[2]), covariance)

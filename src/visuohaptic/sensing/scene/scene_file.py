@@ -1,0 +1,178 @@
+"""Files of the scene tracking: ``scene.yaml`` that describes it, and a table with the platform's odometry."""
+
+from __future__ import annotations
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field, model_validator
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.files import load_yaml_model
+from ...core.robots import BaseState
+from ..config_fields import PoseSection, Positive, Section
+from ..foam.strip.config import FoamSensorConfig, FoamSetup
+from .ego_motion import EgoMotionSettings
+from .obstacle_mask import MixtureSettings
+from .scene_tracker import SceneSettings, SceneTracker
+
+__all__ = ["Odometry", "SceneConfig", "SceneSetup", "read_odometry"]
+
+
+class StripSection(Section):
+    """The foam as it hides the floor."""
+
+    length_m: Positive = 0.25
+    front_m: Positive = 0.02  #: x of its front edge in frame F
+
+
+class SceneConfig(Section):
+    """Fields of ``scene.yaml``; file names are relative to its folder.
+
+    Either ``sensor`` names the foam sensor's file: then its force is read, too, and the object that it
+    touches is tracked; or ``camera`` and ``T_camera_foam`` say where frame F is.
+    """
+
+    kind: Literal["scene"] = "scene"
+    sensor: str | None = None
+    camera: str | None = None
+    T_camera_foam: PoseSection | None = None
+    strip: StripSection = StripSection()
+    floor_below_m: Positive = 0.05  #: height of the foam's visible edge above the floor
+    foam_ahead_m: Annotated[float, Field(ge=0, allow_inf_nan=False)] = (
+        0.17  #: from the platform's centre to F
+    )
+    strip_rows_px: Annotated[int, Field(ge=8)] = 300  #: the image's upper rows are watched for obstacles
+
+    @model_validator(mode="after")
+    def _one_source(self) -> SceneConfig:
+        named = self.camera is not None and self.T_camera_foam is not None
+        if (self.sensor is None) != named or (
+            self.sensor is not None and (self.camera is not None or self.T_camera_foam is not None)
+        ):
+            raise ValueError("expected either sensor, or camera and T_camera_foam")
+        return self
+
+    @classmethod
+    def load(cls, path: Path | str) -> SceneSetup:
+        """Read the file and what it names.
+
+        Raises
+        ------
+        InputError
+            Names the file and field, what was found and what was expected.
+        """
+        path = Path(path)
+        config = load_yaml_model(path, cls)
+        if config.sensor is not None:
+            sensor = FoamSensorConfig.load(path.parent / config.sensor)
+            return SceneSetup(config, sensor.camera, sensor.T_camera_foam, sensor)
+        assert config.camera is not None
+        assert config.T_camera_foam is not None
+        try:
+            pose = config.T_camera_foam.pose()
+        except InputError as error:
+            raise InputError(path, error.problem, field="T_camera_foam") from error
+        return SceneSetup(config, Camera.load(path.parent / config.camera), pose, None)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneSetup:
+    """A configuration with everything that it names, read and checked."""
+
+    config: SceneConfig
+    camera: Camera
+    T_camera_foam: Pose
+    sensor: FoamSetup | None  #: of the foam, where it is read as well
+
+    def tracker(self, rng: np.random.Generator | None = None) -> SceneTracker:
+        """A tracker that has seen nothing yet."""
+        config = self.config
+        settings = SceneSettings(
+            ego=EgoMotionSettings(foam_ahead_m=config.foam_ahead_m),
+            obstacles=MixtureSettings(rows=config.strip_rows_px),
+            front_m=config.strip.front_m,
+            foam_half_m=0.5 * config.strip.length_m,
+        )
+        if self.sensor is not None:
+            return SceneTracker.of_sensor(self.sensor, config.floor_below_m, settings, rng)
+        return SceneTracker(self.camera, self.T_camera_foam, config.floor_below_m, settings, rng)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """What the platform's wheels told over time, N rows in order of time."""
+
+    t_s: Float[np.ndarray, "N"]
+    speed_m_s: Float[np.ndarray, "N"]
+    turn_rate_rad_s: Float[np.ndarray, "N"]
+    max_gap_s: float = 0.25  #: farther from the rows before and after there is no odometry
+
+    def at(self, t_s: float) -> BaseState | None:
+        """State at a time, between two rows by straight lines; None outside of what was recorded."""
+        after = int(np.searchsorted(self.t_s, t_s))
+        near = [self.t_s[k] for k in (after - 1, after) if 0 <= k < len(self.t_s)]
+        if not near or min(abs(t - t_s) for t in near) > self.max_gap_s:
+            return None
+        if len(near) == 2 and near[1] - near[0] > 2.0 * self.max_gap_s:
+            return None
+        speed = float(np.interp(t_s, self.t_s, self.speed_m_s))
+        turn = float(np.interp(t_s, self.t_s, self.turn_rate_rad_s))
+        # The place is not known from here, and not needed: velocities are what is fused.
+        return BaseState(t_s, math.nan, math.nan, math.nan, speed, turn)
+
+
+def read_odometry(path: Path | str) -> Odometry:
+    """Read a CSV with columns t_s, speed_m_s, turn_rate_rad_s; others are left alone.
+
+    Raises
+    ------
+    InputError
+        With the line and column of the first bad field.
+    """
+    path, columns = Path(path), ("t_s", "speed_m_s", "turn_rate_rad_s")
+    rows: list[list[float]] = []
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            reader = csv.DictReader(stream)
+            missing = [name for name in columns if name not in (reader.fieldnames or [])]
+            if missing:
+                raise InputError(
+                    path,
+                    f"found columns {', '.join(reader.fieldnames or []) or 'none'}; missing: {', '.join(missing)}",
+                    field="line 1",
+                )
+            for row in reader:
+                rows.append([_number(path, reader.line_num, name, row[name]) for name in columns])
+    except OSError as error:
+        raise InputError(path, f"cannot be read ({error.strerror})") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(path, f"is no CSV text ({error})") from error
+    if not rows:
+        raise InputError(path, "has no rows, expected at least one")
+    values = np.array(rows)
+    late = np.flatnonzero(np.diff(values[:, 0]) <= 0)
+    if len(late):
+        raise InputError(
+            path,
+            f"found {values[late[0] + 1, 0]:g} s after {values[late[0], 0]:g} s, expected times that increase",
+            field=f"line {int(late[0]) + 3}, t_s",
+        )
+    return Odometry(*values.T)
+
+
+def _number(path: Path, line: int, name: str, text: str | None) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(path, f"found {text!r}, expected a number", field=f"line {line}, {name}")
+    return value

@@ -1,0 +1,139 @@
+"""Scene readings on their way out: ROS 2 messages in an MCAP file, and rows of a table."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.files import keep_unfinished
+from ...core.resources import Closing
+from ...io.ros import ros_messages as ros
+
+if TYPE_CHECKING:
+    from ...io.sinks.measurement_sink import MeasurementSink
+    from .scene_tracker import SceneReading
+
+__all__ = ["SCENE_COLUMNS", "SceneTable", "write_scene"]
+
+SCENE_COLUMNS = (
+    "t_s",
+    "valid",
+    "reason",
+    "x_m",
+    "y_m",
+    "heading_rad",
+    "x_sigma_m",
+    "y_sigma_m",
+    "heading_sigma_rad",
+    "floor_valid",
+    "floor_points",
+    "object_valid",
+    "object_reason",
+    "object_angle_rad",
+    "object_angle_sigma_rad",
+    "object_tilt_rad",
+    "object_shift_x_m",
+    "object_shift_y_m",
+    "object_points",
+    "obstacle_valid",
+    "proximity_m",
+    "proximity_sigma_m",
+    "proximity_remembered",
+    "events",
+)
+
+
+def _values(reading: SceneReading) -> dict[str, Any]:
+    moved, obstacle = reading.object_motion, reading.obstacle
+    sigma = np.sqrt(np.diag(reading.pose_covariance))
+    return {
+        "t_s": float(reading.t_s),
+        "valid": bool(reading.motion.valid),
+        "reason": str(reading.motion.reason),
+        **{name: float(v) for name, v in zip(SCENE_COLUMNS[3:6], reading.pose, strict=True)},
+        **{name: float(v) for name, v in zip(SCENE_COLUMNS[6:9], sigma, strict=True)},
+        "floor_valid": bool(reading.floor_motion.valid),
+        "floor_points": int(reading.floor_points),
+        "object_valid": bool(moved.valid),
+        "object_reason": str(moved.reason),
+        "object_angle_rad": float(reading.object_angle_rad),
+        "object_angle_sigma_rad": moved.turn_sigma_rad if moved.valid else math.inf,
+        "object_tilt_rad": float(moved.tilt_rad),
+        "object_shift_x_m": float(moved.shift_m[0]),
+        "object_shift_y_m": float(moved.shift_m[1]),
+        "object_points": int(moved.points),
+        "obstacle_valid": bool(obstacle.valid),
+        "proximity_m": float(obstacle.proximity_m),
+        "proximity_sigma_m": float(obstacle.proximity_sigma_m),
+        "proximity_remembered": bool(obstacle.remembered),
+        "events": " ".join(event.kind.value for event in reading.events),
+    }
+
+
+def write_scene(
+    recording: MeasurementSink, reading: SceneReading, name: str = "scene", *, mask: bool = False
+) -> None:
+    """One reading as messages.
+
+    ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the begin, in frame
+    ``odom``; ``/NAME/diagnostics`` has all numbers with their validity and reason; with ``mask``
+    ``/NAME_obstacles/image/compressed`` is the obstacle mask. Events are the caller's.
+    """
+    x, y, heading = (float(v) for v in reading.pose)
+    covariance = np.zeros((6, 6))
+    covariance[np.ix_([0, 1, 5], [0, 1, 5])] = reading.pose_covariance
+    pose = Pose.from_rotation_vector([0.0, 0.0, heading], [x, y, 0.0])
+    recording.write_pose(pose, reading.t_s, f"/{name}/pose", frame="odom", covariance=covariance)
+    values = _values(reading)
+    message = ros.diagnostics(reading.t_s, "odom", name, values.pop("valid"), values.pop("reason"), values)
+    recording.write(f"/{name}/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", reading.t_s, message)
+    if mask:
+        recording.write_frame(Frame(reading.mask, reading.t_s, 0), f"{name}_obstacles")
+
+
+class SceneTable(Closing):
+    """Writes readings to a CSV file, one row each, columns :data:`SCENE_COLUMNS`.
+
+    The file is called ``NAME.part`` until it is closed; a row is with the operating system when
+    ``write`` returns.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        if self.path.suffix != ".csv":
+            raise InputError(path, f"found {self.path.suffix!r}, expected .csv")
+        if not self.path.parent.is_dir():
+            raise InputError(path, "its folder does not exist", remedy=f"create {self.path.parent}")
+        self.part = self.path.with_name(self.path.name + ".part")
+        try:
+            keep_unfinished(self.part, self.path)
+            self._stream: IO[str] | None = self.part.open("x", newline="", encoding="utf-8")
+        except OSError as error:
+            raise InputError(path, f"cannot be written ({error.strerror})") from error
+        csv.writer(self._stream, lineterminator="\n").writerow(SCENE_COLUMNS)
+
+    def write(self, reading: SceneReading) -> None:
+        """Append one reading."""
+        if self._stream is None:
+            raise InputError(self.path, "is closed")
+        values = _values(reading)
+        texts = [str(v).lower() if isinstance(v, bool) else v for v in (values[k] for k in SCENE_COLUMNS)]
+        csv.writer(self._stream, lineterminator="\n").writerow(texts)
+        self._stream.flush()
+
+    def close(self) -> None:
+        """Finish the file and give it its name; harmless when repeated."""
+        if self._stream is None:
+            return
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+        self._stream = None
+        self.part.replace(self.path)

@@ -1,0 +1,86 @@
+"""Pictures to stick on the simulated rod: an AprilTag, a collage, or any image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from ...core.errors import InputError
+from ..rendering.textures import fractal_noise
+
+__all__ = ["Print", "collage", "print_of_image", "print_of_tag"]
+
+#: Cells of a tag of family 36h11 along its side, with its black border; half a cell of white around it.
+_CELLS = 8
+#: Fine pixels of a cell.
+_CELL_PX = 48
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Print:
+    """Ink on paper, finer than a camera sees it."""
+
+    levels: Float32[np.ndarray, "R C"]  #: grey levels
+    width_m: float  #: of the whole picture, C columns
+
+    @property
+    def pixel_m(self) -> float:
+        """Size of one pixel of ``levels`` [m]."""
+        return self.width_m / self.levels.shape[1]
+
+
+def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: float = 215.0) -> Print:
+    """AprilTag 36h11 whose black border has the side ``size_m`` [m], with half a cell of white paper."""
+    import cv2
+
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    cells = cv2.aruco.generateImageMarker(family, tag_id, _CELLS * 4)[2::4, 2::4] > 127
+    fine = np.kron(cells, np.ones((_CELL_PX, _CELL_PX), bool))
+    fine = np.pad(fine, _CELL_PX // 2, constant_values=True)
+    levels = np.where(fine, bright, dark).astype(np.float32)
+    return Print(levels, size_m * (_CELLS + 1) / _CELLS)
+
+
+def print_of_image(
+    image: UInt8[np.ndarray, "R C"], width_m: float, *, dark: float = 20.0, bright: float = 225.0
+) -> Print:
+    """A picture as a printer puts it on paper: smooth between its pixels, and not quite black or white."""
+    import cv2
+
+    image = np.asarray(image)
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise InputError(
+            "print_of_image", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
+        )
+    levels = dark + (bright - dark) / 255.0 * image.astype(np.float32)
+    return Print(cv2.resize(levels, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC), width_m)
+
+
+def collage(seed: int, side_px: int = 320) -> UInt8[np.ndarray, "side side"]:
+    """A picture full of shapes and shades, different for every seed; it tracks as a photo does."""
+    import cv2
+
+    rng = np.random.default_rng([7202, seed])
+    size = 512  # fractal noise wants a power of two
+    canvas = 128 + 35 * fractal_noise(rng, size, 1.3)
+    for _ in range(220):
+        centre = rng.uniform(0, size, 2)
+        level, fraction = rng.uniform(10, 245), rng.uniform(0.5, 0.95)
+        mask = np.zeros((size, size), np.float32)
+        if rng.random() < 0.5:
+            axes = rng.uniform(5, 40, 2)
+            cv2.ellipse(
+                mask, (tuple(centre), tuple(2 * axes), float(rng.uniform(0, 180))), 1.0, -1, cv2.LINE_AA
+            )
+        else:
+            angle = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(3, 7))))
+            ring = centre + rng.uniform(8, 50) * np.column_stack([np.cos(angle), np.sin(angle)])
+            cv2.fillPoly(mask, [np.round(ring).astype(np.int32)], 1.0, cv2.LINE_AA)
+        canvas += fraction * mask * (level - canvas)
+    canvas += 10 * fractal_noise(rng, size, 0.3, shortest_texels=4)
+    small = cv2.resize(
+        cv2.GaussianBlur(canvas, (0, 0), 0.8), (side_px, side_px), interpolation=cv2.INTER_AREA
+    )
+    return np.clip(np.rint(small), 0, 255).astype(np.uint8)

@@ -1,0 +1,210 @@
+"""The camera's picture of the beam sensor: prints on a bending rod above a table.
+
+Every print is a plane of its own. A pixel is the mean of ``fine`` x ``fine`` rays, each
+traced through the lens to the print; the lens's blur, the light and the noise come on top
+as for all simulated cameras.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ..rendering._canvas import coverage
+from ..rendering.effects import CameraEffects
+from ..rendering.textures import TILE_MEAN, texture_tile
+from .rod import RodState
+from .rod_prints import Print
+from .rod_rig import RodRig
+
+__all__ = ["RodRenderer", "hand_held"]
+
+_FINE = 3
+_ROD_LEVEL, _BASE_LEVEL, _TABLE_LEVEL = 45.0, 70.0, 120.0
+_TABLE_TILE_M = 0.3
+#: Ends of the base along X and across it, in the sensor frame [m].
+_BASE_M = (-0.075, 0.0, 0.02)
+
+
+class RodRenderer:
+    """Draws a rod with prints as a camera sees it.
+
+    Parameters
+    ----------
+    rig
+        Where prints and camera are.
+    camera
+        Size, matrix and distortion.
+    prints
+        What is stuck to the reference and to the rod, by the names of the rig.
+    effects
+        Blur, light and noise.
+    table_m
+        The table below the rod, as a distance along -Z of the sensor.
+    """
+
+    def __init__(
+        self,
+        rig: RodRig,
+        camera: Camera,
+        prints: Mapping[str, Print],
+        effects: CameraEffects | None = None,
+        *,
+        table_m: float = 0.06,
+    ) -> None:
+        expected = {rig.reference, *rig.mounts}
+        if set(prints) != expected:
+            raise InputError(
+                "RodRenderer", f"found prints {sorted(prints)}, expected {sorted(expected)}", field="prints"
+            )
+        self.rig, self.camera, self.prints = rig, camera, dict(prints)
+        self.effects = effects or CameraEffects()
+        self.table_m = table_m
+        y, x = np.mgrid[: camera.height, : camera.width].astype(np.float64)
+        self._coarser: dict[tuple[int, int], np.ndarray] = {}
+        self._rays = camera.rays(np.stack([x, y], axis=-1)).astype(np.float32)
+
+    def render(
+        self,
+        state: RodState,
+        *,
+        rng: np.random.Generator,
+        T_camera_sensor: Pose | None = None,
+        t_s: float = 0.0,
+    ) -> UInt8[np.ndarray, "rows columns"]:
+        """Picture of the rod under a load."""
+        exact = self.exact(state, T_camera_sensor)
+        times = np.full(self.camera.height, t_s)
+        return self.effects.developed(exact[..., None], times, rng)[..., 0]
+
+    def exact(
+        self, state: RodState, T_camera_sensor: Pose | None = None
+    ) -> Float32[np.ndarray, "rows columns"]:
+        """The same before light, noise and rounding."""
+        view = self.rig.T_camera_sensor if T_camera_sensor is None else T_camera_sensor
+        image = self._table(view)
+        low, high, half = _BASE_M
+        base = np.array([[low, -half, 0.0], [high, -half, 0.0], [high, half, 0.0], [low, half, 0.0]])
+        self._fill(image, view.apply(base), _BASE_LEVEL)
+        self._fill(image, _ribbon(view.apply(state.points_m), state.rod.diameter_m), _ROD_LEVEL)
+        for name, pose in self.rig.poses(state, view).items():
+            self._paint(image, self.prints[name], pose)
+        return image
+
+    def _table(self, view: Pose) -> Float32[np.ndarray, "rows columns"]:
+        import cv2
+
+        tile = texture_tile("concrete").astype(np.float32) - np.float32(TILE_MEAN)
+        normal = view.rotation[:, 2]
+        origin = view.translation_m - self.table_m * normal
+        depth = np.float32(origin @ normal) / (self._rays @ normal.astype(np.float32))
+        scale = len(tile) / _TABLE_TILE_M
+        # Affine in the ray: the two in-plane coordinates of depth * ray - origin.
+        place = [
+            (self._rays @ (axis * scale).astype(np.float32)) * depth - np.float32(scale * (origin @ axis))
+            for axis in view.rotation[:, :2].T
+        ]
+        texture = cv2.remap(tile, place[0], place[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        texture = cv2.GaussianBlur(texture, (0, 0), max(self.effects.blur_px, 0.3))
+        return np.where(
+            np.isfinite(depth) & (depth > 0), np.float32(_TABLE_LEVEL) + 0.5 * texture, _TABLE_LEVEL
+        )
+
+    def _fill(self, image: np.ndarray, outline_camera_m: np.ndarray, level: float) -> None:
+        polygon = self.camera.project(outline_camera_m)
+        if not np.isfinite(polygon).all():
+            return
+        rows, columns = image.shape
+        found = coverage(polygon, rows, columns, self.effects.blur_px)
+        if found is not None:
+            image[found.window] += found.fraction.astype(np.float32) * (
+                np.float32(level) - image[found.window]
+            )
+
+    def _paint(self, image: np.ndarray, drawn: Print, pose: Pose) -> None:
+        import cv2
+
+        rows, columns = drawn.levels.shape
+        half = 0.5 * drawn.pixel_m * np.array([columns, rows])
+        corners = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * [*half, 0.0]
+        seen = self.camera.project(pose.apply(corners))
+        sight = pose.rotation[:, 2] @ pose.translation_m
+        if not np.isfinite(seen).all() or sight <= 0:  # behind the camera, or seen from the back
+            return
+        reach = math.ceil(4 * self.effects.blur_px) + 2
+        height, width = image.shape
+        left, top = np.maximum(np.floor(seen.min(axis=0)).astype(int) - reach, 0)
+        right, bottom = np.minimum(np.ceil(seen.max(axis=0)).astype(int) + reach + 1, [width, height])
+        if right - left < 1 or bottom - top < 1:
+            return
+        offset = (np.arange(_FINE) + 0.5) / _FINE - 0.5
+        x = (np.arange(left, right)[:, None] + offset).ravel()
+        y = (np.arange(top, bottom)[:, None] + offset).ravel()
+        rays = self.camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
+        depth = sight / (rays @ pose.rotation[:, 2])
+        across, down = (depth * (rays @ axis) - pose.translation_m @ axis for axis in pose.rotation[:, :2].T)
+        inside = (np.abs(across) <= half[0]) & (np.abs(down) <= half[1])
+        # Rays further apart than the pixels of the print would miss where its edges are.
+        apart_m = pose.translation_m[2] / (_FINE * self.camera.focal_px)
+        shown = self._shown(drawn, max(1, math.ceil(apart_m / drawn.pixel_m)))
+        pitch_m = 2 * half / shown.shape[::-1]
+        levels = cv2.remap(
+            shown,
+            (across / pitch_m[0] + (shown.shape[1] - 1) / 2).astype(np.float32),
+            (down / pitch_m[1] + (shown.shape[0] - 1) / 2).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        shape = (bottom - top, _FINE, right - left, _FINE)
+        fraction = inside.reshape(shape).mean(axis=(1, 3)).astype(np.float32)
+        paint = (levels * inside).reshape(shape).mean(axis=(1, 3)).astype(np.float32)
+        if self.effects.blur_px > 0:
+            # The patch is wider than the print by the reach of the blur: nothing is cut off.
+            fraction = cv2.GaussianBlur(fraction, (0, 0), self.effects.blur_px)
+            paint = cv2.GaussianBlur(paint, (0, 0), self.effects.blur_px)
+        region = image[top:bottom, left:right]
+        region *= 1.0 - fraction
+        region += paint
+
+    def _shown(self, drawn: Print, block: int) -> Float32[np.ndarray, "r c"]:
+        """The print's levels, means of ``block`` x ``block`` pixels."""
+        if block == 1:
+            return drawn.levels
+        key = (id(drawn), block)
+        if key not in self._coarser:
+            import cv2
+
+            rows, columns = drawn.levels.shape
+            size = (max(2, round(columns / block)), max(2, round(rows / block)))
+            self._coarser[key] = np.asarray(cv2.resize(drawn.levels, size, interpolation=cv2.INTER_AREA))
+        return self._coarser[key]
+
+
+def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[np.ndarray, "m 3"]:
+    """Outline of a round rod as the camera sees it: half its width to both sides of its axis."""
+    points = points_camera_m[:: max(1, len(points_camera_m) // 24)]
+    along = np.gradient(points, axis=0)
+    side = np.cross(along, points)
+    side *= 0.5 * width_m / np.linalg.norm(side, axis=1, keepdims=True)
+    return np.vstack([points + side, (points - side)[::-1]])
+
+
+def hand_held(rig: RodRig, t_s: float, *, shift_m: float = 0.01, turn_rad: float = 0.04) -> Pose:
+    """``T_camera_sensor`` of a camera that a hand holds: slow swings about the rig's view.
+
+    Sines of unlike periods of 2 to 5 s, in every direction.
+    """
+    periods_s = np.array([2.9, 3.7, 4.9, 3.1, 4.3, 2.3])
+    swing = np.sin(2 * np.pi * t_s / periods_s + np.arange(6))
+    turn = turn_rad * swing[:3] * [1.0, 1.0, 1.5]
+    view = rig.T_camera_sensor
+    # About the point that the camera looks at, so that the prints stay in the picture.
+    middle = view.apply(np.array([0.5 * rig.rod.length_m, 0.0, 0.0]))
+    moved = Pose.from_rotation_vector(turn, middle + shift_m * swing[3:])
+    return moved @ Pose(np.eye(3), -middle) @ view

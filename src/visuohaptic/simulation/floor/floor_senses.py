@@ -1,0 +1,71 @@
+"""What a robot on the simulated floor perceives: the truth with small errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from .floor_world import FloorWorld
+
+__all__ = ["FloorSenses", "SenseErrors"]
+
+
+@dataclass(frozen=True, slots=True)
+class SenseErrors:
+    """Standard deviations, and how slowly localisation wanders."""
+
+    place_m: float = 0.006  #: of the robot, per axis
+    heading_rad: float = 0.008
+    wander_s: float = 5.0  #: time over which these errors change
+    look_m: float = 0.005  #: of an object, new with every look
+    look_rad: float = 0.015
+    force_fraction: float = 0.05
+    contact_m: float = 0.004
+    range_m: float = 4.0  #: objects farther away are not seen
+
+
+class FloorSenses:
+    """Pose, touch and looks, as ``tasks.travel.TravelSenses`` asks for them."""
+
+    def __init__(
+        self, world: FloorWorld, rng: np.random.Generator, errors: SenseErrors | None = None
+    ) -> None:
+        self._world, self._rng = world, rng
+        self._errors = errors if errors is not None else SenseErrors()
+        e = self._errors
+        self._sigma = np.array([e.place_m, e.place_m, e.heading_rad])
+        self._bias = self._sigma * rng.standard_normal(3)
+        self._t_s = world.t_s
+
+    def pose(self) -> tuple[float, float, float]:
+        """Where the robot is, with an error that wanders."""
+        passed_s, self._t_s = self._world.t_s - self._t_s, self._world.t_s
+        if passed_s > 0:
+            keep = math.exp(-passed_s / self._errors.wander_s)
+            self._bias = keep * self._bias + math.sqrt(
+                1.0 - keep * keep
+            ) * self._sigma * self._rng.standard_normal(3)
+        x, y, heading = self._world.pose_m() + self._bias
+        return float(x), float(y), float(heading)
+
+    def touch(self) -> tuple[float, tuple[float, float] | None]:
+        """Force on the rim and where it acts."""
+        touch = self._world.touch
+        if touch is None:
+            return 0.0, None
+        e = self._errors
+        force = touch.force_N * max(0.0, 1.0 + e.force_fraction * float(self._rng.standard_normal()))
+        # The rim feels where on itself it is touched: in the map that has the error of localisation.
+        x, y = np.array(touch.point_m) + self._bias[:2] + e.contact_m * self._rng.standard_normal(2)
+        return force, (float(x), float(y))
+
+    def look(self, id: str) -> tuple[float, float, float] | None:
+        """Where a thing is."""
+        place = self._world.item_pose_m(id)
+        if np.hypot(*(place[:2] - self._world.pose_m()[:2])) > self._errors.range_m:
+            return None
+        e = self._errors
+        x, y, yaw = place + np.array([e.look_m, e.look_m, e.look_rad]) * self._rng.standard_normal(3)
+        return float(x), float(y), float(yaw)

@@ -1,0 +1,58 @@
+"""Walls of an occupancy map as few rectangles, for physics that knows boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["merged_rectangles", "wall_boxes"]
+
+
+def wall_boxes(map: OccupancyMap, *, depth_cells: int = 2) -> Float[np.ndarray, "n 4"]:
+    """Occupied cells that something could touch, merged.
+
+    Parameters
+    ----------
+    map
+        Cells of 50 and more are walls.
+    depth_cells
+        Cells farther than this from every other cell are left out: nothing gets there.
+
+    Returns
+    -------
+    (x0, y0, x1, y1) [m] in the frame of the grid: from the outer corner of cell
+    (0, 0), along its rows and columns; turn and place by ``map.origin``.
+    """
+    wall = map.cells >= 50
+    open_ = ~wall
+    for _ in range(depth_cells):
+        grown = open_.copy()
+        grown[1:] |= open_[:-1]
+        grown[:-1] |= open_[1:]
+        grown[:, 1:] |= open_[:, :-1]
+        grown[:, :-1] |= open_[:, 1:]
+        open_ = grown
+    return merged_rectangles(wall & open_) * map.resolution_m
+
+
+def merged_rectangles(cells: Bool[np.ndarray, "rows columns"]) -> Float[np.ndarray, "n 4"]:
+    """Rectangles (x0, y0, x1, y1) [cells] that cover the true cells once each.
+
+    Runs along the rows, joined with the run above where both have the same ends.
+    """
+    padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
+    change = np.diff(padded, axis=1)
+    found: list[tuple[int, int, int, int]] = []
+    open_: dict[tuple[int, int], int] = {}
+    for row in range(cells.shape[0] + 1):
+        runs: set[tuple[int, int]] = set()
+        if row < cells.shape[0]:
+            begins, ends = np.flatnonzero(change[row] == 1), np.flatnonzero(change[row] == -1)
+            runs = set(zip(begins.tolist(), ends.tolist(), strict=True))
+        for run in [run for run in open_ if run not in runs]:
+            found.append((run[0], open_.pop(run), run[1], row))
+        for run in runs:
+            open_.setdefault(run, row)
+    return np.array(sorted(found), dtype=np.float64).reshape(-1, 4)

@@ -1,0 +1,149 @@
+"""A press that pushes known shapes into foam, with exact truth: the bench of Alt 2016, Fig. 3.2 and 3.7."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..rendering.scene import FoamScene, SceneObject
+from .strip import FoamStrip, Outline, StripGeometry, StripState
+from .strip_law import SOFT_FOAM, StripLaw
+
+__all__ = ["PressSample", "PressShape", "calibration_press", "press", "press_outline", "press_path"]
+
+#: Longest move of the plate that is followed in one step (m).
+STEP_M = 1e-4
+
+
+class PressShape(StrEnum):
+    """Test shapes of Fig. 3.7b."""
+
+    CYLINDER_4CM = "A4"
+    CYLINDER_12CM = "A12"
+    LARGE_PLATE = "B"
+    PLATE_4CM = "C"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PressSample:
+    """The press at rest at one depth."""
+
+    t_s: float
+    depth_m: float  #: travel of the shape after first touch
+    direction: str  #: "loading" or "unloading"
+    force_N: float  #: true force of the foam on the shape, along the direction of travel
+    reference_N: float  #: the same as a force sensor with noise reads it
+    strip: StripState  #: true profiles
+    scene: FoamScene  #: what the camera sees
+
+
+def press_outline(
+    shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0, yaw_rad: float = 0.0
+) -> Outline:
+    """Cross section of a test shape in frame F whose foremost point has gone ``depth_m`` into the foam.
+
+    ``centre_m`` is its place along y, ``yaw_rad`` its turn about that foremost point.
+    """
+    reach = {
+        PressShape.CYLINDER_4CM: Outline.disc((0.02, 0.0), 0.02),
+        PressShape.CYLINDER_12CM: Outline.disc((0.06, 0.0), 0.06),
+        PressShape.LARGE_PLATE: Outline.box((0.01, 0.0), (0.02, 0.6)),
+        PressShape.PLATE_4CM: Outline.box((0.01, 0.0), (0.02, 0.04), edge_m=0.0005),
+    }
+    return reach[PressShape(shape)].moved(0.0, 0.0, yaw_rad).moved(width_m - depth_m, centre_m)
+
+
+def press_path(max_m: float, steps: int, *, runs: int = 1, unload: bool = True) -> Float[np.ndarray, "n"]:
+    """Depths of stepwise runs from 0 to ``max_m`` and back."""
+    if not (max_m > 0 and steps >= 1 and runs >= 1):
+        raise InputError(
+            "press_path", f"found {max_m} m in {steps} steps, expected a depth > 0 and steps >= 1"
+        )
+    up = np.linspace(0.0, max_m, steps + 1)
+    run = np.concatenate([up, up[-2::-1]]) if unload else np.concatenate([up, [0.0]])
+    return np.concatenate([run] * runs)
+
+
+def press(
+    shape: PressShape,
+    depths_m: Sequence[float] | Float[np.ndarray, "n"],
+    *,
+    geometry: StripGeometry | None = None,
+    law: StripLaw = SOFT_FOAM,
+    centre_m: float = 0.0,
+    yaw_rad: float = 0.0,
+    speed_m_s: float = 0.01,
+    reference_sigma_N: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> Iterator[PressSample]:
+    """Move a shape through a path of depths; a sample at every one of them.
+
+    Parameters
+    ----------
+    depths_m
+        Path, see :func:`press_path`.
+    reference_sigma_N
+        Noise of the force sensor (0.15 N in Alt 2016, Sec. 3.6.1).
+
+    Raises
+    ------
+    InputError
+        A depth is beyond the strip.
+    """
+    strip = FoamStrip(geometry, law)
+    width = strip.geometry.width_m
+    path = np.asarray(depths_m, dtype=np.float64)
+    if path.ndim != 1 or not np.isfinite(path).all() or path.max(initial=0.0) > 0.9 * width:
+        raise InputError("press", f"found depths {path}, expected a list of at most {0.9 * width:.4f} m")
+    rng = rng if rng is not None else np.random.default_rng(0)
+    t_s, now, direction = 0.0, 0.0, "loading"
+    back = strip.geometry.back_m(strip.s_m)
+    for target in path:
+        if target != now:
+            direction = "loading" if target > now else "unloading"
+        count = max(1, int(np.ceil(abs(target - now) / STEP_M)))
+        elapsed = abs(target - now) / speed_m_s / count
+        for depth in np.linspace(now, target, count + 1)[1:]:
+            outline = press_outline(shape, float(depth), width_m=width, centre_m=centre_m, yaw_rad=yaw_rad)
+            state = strip.press([outline], elapsed)
+        now, t_s = float(target), t_s + elapsed * count
+        force = float(state.force_N[0])
+        body = SceneObject(outline.polygon_m(), top_m=0.01)
+        yield PressSample(
+            t_s=t_s,
+            depth_m=now,
+            direction=direction,
+            force_N=force,
+            reference_N=force + reference_sigma_N * float(rng.standard_normal()),
+            strip=state,
+            scene=FoamScene(t_s=t_s, back_m=back, front_m=state.front_m, objects=(body,)),
+        )
+
+
+def calibration_press(
+    *,
+    geometry: StripGeometry | None = None,
+    law: StripLaw = SOFT_FOAM,
+    max_strain: float = 0.6,
+    steps: int = 60,
+    runs: int = 3,
+    reference_sigma_N: float = 0.0,
+    rng: np.random.Generator | None = None,
+) -> list[tuple[float, float, str]]:
+    """Calibration rows (strain, stress_Pa, direction) as a large plate measures them (Sec. 3.2).
+
+    The stress is the force by the area of the front; write the rows with
+    :func:`~visuohaptic.simulation.foam.strip.write_calibration_csv`.
+    """
+    geometry = geometry if geometry is not None else StripGeometry()
+    area = geometry.length_m * geometry.height_m
+    path = press_path(max_strain * geometry.width_m, steps, runs=runs)
+    samples = press(
+        PressShape.LARGE_PLATE, path, geometry=geometry, law=law, reference_sigma_N=reference_sigma_N, rng=rng
+    )
+    return [(x.depth_m / geometry.width_m, x.reference_N / area, x.direction) for x in samples]

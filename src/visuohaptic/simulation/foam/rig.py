@@ -1,0 +1,88 @@
+"""The camera above the strip, as on the platform of Alt 2016, Sec. 3.3: where it sits and what it is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.files import save_yaml
+
+__all__ = ["SensorRig"]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorRig:
+    """A camera that looks from behind and above onto the top of the strip; figure 3.3.
+
+    The defaults are those of figure 3.4: 0.3 m away, 70 degrees to the sensor plane, f = 1800 px.
+    """
+
+    distance_m: float = 0.3  #: d, from the camera to the middle of the strip
+    angle_rad: float = math.radians(70.0)  #: gamma, between the line of sight and the sensor plane
+    focal_px: float = 1800.0
+    width_px: int = 1600
+    height_px: int = 896
+    look_ahead_m: float = 0.03  #: the optical axis meets the sensor plane this far ahead of the strip
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    row_delay_s: float = 0.0
+
+    @property
+    def camera(self) -> Camera:
+        """The camera's model."""
+        return Camera.simple(
+            self.width_px,
+            self.height_px,
+            self.focal_px,
+            distortion=np.array(self.distortion),
+            row_delay_s=self.row_delay_s,
+        )
+
+    @property
+    def T_camera_foam(self) -> Pose:
+        """Maps coordinates of the sensor frame F to the camera."""
+        eye = np.array([-math.cos(self.angle_rad), 0.0, math.sin(self.angle_rad)]) * self.distance_m
+        T_foam_camera = self.camera.pose_of_view(eye, [self.look_ahead_m, 0.0, 0.0])
+        return T_foam_camera.inverse()
+
+    def write(
+        self,
+        folder: Path | str,
+        *,
+        foam: str = "foam.yaml",
+        length_m: float = 0.25,
+        radius_m: float | None = None,
+        **more: object,
+    ) -> Path:
+        """Write ``camera.yaml`` and ``sensor.yaml`` of a strip seen by this camera.
+
+        Parameters
+        ----------
+        more
+            Further fields of ``sensor.yaml``.
+        """
+        folder = Path(folder)
+        self.camera.save(folder / "camera.yaml")
+        pose = self.T_camera_foam
+        strip: dict[str, float] = {"length_m": length_m}
+        if radius_m is not None:
+            strip["radius_m"] = radius_m
+        save_yaml(
+            folder / "sensor.yaml",
+            {
+                "kind": "foam",
+                "camera": "camera.yaml",
+                "foam": foam,
+                "strip": strip,
+                "T_camera_foam": {
+                    "translation_m": [float(value) for value in pose.translation_m],
+                    "quaternion_xyzw": [float(value) for value in pose.quaternion_xyzw],
+                },
+                **more,
+            },
+        )
+        return folder / "sensor.yaml"

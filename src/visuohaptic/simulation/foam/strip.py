@@ -1,0 +1,389 @@
+"""The true foam strip: columns that a rigid outline compresses and that pull at each other."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ...core.errors import InputError
+from ._strip_kernels import penetration, solve_strip
+from .strip_law import (
+    FREE_STRAIN,
+    REFERENCE_FOAM,
+    SOFT_FOAM,
+    TABLE_END,
+    TABLE_SIZE,
+    TABLE_START,
+    StripLaw,
+    write_calibration_csv,
+)
+
+__all__ = [
+    "REFERENCE_FOAM",
+    "SOFT_FOAM",
+    "FoamStrip",
+    "Outline",
+    "StripGeometry",
+    "StripLaw",
+    "StripState",
+    "write_calibration_csv",
+]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outline:
+    """Cross section of a rigid body: a polygon grown by a disc; one vertex is a disc."""
+
+    vertices_m: Float[np.ndarray, "n 2"]  #: counter-clockwise
+    radius_m: float = 0.0  #: of the rounded edges
+
+    @classmethod
+    def disc(cls, centre_m: tuple[float, float], radius_m: float) -> Outline:
+        """A cylinder's cross section."""
+        return cls(np.array([centre_m], dtype=np.float64), radius_m)
+
+    @classmethod
+    def box(
+        cls,
+        centre_m: tuple[float, float],
+        size_m: tuple[float, float],
+        yaw_rad: float = 0.0,
+        edge_m: float = 0.0,
+    ) -> Outline:
+        """A box of ``size_m`` = (length along its x, along its y) with edges rounded by ``edge_m``."""
+        half = 0.5 * np.asarray(size_m, dtype=np.float64) - edge_m
+        if half.min() <= 0:
+            raise InputError("Outline.box", f"edge radius {edge_m} m does not fit into a box of {size_m} m")
+        corners = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        return cls(corners, edge_m).moved(centre_m[0], centre_m[1], yaw_rad)
+
+    def moved(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Outline:
+        """Turned about the origin, then shifted."""
+        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
+        turned = np.asarray(self.vertices_m, dtype=np.float64) @ np.array([[c, s], [-s, c]])
+        return Outline(turned + np.array([x_m, y_m]), self.radius_m)
+
+    def polygon_m(self, spacing_rad: float = math.pi / 24) -> Float[np.ndarray, "k 2"]:
+        """The outline as a plain polygon, its arcs cut into pieces of ``spacing_rad``."""
+        vertices = np.asarray(self.vertices_m, dtype=np.float64)
+        if self.radius_m <= 0.0:
+            return vertices
+        if len(vertices) == 1:
+            angle = np.arange(0.0, 2 * math.pi - 1e-9, spacing_rad)
+            return vertices + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
+        edges = np.roll(vertices, -1, axis=0) - vertices
+        outward = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
+        pieces = []
+        for i, vertex in enumerate(vertices):
+            begin = outward[i - 1]
+            turn = (outward[i] - begin + math.pi) % (2 * math.pi) - math.pi
+            angle = begin + turn * np.linspace(0.0, 1.0, 2 + int(abs(turn) / spacing_rad))
+            pieces.append(vertex + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
+        return np.concatenate(pieces)
+
+
+@dataclass(frozen=True, slots=True)
+class StripGeometry:
+    """A strip glued with its back to a straight plate or to a round platform, in frame F."""
+
+    length_m: float = 0.25  #: along the back
+    width_m: float = 0.02  #: w, in the direction of compression
+    height_m: float = 0.01  #: h
+    radius_m: float = math.inf  #: of the platform under the back contour
+    spacing_m: float = 0.0005  #: of the columns along the back
+
+    def __post_init__(self) -> None:
+        if min(self.length_m, self.width_m, self.height_m, self.radius_m, self.spacing_m) <= 0:
+            raise InputError("StripGeometry", f"found {self}, expected lengths > 0")
+        if self.length_m > 1.9 * math.pi * self.radius_m:
+            raise InputError("StripGeometry", f"{self.length_m} m do not fit around radius {self.radius_m} m")
+
+    def positions_m(self) -> Float[np.ndarray, "k"]:
+        """s of the columns, from -length / 2 to length / 2; s grows with y."""
+        count = max(2, round(self.length_m / self.spacing_m)) + 1
+        return np.linspace(-0.5 * self.length_m, 0.5 * self.length_m, count)
+
+    def back_m(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
+        """Points of the back contour."""
+        s = np.asarray(s_m, dtype=np.float64)
+        if math.isinf(self.radius_m):
+            return np.column_stack([np.zeros_like(s), s])
+        angle = s / self.radius_m
+        return self.radius_m * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
+
+    def normals(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
+        """Unit vectors from the back to the front."""
+        s = np.asarray(s_m, dtype=np.float64)
+        angle = np.zeros_like(s) if math.isinf(self.radius_m) else s / self.radius_m
+        return np.column_stack([np.cos(angle), np.sin(angle)])
+
+    def stretch(self, height_m: float) -> float:
+        """Length along s at a height above the back, by the length at the back."""
+        return 1.0 if math.isinf(self.radius_m) else 1.0 + height_m / self.radius_m
+
+    def position_of(self, points_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
+        """s of the columns on whose rays points lie."""
+        points = np.asarray(points_m, dtype=np.float64)
+        if math.isinf(self.radius_m):
+            return points[:, 1]
+        return self.radius_m * np.arctan2(points[:, 1], points[:, 0] + self.radius_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripState:
+    """Equilibrium of the strip with the bodies; all in frame F."""
+
+    s_m: Float[np.ndarray, "k"]  #: columns along the back contour
+    delta_m: Float[np.ndarray, "k"]  #: deflection of the front towards the base
+    pressure_Pa: Float[np.ndarray, "k"]  #: contact force by undeformed front area
+    front_m: Float[np.ndarray, "k 2"]  #: front contour
+    body: Int[np.ndarray, "k"]  #: index of the body that touches, -1 without
+    load_N: float  #: integral of the pressure over the front: the F of Eq. (3.1)
+    force_N: Float[
+        np.ndarray, "2"
+    ]  #: of the foam on all bodies; its length is ``load_N`` on a straight strip
+    moment_Nm: float  #: of the foam on all bodies about the origin of F
+    body_force_N: Float[np.ndarray, "b 2"]  #: on every body
+    body_moment_Nm: Float[np.ndarray, "b"]  #: on every body about the origin of F
+    stiffness_N_per_m: float  #: upper bound of d force / d depth of all touching columns, for time stepping
+
+    @property
+    def touching(self) -> Bool[np.ndarray, "k"]:
+        """Columns with contact pressure."""
+        return self.pressure_Pa > 0.0
+
+    def centre_m(self, body: int) -> float:
+        """Where along s a body's contact force acts; NaN without contact."""
+        weight = np.where(self.body == body, self.pressure_Pa, 0.0)
+        total = float(weight.sum())
+        return float(weight @ self.s_m / total) if total > 0 else math.nan
+
+
+class FoamStrip:
+    """A strip with its memory (hysteresis); :meth:`press` moves bodies against it.
+
+    Forces act along the columns' normals only: shear along the mounting curve
+    is negligible (Alt 2016, Sec. 3.3).
+
+    Examples
+    --------
+    >>> strip = FoamStrip(StripGeometry(spacing_m=0.001), SOFT_FOAM)
+    >>> wall = Outline.box((0.02 + 0.05 - 0.004, 0.0), (0.1, 0.6))
+    >>> state = strip.press([wall])
+    >>> round(float(state.force_N[0]) / (0.25 * 0.01 * float(SOFT_FOAM.uniaxial([0.2])[0])), 3)
+    1.0
+    """
+
+    def __init__(self, geometry: StripGeometry | None = None, law: StripLaw = SOFT_FOAM) -> None:
+        self.geometry = geometry if geometry is not None else StripGeometry()
+        self.law = law
+        self.s_m = self.geometry.positions_m()
+        self._stress, self._shear = law.tables()
+        self._shear_slope = np.gradient(self._shear, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1))
+        self._loss = np.asarray(law.loss, dtype=np.float64)
+        self._loss_strain = np.asarray(law.loss_strain, dtype=np.float64)
+        self._thickness = np.asarray(law.layers) * self.geometry.width_m
+        middle = np.cumsum(self._thickness) - 0.5 * self._thickness
+        self._stretch = np.array([[self.geometry.stretch(float(y)) for y in middle]])
+        self._back, self._normal = self.geometry.back_m(self.s_m), self.geometry.normals(self.s_m)
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to rest: no deflection and no memory."""
+        k, n, j = len(self.s_m), len(self._thickness), len(self._loss)
+        # One row per column: displacements, strains, chi (n each), xi (n j), touched (1).
+        self._memory = np.zeros((k, 3 * n + n * j + 1))
+        self._memory[:, 3 * n : -1] = 1.0
+
+    def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
+        """Where a line of the foam is now that was ``height_m`` above the back at rest, frame F."""
+        layers = np.concatenate([[0.0], np.cumsum(self._thickness)])
+        upper = int(np.clip(np.searchsorted(layers, height_m), 1, len(self._thickness)))
+        fraction = (height_m - layers[upper - 1]) / (layers[upper] - layers[upper - 1])
+        above = self._memory[:, upper - 1]
+        below = self._memory[:, upper - 2] if upper > 1 else np.zeros(len(self.s_m))
+        moved = below + fraction * (above - below)
+        return self._back + self._normal * (height_m - moved[:, None])
+
+    def press(self, bodies: Sequence[Outline], dt_s: float = 0.0) -> StripState:
+        """Find the equilibrium with bodies at new places and remember the way there.
+
+        Parameters
+        ----------
+        bodies
+            Outlines in frame F. A move by more than about 1 mm is followed in one
+            go: give small moves where the order of loading matters.
+        dt_s
+            Time since the last call; only relaxation feels it.
+        """
+        geometry, law, w, n = self.geometry, self.law, self.geometry.width_m, len(self._thickness)
+        vertices, starts, radii = _flat(bodies)
+        window = self._window(vertices, np.repeat(radii, np.diff(starts)))
+        if window is None:
+            return self._result(
+                np.zeros((0, 2)), np.zeros(0), np.zeros(0, np.int64), np.zeros(0), 0.0, len(bodies)
+            )
+        at = self._columns(vertices, starts, radii, *window)
+        s = self.s_m[0] + at * (self.s_m[1] - self.s_m[0])
+        old = _blend(self._memory, at)
+        strain, chi = np.ascontiguousarray(old[:, n : 2 * n]), np.ascontiguousarray(old[:, 2 * n : 3 * n])
+        u, xi = np.ascontiguousarray(old[:, :n]), np.ascontiguousarray(old[:, 3 * n : -1])
+        xi = xi.reshape(len(s), n, -1)
+        normal = geometry.normals(s)
+        depth, owner = np.empty(len(s)), np.empty(len(s), dtype=np.int64)
+        penetration(geometry.back_m(s), normal, w, vertices, starts, radii, depth, owner)
+
+        distance = np.diff(s)
+        cell = np.zeros(len(s))
+        cell[1:] += 0.5 * distance
+        cell[:-1] += 0.5 * distance
+        decay = math.exp(-dt_s / law.relaxation_time_s)
+        reaction = np.zeros(len(s))
+        solve_strip(
+            u, xi, chi, strain, np.minimum(depth, 0.97 * TABLE_END * w), cell[:, None] * self._stretch,
+            distance[:, None] * self._stretch, self._thickness, geometry.height_m,
+            TABLE_START, (TABLE_END - TABLE_START) / (TABLE_SIZE - 1),
+            self._stress, self._shear, self._shear_slope, self._loss, self._loss_strain,
+            law.relaxation, law.relaxation_strain, decay, law.shear_limit,
+            60, old[:, -1] > 0.5, reaction,
+        )  # fmt: skip
+        self._remember(at, u, strain, xi, chi, reaction, decay)
+        stiffness = self._stiffness(u[:, -1], cell, reaction > 0)
+        front = geometry.back_m(s) + normal * (w - u[:, -1:])
+        force = reaction[:, None] * normal
+        return self._result(
+            front, reaction, np.where(reaction > 0, owner, -1), at, stiffness, len(bodies), force
+        )
+
+    def _window(
+        self, vertices: Float[np.ndarray, "m 2"], radius: Float[np.ndarray, "m"]
+    ) -> tuple[int, int] | None:
+        """First and last regular column that can move; free ones far from any contact stay at rest."""
+        moved = np.flatnonzero(np.abs(self._memory[:, len(self._thickness) - 1]) > 1e-8)
+        spacing, margin = self.s_m[1] - self.s_m[0], 3.0 * self.geometry.width_m
+        low, high = (self.s_m[moved[0]], self.s_m[moved[-1]]) if len(moved) else (math.inf, -math.inf)
+        if len(vertices):
+            place = self.geometry.position_of(vertices)
+            low, high = min(low, float((place - radius).min())), max(high, float((place + radius).max()))
+        first = (
+            max(0, math.floor((low - margin - self.s_m[0]) / spacing)) if low < math.inf else len(self.s_m)
+        )
+        last = (
+            min(len(self.s_m) - 1, math.ceil((high + margin - self.s_m[0]) / spacing))
+            if high > -math.inf
+            else 0
+        )
+        return (first, last) if last - first >= 2 else None
+
+    def _columns(
+        self, vertices: Float[np.ndarray, "m 2"], starts: Int[np.ndarray, "b1"],
+        radii: Float[np.ndarray, "b"], first: int, last: int,
+    ) -> Float[np.ndarray, "k"]:  # fmt: skip
+        """Columns of this step as (fractional) indices: the regular ones and more at the bodies' corners.
+
+        Without the extra columns the force would jump by a whole column when a
+        corner slides along the strip.
+        """
+        regular = np.arange(first, last + 1, dtype=np.float64)
+        if not len(vertices):
+            return regular
+        count = np.diff(starts)
+        radius, corner = np.repeat(radii, count), np.repeat(count > 1, count)
+        place = self.geometry.position_of(vertices)[corner]
+        reach = 0.7 * radius[corner]
+        spacing = self.s_m[1] - self.s_m[0]
+        index = np.unique((np.concatenate([place, place - reach, place + reach]) - self.s_m[0]) / spacing)
+        index = index[(index > first) & (index < last) & (np.abs(index - np.round(index)) > 0.02)]
+        index = index[np.diff(index, prepend=-1.0) > 0.02]
+        return np.sort(np.concatenate([regular, index]))
+
+    def _remember(
+        self, at: Float[np.ndarray, "k"], u: Float[np.ndarray, "k n"], strain: Float[np.ndarray, "k n"],
+        xi: Float[np.ndarray, "k n j"], chi: Float[np.ndarray, "k n"], reaction: Float[np.ndarray, "k"],
+        decay: float,
+    ) -> None:  # fmt: skip
+        """Accept a step: move the hysteresis elements of the regular columns."""
+        keep = at == np.floor(at)
+        k = int(keep.sum())
+        new = np.diff(u[keep], axis=1, prepend=0.0) / self._thickness
+        change = new - strain[keep]
+        free = new <= FREE_STRAIN
+        moved = np.clip(xi[keep] + change[:, :, None] / self._loss_strain, -1.0, 1.0)
+        moved[free] = 1.0
+        relaxed = np.where(free, 0.0, (chi[keep] + change / self.law.relaxation_strain) * decay)
+        first = int(at[0])
+        self._memory[first : first + k] = np.column_stack(
+            [u[keep], new, relaxed, moved.reshape(k, -1), reaction[keep] > 0]
+        )
+
+    def _stiffness(
+        self, delta: Float[np.ndarray, "k"], cell: Float[np.ndarray, "k"], touching: Bool[np.ndarray, "k"]
+    ) -> float:
+        """Upper bound of d force / d depth [N/m]: every hysteresis element sticks."""
+        strain = np.clip(delta[touching] / self.geometry.width_m, 0.0, 0.9)
+        x = (strain - TABLE_START) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
+        low = x.astype(np.int64)
+        stress = self._stress[low]
+        slope = (self._stress[low + 1] - stress) / (TABLE_END - TABLE_START) * (TABLE_SIZE - 1)
+        gain = slope + stress * float(np.sum(self._loss / self._loss_strain))
+        return float(gain @ cell[touching]) * self.geometry.height_m / self.geometry.width_m
+
+    def _result(
+        self, front: Float[np.ndarray, "q 2"], reaction: Float[np.ndarray, "q"], who: Int[np.ndarray, "q"],
+        at: Float[np.ndarray, "q"], stiffness: float, bodies: int,
+        force: Float[np.ndarray, "q 2"] | None = None,
+    ) -> StripState:  # fmt: skip
+        """Forces from the reactions; profiles on the regular columns."""
+        geometry, k = self.geometry, len(self.s_m)
+        force = force if force is not None else np.zeros((0, 2))
+        moment = front[:, 0] * force[:, 1] - front[:, 1] * force[:, 0]
+        parts = [
+            np.bincount(who + 1, weights=x, minlength=bodies + 1)[1:]
+            for x in (force[:, 0], force[:, 1], moment)
+        ]
+        # The load of an extra column goes to its regular neighbours, so that the profile keeps the force.
+        low = np.floor(at).astype(np.int64)
+        fraction = at - low
+        load = np.bincount(low, weights=reaction * (1 - fraction), minlength=k)
+        load = load + np.bincount(np.minimum(low + 1, k - 1), weights=reaction * fraction, minlength=k)
+        area = np.full(
+            k, (self.s_m[1] - self.s_m[0]) * geometry.stretch(geometry.width_m) * geometry.height_m
+        )
+        area[[0, -1]] *= 0.5
+        body = np.full(k, -1)
+        body[low[fraction == 0]] = who[fraction == 0]
+        delta = self._memory[:, len(self._thickness) - 1].copy()
+        return StripState(
+            s_m=self.s_m,
+            delta_m=delta,
+            pressure_Pa=load / area,
+            front_m=self._back + self._normal * (geometry.width_m - delta[:, None]),
+            body=body,
+            load_N=float(reaction.sum()),
+            force_N=force.sum(axis=0),
+            moment_Nm=float(moment.sum()),
+            body_force_N=np.column_stack(parts[:2]),
+            body_moment_Nm=parts[2],
+            stiffness_N_per_m=stiffness,
+        )
+
+
+def _flat(
+    bodies: Sequence[Outline],
+) -> tuple[Float[np.ndarray, "m 2"], Int[np.ndarray, "b1"], Float[np.ndarray, "b"]]:
+    """All vertices in one array, as the kernel wants them."""
+    starts = np.cumsum([0, *(len(body.vertices_m) for body in bodies)]).astype(np.int64)
+    vertices = [np.asarray(body.vertices_m, dtype=np.float64) for body in bodies]
+    flat = np.ascontiguousarray(np.concatenate(vertices)) if bodies else np.zeros((0, 2))
+    return flat, starts, np.array([float(body.radius_m) for body in bodies])
+
+
+def _blend(values: Float[np.ndarray, "k *rest"], at: Float[np.ndarray, "q"]) -> Float[np.ndarray, "q *rest"]:
+    """Values at fractional indices, between neighbours linearly."""
+    low = np.minimum(np.floor(at).astype(np.int64), len(values) - 2)
+    fraction = (at - low).reshape(-1, *([1] * (values.ndim - 1)))
+    return values[low] * (1 - fraction) + values[low + 1] * fraction

@@ -1,0 +1,190 @@
+"""What the simulated foam is made of: hyperelastic, hysteretic, slowly relaxing, held together sideways.
+
+Symbols
+-------
+epsilon : strain of a column or of one of its layers, compression positive
+sigma : nominal stress, compression positive [Pa]
+lambda : stretch, 1 - epsilon
+xi_j : state of hysteresis element j, +1 on the loading branch, -1 on the unloading branch
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+
+__all__ = ["REFERENCE_FOAM", "SOFT_FOAM", "StripLaw"]
+
+#: Range and number of the tables that the kernel reads; strain below 0 is tension.
+TABLE_START, TABLE_END, TABLE_SIZE = -0.6, 0.95, 6201
+#: Below this strain (0.2 um of 20 mm) foam counts as free and forgets its past.
+FREE_STRAIN = 1e-5
+
+
+@dataclass(frozen=True, slots=True)
+class StripLaw:
+    """The true law of the foam, written apart from every estimator.
+
+    The loading branch is the uniaxial nominal stress of the Ogden-Hill
+    (Storakers) potential with Poisson ratio 0,
+
+        sigma(epsilon) = sum_i (2 mu_i / alpha_i) (1 - lambda^alpha_i) / lambda.
+
+    Hysteresis multiplies it by ``1 - sum_j r_j (1 - xi_j)`` where every xi_j is
+    a stop operator (Maxwell slip element, Prandtl): it follows ``d epsilon /
+    e_j`` and slips at +1 and -1. Work done in a closed loop is never negative
+    because sigma does not change its sign. A part of the foam that lies free
+    forgets its past (xi_j = 1), so every loading from rest is the same curve.
+
+    Neighbouring columns are tied by their shear with the energy
+    ``G(epsilon) g0^2 (sqrt(1 + gamma^2 / g0^2) - 1)`` per volume: quadratic
+    for small shear gamma, like a string for large. The modulus
+    ``G = k (m sigma lambda / (1 - lambda^2) + (1 - m) mu)`` follows the
+    tangent shear modulus of the compressed potential with weight m; k < 1
+    stands for the sideways motion of the foam, which columns cannot do.
+    """
+
+    mu_Pa: tuple[float, ...] = (11000.0, 50.0)  #: mu_i
+    alpha: tuple[float, ...] = (8.0, -2.0)  #: alpha_i
+    loss: tuple[float, ...] = (0.015, 0.03, 0.06, 0.08)  #: r_j, their sum < 0.5
+    loss_strain: tuple[float, ...] = (0.001, 0.004, 0.015, 0.05)  #: e_j
+    relaxation: float = 0.0  #: part of the stress that a fast loading adds and that relaxes
+    relaxation_strain: float = 0.2  #: strain over which that part builds up
+    relaxation_time_s: float = 20.0  #: time constant of its decay
+    shear_factor: float = 0.386  #: k
+    shear_mix: float = 0.663  #: m
+    shear_limit: float = 1.57  #: g0
+    layers: tuple[float, ...] = (1 / 3, 1 / 3, 1 / 3)  #: thickness of the layers by w, back to front
+
+    def __post_init__(self) -> None:
+        if len(self.mu_Pa) != len(self.alpha) or not self.mu_Pa or 0 in self.alpha:
+            raise InputError("StripLaw", f"found {self.mu_Pa} and {self.alpha}, expected pairs, alpha not 0")
+        if len(self.loss) != len(self.loss_strain) or any(e <= 0 for e in self.loss_strain):
+            raise InputError("StripLaw", f"found loss_strain {self.loss_strain}, expected one > 0 per loss")
+        if any(r < 0 for r in self.loss) or sum(self.loss) >= 0.5:
+            raise InputError("StripLaw", f"found loss {self.loss}, expected all >= 0 with a sum below 0.5")
+        if not (self.layers and min(self.layers) > 0 and abs(sum(self.layers) - 1) < 1e-9):
+            raise InputError("StripLaw", f"found layers {self.layers}, expected parts > 0 with sum 1")
+
+    def elastic_stress_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Loading branch: nominal stress at a strain [Pa]."""
+        stretch = 1.0 - np.asarray(strain, dtype=np.float64)
+        return sum(
+            (2 * mu / a * (1 - stretch**a) / stretch for mu, a in zip(self.mu_Pa, self.alpha, strict=True)),
+            np.zeros_like(stretch),
+        )
+
+    def energy_density_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """Integral of the loading branch over the strain [J/m^3]."""
+        stretch = 1.0 - np.asarray(strain, dtype=np.float64)
+        return sum(
+            (
+                2 * mu / a**2 * (stretch**a - 1 - a * np.log(stretch))
+                for mu, a in zip(self.mu_Pa, self.alpha, strict=True)
+            ),
+            np.zeros_like(stretch),
+        )
+
+    def shear_modulus_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+        """G at a compression [Pa]."""
+        strain = np.asarray(strain, dtype=np.float64)
+        stretch = 1.0 - strain
+        # At zero strain the quotient is 0/0 with the limit mu.
+        safe = np.where(np.abs(strain) < 1e-7, 1e-7, strain)
+        tangent = self.elastic_stress_Pa(safe) * stretch / (1.0 - (1.0 - safe) ** 2)
+        return self.shear_factor * (self.shear_mix * tangent + (1 - self.shear_mix) * sum(self.mu_Pa))
+
+    def tables(self) -> tuple[Float[np.ndarray, "t"], Float[np.ndarray, "t"]]:
+        """Stress and shear modulus [Pa] at ``TABLE_SIZE`` strains, for the kernel."""
+        strain = np.linspace(TABLE_START, TABLE_END, TABLE_SIZE)
+        return self.elastic_stress_Pa(strain), self.shear_modulus_Pa(strain)
+
+    def path_stress_Pa(
+        self, strain: Float[np.ndarray, "n"], t_s: Float[np.ndarray, "n"] | None = None
+    ) -> Float[np.ndarray, "n"]:
+        """Stress along a path of strains that begins at rest [Pa].
+
+        The time matters only where the foam relaxes; without it the path is
+        infinitely slow.
+        """
+        strain = np.asarray(strain, dtype=np.float64)
+        base = self.elastic_stress_Pa(strain)
+        yields = np.asarray(self.loss_strain)
+        xi, chi, before = np.ones(len(self.loss)), 0.0, 0.0
+        result = np.empty_like(strain)
+        for i, now in enumerate(strain):
+            step = now - before
+            xi = np.clip(xi + step / yields, -1.0, 1.0)
+            elapsed = np.inf if t_s is None else t_s[i] - t_s[max(i - 1, 0)]
+            chi = (chi + step / self.relaxation_strain) * np.exp(-elapsed / self.relaxation_time_s)
+            if now <= FREE_STRAIN:
+                xi[:], chi = 1.0, 0.0
+            factor = 1.0 - float(np.asarray(self.loss) @ (1.0 - xi)) + self.relaxation * chi
+            result[i] = base[i] * (factor if now > 0.0 else 1.0)
+            before = now
+        return result
+
+    def uniaxial(
+        self, strain: Float[np.ndarray, "n"], direction: str = "loading", *, max_strain: float = 0.6
+    ) -> Float[np.ndarray, "n"]:
+        """Stress that a plate over the whole strip feels [Pa].
+
+        Parameters
+        ----------
+        strain
+            In any order.
+        direction
+            ``"loading"`` from rest, or ``"unloading"`` after ``max_strain``.
+        """
+        strain = np.asarray(strain, dtype=np.float64)
+        if direction == "loading":
+            return self.elastic_stress_Pa(strain)
+        if direction != "unloading":
+            raise InputError("uniaxial", f"found direction {direction!r}, expected 'loading' or 'unloading'")
+        yields = np.asarray(self.loss_strain)
+        xi = np.clip(1.0 - np.maximum(max_strain - strain, 0.0)[:, None] / yields, -1.0, 1.0)
+        return self.elastic_stress_Pa(strain) * (1.0 - (1.0 - xi) @ np.asarray(self.loss))
+
+    def calibration_rows(
+        self,
+        *,
+        runs: int = 3,
+        max_strain: float = 0.6,
+        points: int = 61,
+        noise_Pa: float = 0.0,
+        rng: np.random.Generator | None = None,
+    ) -> list[tuple[float, float, str]]:
+        """Rows (strain, stress_Pa, direction) of repeated press runs, up and down.
+
+        ``noise_Pa`` is the standard deviation of the stress, e.g. that of the
+        force sensor (0.15 N in Alt 2016, Sec. 3.6.1) by the area of the strip.
+        """
+        rng = rng if rng is not None else np.random.default_rng(0)
+        up = np.linspace(0.0, max_strain, points)
+        rows: list[tuple[float, float, str]] = []
+        for _ in range(runs):
+            for strains, direction in ((up, "loading"), (up[-2::-1], "unloading")):
+                stress = self.uniaxial(strains, direction, max_strain=max_strain)
+                stress = stress + noise_Pa * rng.standard_normal(len(strains))
+                rows += [(float(e), float(s), direction) for e, s in zip(strains, stress, strict=True)]
+        return rows
+
+
+def write_calibration_csv(path: Path | str, rows: Sequence[tuple[float, float, str]]) -> None:
+    """Write press rows as the calibration file ``strain,stress_Pa,direction``."""
+    from ...core.files import write_text
+
+    lines = ["strain,stress_Pa,direction", *(f"{e:.6f},{s:.3f},{d}" for e, s, d in rows)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+#: Soft PUR: slope about 10 kPa per unit strain in the plateau.
+SOFT_FOAM = StripLaw()
+#: Constants of the continuum simulation in ``data/foam_continuum``, loading branch only.
+REFERENCE_FOAM = StripLaw(mu_Pa=(33600.0, 150.0), alpha=(12.0, -2.0), loss=(), loss_strain=())

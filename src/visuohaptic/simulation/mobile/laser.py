@@ -1,0 +1,90 @@
+"""A laser scanner in an occupancy map."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ...core.errors import InputError
+from ...core.laser_scan import LaserScan
+from ...io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["LaserConfig", "SimulatedLaser"]
+
+
+@dataclass(frozen=True, slots=True)
+class LaserConfig:
+    """The scanner of Alt 2016, Sec. 4.2: 240 degrees; number, noise and range of a small Hokuyo."""
+
+    beams: int = 341
+    field_of_view_rad: float = 4.18879
+    range_min_m: float = 0.05
+    range_max_m: float = 8.0
+    sigma_m: float = 0.01
+    lost_fraction: float = 0.01  #: of beams without echo for no reason
+
+    def __post_init__(self) -> None:
+        if not (self.beams >= 2 and 0 < self.field_of_view_rad <= 2 * np.pi and 0 <= self.lost_fraction < 1):
+            raise InputError("LaserConfig", f"found {self}, expected 2 beams or more, at most a full turn")
+
+
+class SimulatedLaser:
+    """Scans of a map from any pose.
+
+    Occupied cells (50 and more) give an echo at their border; unknown cells end
+    a beam without one, so that it cannot look into what was never seen.
+
+    Parameters
+    ----------
+    grid
+        The world.
+    config
+        The scanner.
+    rng
+        Of noise and lost beams.
+    """
+
+    def __init__(self, grid: OccupancyMap, config: LaserConfig | None, rng: np.random.Generator) -> None:
+        self.config = config or LaserConfig()
+        self._grid = grid
+        self._rng = rng
+        opaque: UInt8[np.ndarray, "rows columns"] = np.where(grid.unknown, 2, 0).astype(np.uint8)
+        opaque[grid.cells >= 50] = 1
+        self._opaque = opaque
+
+    def scan(self, pose: tuple[float, float, float], t_s: float) -> LaserScan:
+        """What the scanner at (x, y, yaw) in the map frame sees.
+
+        Raises
+        ------
+        InputError
+            The pose is not on the map.
+        """
+        from ._laser_kernels import cast
+
+        config, grid = self.config, self._grid
+        place = np.array(pose[:2])
+        if not bool(grid.inside(grid.cell_from_world(place))):
+            raise InputError("pose", f"found {pose}, expected a place on the map")
+        step = config.field_of_view_rad / (config.beams - 1)
+        first = -0.5 * config.field_of_view_rad
+        angles = first + step * np.arange(config.beams) + pose[2] - grid.origin[2]
+        local = _rotated(place - np.array(grid.origin[:2]), -grid.origin[2]) / grid.resolution_m
+        directions = np.column_stack([np.sin(angles), np.cos(angles)])
+        longest = config.range_max_m / grid.resolution_m
+        ranges = cast(self._opaque, float(local[1]), float(local[0]), directions, longest) * grid.resolution_m
+        ranges = ranges + config.sigma_m * self._rng.standard_normal(config.beams)
+        ranges[ranges >= config.range_max_m] = np.inf
+        ranges[self._rng.random(config.beams) < config.lost_fraction] = np.nan
+        with np.errstate(invalid="ignore"):
+            ranges[ranges < config.range_min_m] = np.nan
+        return LaserScan(
+            t_s, ranges, first, step, config.range_min_m, config.range_max_m, max(config.sigma_m, 1e-4)
+        )
+
+
+def _rotated(vector: np.ndarray, angle_rad: float) -> np.ndarray:
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])

@@ -1,0 +1,357 @@
+"""Things that a platform meets on the floor: boxes, cylinders, tables, walls, hinged doors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ..foam.strip import Outline
+from ..rendering.scene import Solid
+
+__all__ = [
+    "Obstacle",
+    "ObstacleKind",
+    "box",
+    "cylinder",
+    "door",
+    "feet_mjcf",
+    "leaning_solid",
+    "obstacle_mjcf",
+    "section",
+    "table",
+    "wall",
+]
+
+GRAVITY_M_S2 = 9.81
+#: Feet on which movable obstacles stand: radius (m). A flat bottom would rest on arbitrary points.
+FOOT_M = 0.004
+#: Tilt above which the cross section is cut from the solid instead of the upright outline (rad).
+UPRIGHT_RAD = 0.002
+
+
+class ObstacleKind(StrEnum):
+    """What an obstacle is."""
+
+    BOX = "box"
+    CYLINDER = "cylinder"
+    TABLE = "table"
+    WALL = "wall"
+    DOOR = "door"
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """One obstacle, its place in the world, and what the physics has to know of it.
+
+    A box, table or wall is placed by its centre, a door by its hinge: the
+    closed wing points along x of its own frame.
+    """
+
+    name: str
+    kind: ObstacleKind
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+    length_m: float = 0.3  #: along its x; diameter of a cylinder
+    width_m: float = 0.3  #: along its y; thickness of a door
+    height_m: float = 0.3
+    mass_kg: float = 1.0
+    friction: float = 0.4  #: dynamic, with the floor
+    static_ratio: float = 1.1  #: static by dynamic friction
+    fixed: bool = False  #: cannot move at all
+    edge_m: float = 0.002  #: radius of its upright edges
+    leg_m: float = 0.04  #: side or diameter of a table's legs
+    round_legs: bool = False
+    hinge_friction_Nm: float = 0.3  #: of a door
+    hinge_damping_Nms: float = 0.2
+    grey: float = 90.0  #: look
+    texture: float = 20.0
+    seed: int = 0
+    material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
+
+    def __post_init__(self) -> None:
+        sizes = (self.length_m, self.width_m, self.height_m, self.mass_kg)
+        if not (np.isfinite([self.x_m, self.y_m, self.yaw_rad]).all() and min(sizes) > 0):
+            raise InputError(f"obstacle {self.name!r}", f"found sizes and mass {sizes}, expected all > 0")
+        if not (self.friction >= 0 and self.static_ratio >= 1):
+            raise InputError(
+                f"obstacle {self.name!r}",
+                f"found friction {self.friction}, static_ratio {self.static_ratio}; expected >= 0 and >= 1",
+            )
+
+    @property
+    def movable(self) -> bool:
+        """Whether a force can move it."""
+        return not self.fixed and self.kind in (ObstacleKind.BOX, ObstacleKind.CYLINDER, ObstacleKind.DOOR)
+
+    @property
+    def dynamic_friction_N(self) -> float:
+        """Force that keeps it sliding straight; infinite when fixed, 0 for a door (see its hinge)."""
+        if self.kind is ObstacleKind.DOOR:
+            return 0.0 if not self.fixed else math.inf
+        return self.friction * self.mass_kg * GRAVITY_M_S2 if self.movable else math.inf
+
+    @property
+    def static_friction_N(self) -> float:
+        """Force that makes it slide."""
+        return self.dynamic_friction_N * self.static_ratio
+
+    @property
+    def outlines(self) -> tuple[Outline, ...]:
+        """Cross section at the foam's height in its own frame."""
+        if self.kind is ObstacleKind.CYLINDER:
+            return (Outline.disc((0.0, 0.0), 0.5 * self.length_m),)
+        if self.kind is ObstacleKind.DOOR:
+            return (
+                Outline.box((0.5 * self.length_m, 0.0), (self.length_m, self.width_m), edge_m=self.edge_m),
+            )
+        if self.kind is ObstacleKind.TABLE:
+            at = 0.5 * (np.array([self.length_m, self.width_m]) - self.leg_m)
+            corners = at * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+            if self.round_legs:
+                return tuple(Outline.disc((float(x), float(y)), 0.5 * self.leg_m) for x, y in corners)
+            leg = (self.leg_m, self.leg_m)
+            return tuple(Outline.box((float(x), float(y)), leg, edge_m=self.edge_m) for x, y in corners)
+        return (Outline.box((0.0, 0.0), (self.length_m, self.width_m), edge_m=self.edge_m),)
+
+    @property
+    def reach_m(self) -> float:
+        """Radius of a circle about its place that holds it."""
+        far = 1.0 if self.kind is ObstacleKind.DOOR else 0.5
+        return float(np.hypot(far * self.length_m, 0.5 * self.width_m))
+
+    def moved(self, x_m: float, y_m: float, yaw_rad: float) -> Obstacle:
+        """The same at another place."""
+        return replace(self, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+
+def box(
+    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: Any
+) -> Obstacle:
+    """A box of size (along x, along y, height)."""
+    length, width, height = size_m
+    return Obstacle(
+        name,
+        ObstacleKind.BOX,
+        x_m,
+        y_m,
+        length_m=length,
+        width_m=width,
+        height_m=height,
+        **rest,
+    )
+
+
+def cylinder(
+    name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: Any
+) -> Obstacle:
+    """An upright cylinder."""
+    across_m = 2 * radius_m
+    return Obstacle(
+        name,
+        ObstacleKind.CYLINDER,
+        x_m,
+        y_m,
+        length_m=across_m,
+        width_m=across_m,
+        height_m=height_m,
+        **rest,
+    )
+
+
+def table(
+    name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
+) -> Obstacle:
+    """A table that does not move; the foam meets its legs."""
+    length, width, height = size_m
+    return Obstacle(
+        name,
+        ObstacleKind.TABLE,
+        x_m,
+        y_m,
+        length_m=length,
+        width_m=width,
+        height_m=height,
+        fixed=True,
+        **rest,
+    )
+
+
+def wall(
+    name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: Any
+) -> Obstacle:
+    """A wall along its x."""
+    return Obstacle(
+        name,
+        ObstacleKind.WALL,
+        x_m,
+        y_m,
+        length_m=length_m,
+        width_m=thickness_m,
+        height_m=1.0,
+        fixed=True,
+        **rest,
+    )
+
+
+def door(
+    name: str,
+    hinge_x_m: float,
+    hinge_y_m: float,
+    length_m: float = 0.8,
+    mass_kg: float = 12.0,
+    **rest: Any,
+) -> Obstacle:
+    """A wing that turns about its hinge."""
+    return Obstacle(
+        name,
+        ObstacleKind.DOOR,
+        hinge_x_m,
+        hinge_y_m,
+        length_m=length_m,
+        width_m=0.04,
+        height_m=1.0,
+        mass_kg=mass_kg,
+        **rest,
+    )
+
+
+def section(
+    obstacle: Obstacle,
+    position_m: Float[np.ndarray, "3"],
+    rotation: Float[np.ndarray, "3 3"],
+    height_m: float,
+) -> tuple[Outline, ...]:
+    """Cut of an obstacle by the plane z = ``height_m``, in the world; empty when it lies below or above.
+
+    ``position_m`` and ``rotation`` place its own frame, whose origin is on the
+    floor below its centre.
+    """
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
+    if tilt < UPRIGHT_RAD:
+        if not position_m[2] < height_m < position_m[2] + obstacle.height_m:
+            return ()
+        # A slight lean shifts the section by its lever.
+        lean = rotation[:2, 2] * (height_m - position_m[2])
+        x, y = float(position_m[0] + lean[0]), float(position_m[1] + lean[1])
+        return tuple(outline.moved(x, y, yaw) for outline in obstacle.outlines)
+    cuts = []
+    for outline in obstacle.outlines:
+        flat = outline.polygon_m(math.pi / 16)
+        bottom = np.column_stack([flat, np.zeros(len(flat))]) @ rotation.T + position_m
+        top = bottom + rotation[:, 2] * obstacle.height_m
+        ring = np.concatenate([[bottom, top], [bottom, np.roll(bottom, -1, 0)], [top, np.roll(top, -1, 0)]])
+        begin, end = ring[0::2].reshape(-1, 3), ring[1::2].reshape(-1, 3)
+        below = (begin[:, 2] - height_m) * (end[:, 2] - height_m) < 0
+        if below.sum() >= 3:
+            a, b = begin[below], end[below]
+            fraction = (height_m - a[:, 2]) / (b[:, 2] - a[:, 2])
+            points = a[:, :2] + fraction[:, None] * (b[:, :2] - a[:, :2])
+            cuts.append(Outline(_hull(points)))
+    return tuple(cut for cut in cuts if len(cut.vertices_m) >= 3)
+
+
+def leaning_solid(obstacle: Obstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
+    """The body itself where an upright section does not tell its look: it leans, or is round and turns."""
+    tilt = math.acos(min(1.0, max(-1.0, float(T_world_obstacle.rotation[2, 2]))))
+    if not obstacle.movable or (tilt < UPRIGHT_RAD and obstacle.kind is not ObstacleKind.CYLINDER):
+        return None
+    outline = obstacle.outlines[0].polygon_m()
+    return Solid(outline, obstacle.height_m, T_foam_world @ T_world_obstacle)
+
+
+def feet_mjcf(obstacle: Obstacle) -> str:
+    """Contact of the feet with the floor.
+
+    MuJoCo's friction is associated: a foot that slides is also lifted, in
+    proportion to the damping of its friction rows, and with the default
+    constants boxes hop on their feet and stop too late. Friction rows four
+    times slower than a soft normal row keep the feet down and the friction
+    that of Coulomb; the no-slip solver keeps obstacles at rest from creeping.
+    """
+    if not obstacle.movable or obstacle.kind is ObstacleKind.DOOR:
+        return ""
+    friction = obstacle.friction * obstacle.static_ratio
+    return "".join(
+        f'<pair name="foot{i}:{obstacle.name}" geom1="floor" geom2="foot{i}:{obstacle.name}" condim="3" '
+        f'friction="{friction} {friction} 0 0 0" solref="0.005 1" solreffriction="0.02 1" '
+        'solimp="0.1 0.1 0.001"/>'
+        for i in range(6 if obstacle.kind is ObstacleKind.CYLINDER else 4)
+    )
+
+
+def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+    """Convex hull, counter-clockwise (monotone chain)."""
+    order = points[np.lexsort((points[:, 1], points[:, 0]))]
+    chains: list[list[Float[np.ndarray, "2"]]] = []
+    for sequence in (order, order[::-1]):
+        chain: list[Float[np.ndarray, "2"]] = []
+        for p in sequence:
+            while len(chain) >= 2:
+                u, v = chain[-1] - chain[-2], p - chain[-1]
+                if u[0] * v[1] - u[1] * v[0] > 1e-12:
+                    break
+                chain.pop()
+            chain.append(p)
+        chains.append(chain[:-1])
+    return np.array(chains[0] + chains[1])
+
+
+def obstacle_mjcf(obstacle: Obstacle) -> str:
+    """MuJoCo body of an obstacle; its frame is on the floor below its centre (door: at the hinge)."""
+    o = obstacle
+    place = f'pos="{o.x_m} {o.y_m} 0" euler="0 0 {o.yaw_rad}"'
+    half = 0.5 * o.height_m
+    # Obstacles and floor meet each other (bit 1); the rigid platform meets obstacles (bit 2).
+    mask = 'contype="3" conaffinity="3"'
+    name = f"obstacle:{o.name}"
+    if o.kind is ObstacleKind.TABLE:
+        shape = "cylinder" if o.round_legs else "box"
+        size = f"{o.leg_m / 2} {half}" if o.round_legs else f"{o.leg_m / 2} {o.leg_m / 2} {half}"
+        centres = (np.asarray(leg.vertices_m).mean(axis=0) for leg in o.outlines)
+        geoms = "".join(
+            f'<geom type="{shape}" size="{size}" pos="{c[0]} {c[1]} {half}" {mask}/>' for c in centres
+        )
+        return f'<body name="{name}" {place}>{geoms}</body>'
+    if o.kind is ObstacleKind.DOOR:
+        size = f"{o.length_m / 2} {o.width_m / 2} {half - 0.01}"
+        joint = (
+            ""
+            if o.fixed
+            else (
+                f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="-1.7 1.7" '
+                f'frictionloss="{o.hinge_friction_Nm}" damping="{o.hinge_damping_Nms}"/>'
+            )
+        )
+        pose = f'pos="{o.length_m / 2} 0 {half + 0.01}"'
+        geom = f'<geom type="box" size="{size}" {pose} mass="{o.mass_kg}" {mask}/>'
+        return f'<body name="{name}" {place}>{joint}{geom}</body>'
+    if o.kind is ObstacleKind.CYLINDER:
+        shape, size = "cylinder", f"{o.length_m / 2} {half - FOOT_M / 2}"
+        angle = np.arange(6) * math.pi / 3
+        feet = (0.5 * o.length_m - FOOT_M) * np.column_stack([np.cos(angle), np.sin(angle)])
+    else:
+        shape, size = "box", f"{o.length_m / 2} {o.width_m / 2} {half - FOOT_M / 2}"
+        corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        feet = (0.5 * np.array([o.length_m, o.width_m]) - FOOT_M) * corners
+    solid = (
+        f'<geom type="{shape}" size="{size}" pos="0 0 {half + FOOT_M / 2}" mass="{o.mass_kg}" '
+        f'friction="{o.friction} 0 0" {mask}/>'
+    )
+    if o.fixed:
+        return f'<body name="{name}" {place}>{solid}</body>'
+    stand = "".join(
+        f'<geom name="foot{i}:{o.name}" type="sphere" size="{FOOT_M}" pos="{x} {y} {FOOT_M}" mass="0" '
+        'contype="0" conaffinity="0"/>'
+        for i, (x, y) in enumerate(feet)
+    )
+    return f'<body name="{name}" {place}><freejoint name="{name}"/>{solid}{stand}</body>'

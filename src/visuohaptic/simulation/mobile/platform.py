@@ -1,0 +1,128 @@
+"""The mobile platform: a body on the floor with the foam strip in front, driven by velocities."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from ...core.errors import InputError
+from ...core.robots import BaseState
+from ..foam.strip import StripGeometry
+
+if TYPE_CHECKING:
+    from .push_world import PushWorld
+
+__all__ = ["PlatformConfig", "SimulatedBase", "platform_mjcf"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlatformConfig:
+    """Shape, drive and foam of the platform; its frame is at its centre, x forward."""
+
+    x_m: float = 0.0  #: start in the world
+    y_m: float = 0.0
+    heading_rad: float = 0.0
+    radius_m: float = 0.17  #: of a round platform; half length of a box
+    round: bool = False  #: round with a bent strip, or a box with a straight one
+    width_m: float = 0.3  #: of a box
+    mass_kg: float = 10.0
+    max_acceleration_m_s2: float = 0.5
+    max_turn_acceleration_rad_s2: float = 2.0
+    max_force_N: float = 40.0  #: of the drive
+    kinematic: bool = False  #: moves as told, whatever pushes back
+    strip: StripGeometry = field(default_factory=lambda: StripGeometry(spacing_m=0.001))
+    floor_below_m: float = 0.05  #: height of the foam's visible edge above the floor
+
+    def __post_init__(self) -> None:
+        if min(self.radius_m, self.width_m, self.mass_kg, self.max_force_N, self.floor_below_m) <= 0:
+            raise InputError("PlatformConfig", f"found {self}, expected sizes, mass and force > 0")
+        if self.round and not math.isclose(self.strip.radius_m, self.radius_m):
+            raise InputError(
+                "PlatformConfig",
+                f"strip bent to {self.strip.radius_m} m on a platform of radius {self.radius_m} m",
+                remedy="give the strip the platform's radius_m",
+            )
+
+    @classmethod
+    def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
+        """The dissertation's platform: round, the foam bent around its front."""
+        strip = StripGeometry(radius_m=radius_m, spacing_m=0.001)
+        return cls(radius_m=radius_m, round=True, strip=strip, **rest)
+
+    @property
+    def foam_height_m(self) -> float:
+        """Middle of the foam above the floor: where it pushes."""
+        return self.floor_below_m - 0.5 * self.strip.height_m
+
+
+def platform_mjcf(config: PlatformConfig) -> str:
+    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles."""
+    c = config
+    top = 0.15
+    # Slightly proud of the back contour: rigid contact begins when the foam has bottomed out.
+    proud = 0.04 * c.strip.width_m
+    if c.round:
+        shape = f'type="cylinder" size="{c.radius_m + proud} {top}" pos="0 0 {top + 0.01}"'
+    else:
+        shape = f'type="box" size="{c.radius_m + proud} {c.width_m / 2} {top}" pos="0 0 {top + 0.01}"'
+    inertia = 0.5 * c.mass_kg * c.radius_m**2
+    return f"""<body name="platform">
+      <inertial pos="0 0 0.1" mass="{c.mass_kg}" diaginertia="{inertia} {inertia} {inertia}"/>
+      <joint name="platform:x" type="slide" axis="1 0 0"/><joint name="platform:y" type="slide" axis="0 1 0"/>
+      <joint name="platform:yaw" type="hinge" axis="0 0 1"/>
+      <geom {shape} friction="0.3 0 0" contype="2" conaffinity="0"/></body>"""
+
+
+class SimulatedBase:
+    """The platform of a :class:`~visuohaptic.simulation.mobile.push_world.PushWorld` as a ``robots.MobileBase``.
+
+    Velocities are reached with limited acceleration; the world's time goes on
+    only in ``PushWorld.step``.
+    """
+
+    def __init__(self, world: PushWorld) -> None:
+        self._world = world
+        self.target_speed_m_s = 0.0
+        self.target_turn_rate_rad_s = 0.0
+        self._speed_m_s = 0.0
+        self._turn_rate_rad_s = 0.0
+
+    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
+        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
+            raise InputError(
+                "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
+            )
+        self.target_speed_m_s = float(speed_m_s)
+        self.target_turn_rate_rad_s = float(turn_rate_rad_s)
+
+    def stop(self) -> None:
+        """Stand still as soon as the acceleration allows."""
+        self.drive(0.0, 0.0)
+
+    def halt(self) -> None:
+        """Stand still at once, as after being carried."""
+        self.stop()
+        self._speed_m_s = self._turn_rate_rad_s = 0.0
+
+    def state(self) -> BaseState:
+        """Exact odometry in the world frame."""
+        x, y, heading = self._world.platform_pose()
+        speed, _, turn = self._world.platform_velocity()
+        return BaseState(self._world.t_s, x, y, heading, speed, turn)
+
+    def ramp(self, dt_s: float) -> tuple[float, float]:
+        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s])."""
+        config = self._world.config
+        self._speed_m_s = _towards(
+            self._speed_m_s, self.target_speed_m_s, config.max_acceleration_m_s2 * dt_s
+        )
+        self._turn_rate_rad_s = _towards(
+            self._turn_rate_rad_s, self.target_turn_rate_rad_s, config.max_turn_acceleration_rad_s2 * dt_s
+        )
+        return self._speed_m_s, self._turn_rate_rad_s
+
+
+def _towards(now: float, target: float, step: float) -> float:
+    return now + max(-step, min(step, target - now))

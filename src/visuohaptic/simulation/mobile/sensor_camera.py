@@ -1,0 +1,93 @@
+"""The camera above the foam of a simulated platform: every frame lets time pass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import UInt8
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.errors import InputError
+from ...core.resources import Closing
+from ..rendering.scene import FoamScene
+from .push_world import PushWorld
+
+__all__ = ["Renderer", "SimulatedSensorCamera"]
+
+
+class Renderer(Protocol):
+    """Turns a scene into the camera's image."""
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera's model."""
+
+    def render(
+        self, scene: FoamScene, *, rng: np.random.Generator
+    ) -> UInt8[np.ndarray, "rows columns *colour"]:
+        """Image of a scene, with noise from ``rng``."""
+
+
+class SimulatedSensorCamera(Closing):
+    """A ``robots.FrameSource`` whose frames are views of the world; every frame lets time pass.
+
+    The truth that belongs to the newest frame is ``world.truth``; both have the
+    same time.
+
+    Parameters
+    ----------
+    world
+        Shared with whoever drives the platform.
+    renderer
+        Any object with ``camera`` and ``render(scene, rng=...)``.
+    duration_s
+        Ends the source; endless without.
+    frame_rate_Hz
+        Frames per simulated second.
+    seed
+        Of the image noise.
+    """
+
+    def __init__(
+        self,
+        world: PushWorld,
+        renderer: Renderer,
+        *,
+        duration_s: float = math.inf,
+        frame_rate_Hz: float = 30.0,
+        seed: int = 0,
+    ) -> None:
+        if not frame_rate_Hz > 0:
+            raise InputError("SimulatedSensorCamera", f"found {frame_rate_Hz} Hz, expected more than 0")
+        self.world, self.renderer = world, renderer
+        self._count = None if math.isinf(duration_s) else max(0, round(duration_s * frame_rate_Hz))
+        self._period_s = 1.0 / frame_rate_Hz
+        self._rng = np.random.default_rng(seed)
+        self._closed = False
+
+    @property
+    def camera(self) -> Camera | None:
+        """The renderer's camera."""
+        return self.renderer.camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there will be; ``None`` without an end."""
+        return self._count
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Step the world by a frame period, then look."""
+        index = 0
+        while not self._closed and (self._count is None or index < self._count):
+            truth = self.world.step(self._period_s)
+            image = self.renderer.render(self.world.scene(), rng=self._rng)
+            yield Frame(image, truth.t_s, index)
+            index += 1
+
+    def close(self) -> None:
+        """End the source."""
+        self._closed = True

@@ -1,0 +1,328 @@
+"""The picture in the making: coverage, textured planes, layers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.model import Camera
+from ._render_kernels import add_filtered_coverage, add_plane, add_signed_coverage
+from .appearance import Surface
+from .textures import MATERIALS, texture_tile
+
+__all__ = ["Canvas", "Coverage", "Hole", "Parts", "Plane", "coverage"]
+
+_TILE_TEXELS = 1024
+
+#: Coverages that a canvas remembers.
+_KEPT_COVERS = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """A textured plane: per row (or once) the matrix from rays to plane coordinates (a, b)."""
+
+    matrices: Float[np.ndarray, "rows 3 3"]
+    surface: Surface
+    light: float = 1.0  #: multiplies the mean level
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coverage:
+    """Share of each pixel that a polygon covers, in a window whose first pixel is (x0, y0)."""
+
+    x0: int
+    y0: int
+    fraction: Float[np.ndarray, "h w"]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """Rows and columns of the window."""
+        return (
+            slice(self.y0, self.y0 + self.fraction.shape[0]),
+            slice(self.x0, self.x0 + self.fraction.shape[1]),
+        )
+
+
+def coverage(
+    polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int, blur_px: float = 0.0
+) -> Coverage | None:
+    """Share of each pixel that a polygon of either direction covers, behind a Gaussian blur.
+
+    The polygon's indicator convolved with the pixel's square and a Gaussian of
+    standard deviation ``blur_px``, at each pixel; ``None`` when it is outside.
+    """
+    if len(polygon_px) < 3 or not np.isfinite(polygon_px).all():
+        return None
+    sharp = blur_px < SHARP_PX
+    radius = 1 if sharp else _filter_table(blur_px)[0]
+    # One more pixel on each side: rounding along an edge must not leave the window.
+    low = np.floor(polygon_px.min(axis=0) + 0.5).astype(int) - radius - 1
+    high = np.floor(polygon_px.max(axis=0) + 0.5).astype(int) + radius + 2
+    # The window keeps all columns left of the image, since the sum runs from there.
+    y0, y1 = max(low[1], 0), min(high[1], rows)
+    if y1 <= y0 or low[0] >= columns or high[0] <= 0:
+        return None
+    fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
+    polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
+    # Edges that go down (y grows) count positive, which is the left border of a negative turn.
+    x, y = polygon[:, 0], polygon[:, 1]
+    if x @ np.roll(y, -1) > y @ np.roll(x, -1):
+        polygon = polygon[::-1].copy()
+    if sharp:
+        add_signed_coverage(polygon, low[0], y0, fraction)
+    else:
+        radius, table, integral = _filter_table(blur_px)
+        add_filtered_coverage(polygon, low[0], y0, blur_px, table, integral, radius, fraction)
+    x0, x1 = max(low[0], 0), min(high[0], columns)
+    fraction = fraction[:, x0 - low[0] : x1 - low[0]]
+    return Coverage(int(x0), int(y0), fraction)
+
+
+#: Below this the blur is left out: a pixel is a hundred times wider in variance.
+SHARP_PX = 0.03
+
+#: Steps per pixel of the tabulated filter; linear interpolation errs by 1 / (8 steps^2) of its curvature.
+_TABLE_STEPS = 256
+
+
+@lru_cache(maxsize=16)
+def _filter_table(blur_px: float) -> tuple[int, np.ndarray, np.ndarray]:
+    """Radius [px], and the filter of square and Gaussian with its integral, at even steps."""
+    from scipy.special import ndtr
+
+    radius = int(np.ceil(4.2 * blur_px + 0.5))
+    x = np.linspace(-radius - 1, radius + 1, _TABLE_STEPS * (2 * radius + 2) + 1)
+
+    def primitive(z: np.ndarray) -> np.ndarray:  # of the normal distribution function
+        z = z / blur_px
+        return blur_px * (z * ndtr(z) + np.exp(-0.5 * z**2) / np.sqrt(2 * np.pi))
+
+    table = ndtr((x + 0.5) / blur_px) - ndtr((x - 0.5) / blur_px)
+    return radius, table, primitive(x + 0.5) - primitive(x - 0.5)
+
+
+#: The painted parts of a solid.
+Parts = list[tuple[Coverage, Plane]]
+
+#: Signed polygon of a hole [px], and the parts of the solid that is seen there.
+Hole = tuple[np.ndarray, float, Parts]
+
+
+class Canvas:
+    """Float picture of a camera onto which layers are painted from far to near."""
+
+    def __init__(self, camera: Camera, channels: int, blur_px: float, distance_m: float) -> None:
+        self.camera = camera
+        self.blur_px = blur_px
+        self._pixel_m = distance_m / camera.focal_px
+        self.image = np.zeros((camera.height, camera.width, channels), np.float32)
+        self._rays = _ray_table(camera)
+        self._covers: dict[bytes, Coverage | None] = {}
+
+    @staticmethod
+    def tile_m(surface: Surface) -> float:
+        """Period of a surface's texture [m]."""
+        return MATERIALS[surface.material]
+
+    def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
+        """Coverage of a polygon in this picture; kept, as much of a scene stands still to the camera."""
+        key = polygon_px.tobytes()
+        if key in self._covers:
+            found = self._covers.pop(key)  # and to the end of the queue again
+        else:
+            found = coverage(polygon_px, self.image.shape[0], self.image.shape[1], self.blur_px)
+        self._covers[key] = found
+        while len(self._covers) > _KEPT_COVERS:
+            del self._covers[next(iter(self._covers))]
+        return found
+
+    def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
+        """The farthest layer, everywhere but where a later one will cover it fully."""
+        fraction = np.ones(self.image.shape[:2], np.float32)
+        if hidden is not None:
+            fraction[hidden.window] = hidden.fraction != 1
+        self._add(plane, fraction, 0, 0, replace=True)
+
+    def paint_parts(
+        self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
+    ) -> Parts:
+        """Paint faces that do not overlap each other but share edges, such as those of a solid."""
+        parts = [(self.cover(p), plane) for p, plane in zip(polygons, planes, strict=True)]
+        found = [(c, plane) for c, plane in parts if c is not None]
+        if active_rows is not None:
+            found = [
+                (Coverage(c.x0, c.y0, c.fraction * active_rows[c.window[0], None].astype(np.float32)), plane)
+                for c, plane in found
+            ]
+        self._paint(found)
+        return found
+
+    def paint_facets(
+        self, outline: np.ndarray, rest: Plane, polygons: list[np.ndarray], planes: list[Plane]
+    ) -> Parts:
+        """Paint the many facets of a round solid inside of its outline.
+
+        The outline is exact; edges between facets, which hardly differ, are not blurred. What of
+        the blurred outline lies outside of all facets is painted as ``rest``.
+        """
+        whole = self.cover(outline)
+        if whole is None:
+            return []
+        rows, columns = self.image.shape[:2]
+        covers = [coverage(p, rows, columns) for p in polygons]
+        found = [(c, plane) for c, plane in zip(covers, planes, strict=True) if c is not None]
+        total = np.zeros_like(whole.fraction)
+        placed = [(_overlap(c, whole), c, plane) for c, plane in found]
+        for (there, here), c, _ in placed:
+            total[there] += c.fraction[here]
+        scale = np.minimum(whole.fraction / np.maximum(total, 1e-6), 1)
+        parts: Parts = [(Coverage(whole.x0, whole.y0, whole.fraction - total * scale), rest)]
+        for (there, here), c, plane in placed:
+            part = np.ascontiguousarray(c.fraction[here] * scale[there])
+            parts.append((Coverage(whole.x0 + there[1].start, whole.y0 + there[0].start, part), plane))
+        self._paint(parts, whole)
+        return parts
+
+    def paint_nested(self, covers: list[Coverage | None], planes: list[Plane], holes: list[Hole]) -> None:
+        """Paint regions of which each contains the next, with holes that show other solids.
+
+        A hole is the signed sum of its polygons.
+        """
+        outer = covers[0]
+        if outer is None:
+            return
+        shape = outer.fraction.shape
+        weights = [_in_window(c, outer) for c in covers]
+        for i in range(1, len(weights)):
+            weights[i] = np.minimum(weights[i], weights[i - 1])
+        weights = [w - weights[i + 1] if i + 1 < len(weights) else w for i, w in enumerate(weights)]
+        self.image[outer.window] *= (1 - outer.fraction)[..., None]
+        solids: dict[int, tuple[np.ndarray, Parts]] = {}
+        for polygon, sign, parts in holes:
+            cover = self.cover(polygon)
+            if cover is None:
+                continue
+            hole, _ = solids.setdefault(id(parts), (np.zeros(shape, np.float32), parts))
+            there, here = _overlap(cover, outer)
+            hole[there] += np.float32(sign) * cover.fraction[here]
+        # The nearest solid is the last: it takes its part first.
+        for hole, parts in reversed(list(solids.values())):
+            self._fill_hole(hole, parts, weights, outer)
+        for w, plane in zip(weights, planes, strict=True):
+            self._add(plane, w, outer.x0, outer.y0)
+
+    def _fill_hole(self, hole: np.ndarray, parts: Parts, weights: list[np.ndarray], outer: Coverage) -> None:
+        rows, columns = np.flatnonzero(hole.max(axis=1) > 0), np.flatnonzero(hole.max(axis=0) > 0)
+        if not len(rows):
+            return
+        area = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        left = np.clip(hole[area], 0, None)
+        window = Coverage(outer.x0 + int(columns[0]), outer.y0 + int(rows[0]), left)
+        faces = [_in_window(c, window) for c, _ in parts]
+        total = np.sum(faces, axis=0)
+        # Only what the solid can fill; its own share goes to nothing beyond its blurred outline.
+        left[total < 1e-3] = 0
+        taken = np.zeros_like(left)
+        for w in weights:
+            part = np.minimum(w[area], left - taken)
+            w[area] -= part
+            taken += part
+        taken /= np.maximum(total, 1e-3)
+        for face, (_, plane) in zip(faces, parts, strict=True):
+            self._add(plane, face * taken, window.x0, window.y0)
+
+    def _paint(self, parts: Parts, whole: Coverage | None = None) -> None:
+        whole = whole or _union([c for c, _ in parts])
+        if whole is None:
+            return
+        # Faces of a solid add up to at most 1; rounding may leave a little more.
+        self.image[whole.window] *= (1 - np.minimum(whole.fraction, 1))[..., None]
+        for c, plane in parts:
+            self._add(plane, c.fraction, c.x0, c.y0)
+
+    def _add(self, plane: Plane, fraction: np.ndarray, x0: int, y0: int, *, replace: bool = False) -> None:
+        surface = plane.surface
+        add_plane(
+            self.image,
+            np.ascontiguousarray(fraction),
+            replace,
+            x0,
+            y0,
+            self._rays,
+            plane.matrices,
+            self._tile(surface) if surface.texture else _NO_TILE,
+            _TILE_TEXELS / MATERIALS[surface.material],
+            float(surface.texture),
+            (plane.light * surface.levels(self.image.shape[2])).astype(np.float32),
+        )
+
+    def _tile(self, surface: Surface) -> np.ndarray:
+        """The surface's texture as blurred by lens and pixel at the sensor's distance."""
+        texel_m = MATERIALS[surface.material] / _TILE_TEXELS
+        sigma = float(np.sqrt(self.blur_px**2 + 1 / 12) * self._pixel_m / texel_m)
+        return _blurred_tile(surface.material, surface.seed, round(sigma, 2))
+
+
+@lru_cache(maxsize=32)
+def _blurred_tile(material: str, seed: int, sigma_texels: float) -> np.ndarray:
+    import cv2
+
+    tile = texture_tile(material, seed, _TILE_TEXELS)
+    pad = min(int(4 * sigma_texels) + 1, _TILE_TEXELS)
+    wrapped = np.pad(tile, pad, mode="wrap")
+    return np.ascontiguousarray(cv2.GaussianBlur(wrapped, (0, 0), sigma_texels)[pad:-pad, pad:-pad])
+
+
+_NO_TILE = np.full((16, 16), 128, np.uint8)
+_NO_TILE.flags.writeable = False
+
+
+def _ray_table(camera: Camera) -> np.ndarray:
+    """Rays (H, W, 2) of all pixels, or two rows that suffice when the lens does not distort."""
+    columns = np.arange(camera.width, dtype=np.float64)
+    if not camera.distortion.any() and camera.matrix[0, 1] == 0:
+        rays = camera.rays(np.column_stack([columns, np.zeros(camera.width)]))[None, :, :2].copy()
+        rays[0, 1, 1] = 1.0 / camera.matrix[1, 1]
+        return rays
+    u, v = np.meshgrid(columns, np.arange(camera.height, dtype=np.float64))
+    return camera.rays(np.stack([u, v], axis=-1))[..., :2].copy()
+
+
+def _overlap(part: Coverage, frame: Coverage) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Where a coverage lies in the window of another one: slices of the frame and of the part."""
+    there, here = [], []
+    for axis, shift in enumerate((part.y0 - frame.y0, part.x0 - frame.x0)):
+        start = max(shift, 0)
+        stop = max(min(shift + part.fraction.shape[axis], frame.fraction.shape[axis]), start)
+        there.append(slice(start, stop))
+        here.append(slice(start - shift, stop - shift))
+    return (there[0], there[1]), (here[0], here[1])
+
+
+def _in_window(part: Coverage | None, frame: Coverage) -> np.ndarray:
+    """Coverage in the window of another one."""
+    result = np.zeros(frame.fraction.shape, np.float32)
+    if part is not None:
+        there, here = _overlap(part, frame)
+        result[there] = part.fraction[here]
+    return result
+
+
+def _union(parts: list[Coverage]) -> Coverage | None:
+    """Sum of the coverages in a common window."""
+    if not parts:
+        return None
+    x0, y0 = min(p.x0 for p in parts), min(p.y0 for p in parts)
+    x1 = max(p.x0 + p.fraction.shape[1] for p in parts)
+    y1 = max(p.y0 + p.fraction.shape[0] for p in parts)
+    frame = Coverage(x0, y0, np.zeros((y1 - y0, x1 - x0), np.float32))
+    for part in parts:
+        frame.fraction[
+            part.y0 - y0 : part.y0 - y0 + part.fraction.shape[0],
+            part.x0 - x0 : part.x0 - x0 + part.fraction.shape[1],
+        ] += part.fraction
+    return frame

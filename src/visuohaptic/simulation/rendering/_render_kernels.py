@@ -1,0 +1,261 @@
+"""Inner loops of the renderer: exact area coverage, textured planes, sensor noise."""
+
+from __future__ import annotations
+
+from math import floor
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: Shares this close to 0 or 1 are rounding errors of the running sums (float32).
+EDGE = 2e-5
+
+__all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop"]
+
+
+@kernel
+def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:
+    """Exact area of a polygon inside each pixel; the polygon turns to the left on the screen.
+
+    ``polygon`` (n, 2) in px, pixel centres at integers, entirely inside the window of
+    ``cover`` (h, w) float32 (zero at the start) whose first pixel is (x0, y0). Each edge adds
+    the area between itself and the right border of the window, differentiated
+    along the row; a running sum at the end integrates it again.
+    """
+    height, width = cover.shape
+    count = len(polygon)
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        xa, ya = polygon[i, 0] - x0 + 0.5, polygon[i, 1] - y0 + 0.5
+        xb, yb = polygon[j, 0] - x0 + 0.5, polygon[j, 1] - y0 + 0.5
+        if ya == yb:
+            continue
+        sign = 1.0
+        if ya > yb:
+            xa, ya, xb, yb = xb, yb, xa, ya
+            sign = -1.0
+        slope = (xb - xa) / (yb - ya)
+        for row in range(max(0, floor(ya)), min(height - 1, floor(yb)) + 1):
+            top, bottom = max(ya, float(row)), min(yb, row + 1.0)
+            if bottom <= top:
+                continue
+            left, right = xa + (top - ya) * slope, xa + (bottom - ya) * slope
+            if left > right:
+                left, right = right, left
+            part = sign * (bottom - top)
+            first, last = floor(left), floor(right)
+            if first == last or right - left < 1e-9:
+                fraction = part * (1.0 - (0.5 * (left + right) - first))
+                cover[row, first] += fraction
+                if first + 1 < width:
+                    cover[row, first + 1] += part - fraction
+                continue
+            # Area to the right of the edge in each crossed pixel, as cumulative sums.
+            per_px = part / (right - left)
+            done = 0.0
+            before = 0.0
+            for column in range(first, last + 1):
+                inner = max(left, float(column))
+                outer = min(right, column + 1.0)
+                rise = per_px * (outer - inner)
+                area = done + rise * (column + 1.0 - 0.5 * (inner + outer))
+                cover[row, column] += area - before
+                before = area
+                done += rise
+            if last + 1 < width:
+                cover[row, last + 1] += part - before
+    for row in range(height):
+        total = 0.0
+        for column in range(width):
+            total += cover[row, column]
+            cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
+
+
+@kernel
+def add_filtered_coverage(
+    polygon: np.ndarray,
+    x0: int,
+    y0: int,
+    sigma: float,
+    table: np.ndarray,
+    integral: np.ndarray,
+    radius: int,
+    cover: np.ndarray,
+) -> None:
+    """Like :func:`add_signed_coverage`, through the pixel's square and a Gaussian.
+
+    The derivative along the row of a filtered region is the filter, integrated along its edge over
+    dy. Edges are cut into pieces of 0.6 sigma with two Gauss points each; ``table`` has
+    the filter b(x) and ``integral`` its integral, both (n,) at x from ``-radius - 1`` to
+    ``radius + 1`` px in even steps, with b = 0 beyond ``radius``.
+    """
+    height, width = cover.shape
+    count = len(polygon)
+    per_px = (len(table) - 1) / (2.0 * radius + 2.0)
+    taps = 2 * radius + 2
+    weights = np.zeros(taps)
+    for i in range(count):
+        j = i + 1 if i + 1 < count else 0
+        xa, ya = polygon[i, 0] - x0, polygon[i, 1] - y0
+        dx, dy = polygon[j, 0] - x0 - xa, polygon[j, 1] - y0 - ya
+        if dy == 0.0:
+            continue
+        length = np.sqrt(dx * dx + dy * dy)
+        pieces = max(1, int(np.ceil(length / (0.6 * np.sqrt(sigma * sigma + 0.05)))))
+        for piece in range(pieces):
+            for side in range(2):
+                fraction = (piece + 0.5 + (0.28867513459481287 if side else -0.28867513459481287)) / pieces
+                x, y = xa + fraction * dx, ya + fraction * dy
+                top, left = floor(y) - radius, floor(x) - radius
+                if top + taps <= 0 or top >= height:
+                    continue
+                before = 0.0
+                for k in range(taps):
+                    at = min(max((left + k - x + radius + 1.0) * per_px, 0.0), len(table) - 1.001)
+                    cell = int(at)
+                    value = integral[cell] + (at - cell) * (integral[cell + 1] - integral[cell])
+                    if k == taps - 1:
+                        value = 1.0
+                    weights[k] = value - before
+                    before = value
+                for m in range(taps):
+                    row = top + m
+                    if row < 0 or row >= height:
+                        continue
+                    at = min(max((row - y + radius + 1.0) * per_px, 0.0), len(table) - 1.001)
+                    cell = int(at)
+                    part = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
+                    part *= 0.5 * dy / pieces
+                    line = cover[row, left : left + taps]
+                    for k in range(taps):
+                        line[k] += np.float32(part * weights[k])
+    for row in range(height):
+        total = 0.0
+        for column in range(width):
+            total += cover[row, column]
+            cover[row, column] = 0.0 if total < EDGE else (1.0 if total > 1.0 - EDGE else total)
+
+
+@kernel(error_model="numpy", fastmath={"nsz", "arcp", "contract", "reassoc"})
+def add_plane(
+    image: np.ndarray,
+    weight: np.ndarray,
+    replace: bool,
+    x0: int,
+    y0: int,
+    rays: np.ndarray,
+    matrices: np.ndarray,
+    tile: np.ndarray,
+    texels_per_m: float,
+    amplitude: float,
+    colour: np.ndarray,
+) -> None:
+    """Add ``weight`` times the look of a textured plane to a window of the image.
+
+    ``image`` (H, W, C) float32; ``weight`` (h, w) float32 of the window that begins at
+    (x0, y0); with ``replace`` the image becomes the look where the weight is not 0; ``rays``
+    (H, W, 2) or (1, W, 2) normalised viewing rays, the latter with
+    ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3) from a ray
+    (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8 with T a power of
+    two, mean 128, standard deviation 42; look ``colour + amplitude * (tile - 128) / 42``.
+    """
+    height, width = weight.shape
+    channels = image.shape[2]
+    # Unsigned and flat: numba then leaves out its checks for negative indices.
+    flat = tile.ravel()
+    mask = np.uint32(tile.shape[0] - 1)
+    bits = np.uint32(0)
+    while (1 << bits) < tile.shape[0]:
+        bits += np.uint32(1)
+    one = np.uint32(1)
+    table_rays = rays.shape[0] > 1
+    factor = np.float32(amplitude / 42.0)
+    mean = np.float32(128.0)
+    # Texture coordinates stay positive when cast to integers: the tile repeats.
+    shift = 4096.0 * tile.shape[0]
+    values = np.zeros(width, np.float32)
+    for r in range(height):
+        row = r + y0
+        fraction = weight[r]
+        first, last = 0, width
+        while first < width and fraction[first] == 0:
+            first += 1
+        while last > first and fraction[last - 1] == 0:
+            last -= 1
+        if factor != 0.0:
+            m = matrices[row if matrices.shape[0] > 1 else 0]
+            ax, ay, ac = m[0, 0] * texels_per_m, m[0, 1] * texels_per_m, m[0, 2] * texels_per_m
+            bx, by, bc = m[1, 0] * texels_per_m, m[1, 1] * texels_per_m, m[1, 2] * texels_per_m
+            wx, wy, wc = m[2, 0], m[2, 1], m[2, 2]
+            ray = rays[row if table_rays else 0]
+            row_y = rays[0, 0, 1] + row * rays[0, 1, 1]
+            for c in range(first, last):
+                if fraction[c] == 0:
+                    continue
+                x = ray[c + x0, 0]
+                y = ray[c + x0, 1] if table_rays else row_y
+                scale = 1.0 / (wx * x + wy * y + wc)
+                s = min(max((ax * x + ay * y + ac) * scale + shift, 0.0), 2.0 * shift)
+                t = min(max((bx * x + by * y + bc) * scale + shift, 0.0), 2.0 * shift)
+                i, j = np.uint32(np.int64(s)), np.uint32(np.int64(t))
+                fs, ft = np.float32(s - i), np.float32(t - j)
+                i0, j0 = i & mask, (j & mask) << bits
+                i1, j1 = (i + one) & mask, ((j + one) & mask) << bits
+                upper, lower = np.float32(flat[np.uintp(j0 | i0)]), np.float32(flat[np.uintp(j1 | i0)])
+                upper += fs * (np.float32(flat[np.uintp(j0 | i1)]) - upper)
+                lower += fs * (np.float32(flat[np.uintp(j1 | i1)]) - lower)
+                values[c] = factor * (upper + ft * (lower - upper) - mean)
+        line = image[row, x0 : x0 + width]
+        for c in range(first, last):
+            if fraction[c] == 0:
+                continue
+            for k in range(channels):
+                look = max(np.float32(0.0), colour[k] + values[c])
+                line[c, k] = look if replace else line[c, k] + fraction[c] * look
+
+
+@kernel
+def develop(
+    image: np.ndarray,
+    field: np.ndarray,
+    row_gain: np.ndarray,
+    sigma_of_level: np.ndarray,
+    seeds: np.ndarray,
+    quantiles: np.ndarray,
+    result: np.ndarray,
+) -> None:
+    """Turn the exact image into grey levels: gain, noise, clipping, rounding.
+
+    ``field`` (H, W) float32 or (0, 0) for none; ``row_gain`` (H,); ``sigma_of_level``
+    (256,) noise at each grey level, or (0,) for no noise; ``seeds`` (H,) uint64, one per row;
+    ``quantiles`` (65536,) float32 of the standard normal distribution. Each
+    64-bit number of the splitmix64 generator gives four normal numbers.
+    """
+    height, width, channels = image.shape
+    shaded = field.shape[0] > 0
+    noisy = sigma_of_level.shape[0] > 0
+    for row in range(height):
+        state = seeds[row]
+        bits = np.uint64(0)
+        left = 0
+        gain = np.float32(row_gain[row])
+        for column in range(width):
+            factor = gain * field[row, column] if shaded else gain
+            for k in range(channels):
+                value = image[row, column, k] * factor
+                if noisy:
+                    if left == 0:
+                        state += np.uint64(0x9E3779B97F4A7C15)
+                        bits = state
+                        bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+                        bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+                        bits = bits ^ (bits >> np.uint64(31))
+                        left = 4
+                    level = int(min(max(value, np.float32(0.0)), np.float32(255.0)))
+                    value += sigma_of_level[level] * quantiles[np.int64(bits & np.uint64(0xFFFF))]
+                    bits >>= np.uint64(16)
+                    left -= 1
+                result[row, column, k] = np.uint8(
+                    min(max(value + np.float32(0.5), np.float32(0.0)), np.float32(255.0))
+                )

@@ -1,0 +1,261 @@
+"""Upright prisms as a camera sees them, and what of the sensor plane they hide.
+
+Outlines and contours are in frame F, with their states at the K keys of a frame: (n, K, 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ...core.camera.pose import Pose
+from .rolling_view import NEAR_M, cut_polygon
+
+__all__ = [
+    "Face",
+    "at_height",
+    "closed",
+    "hidden_from",
+    "hidden_parts",
+    "prism_faces",
+    "silhouette",
+    "solid_faces",
+    "turned_left",
+]
+
+
+#: Neighbouring edges whose directions differ by less share one face and its texture.
+SMOOTH_RAD = 0.15
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Face:
+    """One face of a prism, with the frame of its texture."""
+
+    corners_m: Float[np.ndarray, "n K 3"]
+    origin_m: Float[np.ndarray, "K 3"]  #: of the texture
+    along_a: Float[np.ndarray, "K 3"]  #: unit vectors in the face
+    along_b: Float[np.ndarray, "K 3"]
+    normal: Float[np.ndarray, "3"]  #: outward, at the middle key
+
+
+def at_height(points_m: Float[np.ndarray, "n K 2"], z_m: float) -> Float[np.ndarray, "n K 3"]:
+    """Points of a plane at a height."""
+    return np.concatenate([points_m, np.full((*points_m.shape[:-1], 1), z_m)], axis=-1)
+
+
+def closed(front: Float[np.ndarray, "n K 2"], back: Float[np.ndarray, "m K 2"]) -> Float[np.ndarray, "p K 2"]:
+    """Polygon between two contours that run in the same direction."""
+    return np.concatenate([front, back[::-1]])
+
+
+def turned_left(outline_m: Float[np.ndarray, "n K 2"]) -> Float[np.ndarray, "n K 2"]:
+    """The outline in counter-clockwise order."""
+    x, y = outline_m[:, outline_m.shape[1] // 2].T
+    return outline_m if x @ np.roll(y, -1) > y @ np.roll(x, -1) else outline_m[::-1]
+
+
+def prism_faces(
+    outline_m: Float[np.ndarray, "n K 2"],
+    low_m: float,
+    top_m: float,
+    centre_m: Float[np.ndarray, "3"],
+    min_normal_x: float = -2.0,
+) -> list[Face]:
+    """Faces of an upright prism that look at the camera's centre; the outline is counter-clockwise.
+
+    Side faces whose normal's x is below ``min_normal_x`` are left out.
+    """
+    keys = outline_m.shape[1]
+    mid = keys // 2
+    normals, lengths = _normals(outline_m[:, mid])
+    seen = _seen(outline_m[:, mid], centre_m) & (normals[:, 0] >= min_normal_x)
+    runs = np.cumsum(lengths) - lengths
+    up = np.broadcast_to([0.0, 0.0, 1.0], (keys, 3))
+    angles = np.arctan2(normals[:, 1], normals[:, 0])
+    faces = []
+    for group in _runs_of_edges(seen, angles):
+        line = outline_m[np.append(group, (group[-1] + 1) % len(outline_m))]
+        chord = line[-1] - line[0]
+        direction = chord / np.maximum(np.linalg.norm(chord, axis=1, keepdims=True), 1e-12)
+        # Texture runs on around the corners: a is the length along the outline.
+        origin = at_height(line[0] - runs[group[0]] * direction, 0.0)
+        faces.append(
+            Face(
+                np.concatenate([at_height(line, low_m), at_height(line[::-1], top_m)]),
+                origin,
+                at_height(direction, 0.0),
+                up,
+                np.append(normals[group].mean(axis=0), 0.0),
+            )
+        )
+    if centre_m[2] > top_m + NEAR_M:
+        along = outline_m[1] - outline_m[0]
+        along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
+        faces.append(
+            Face(
+                at_height(outline_m, top_m),
+                at_height(outline_m[0], top_m),
+                at_height(along, 0.0),
+                at_height(across, 0.0),
+                np.array([0.0, 0.0, 1.0]),
+            )
+        )
+    return faces
+
+
+def silhouette(
+    outline_m: Float[np.ndarray, "n K 2"], low_m: float, top_m: float, centre_m: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "m K 3"]:
+    """Border of an upright convex prism as seen from the camera's centre."""
+    seen = _seen(outline_m[:, outline_m.shape[1] // 2], centre_m)
+    if seen.all() or not seen.any():
+        return at_height(outline_m, top_m)
+    # A convex outline has one run of visible edges.
+    first = int(np.flatnonzero(seen & ~np.roll(seen, 1))[0])
+    turned, count = np.roll(outline_m, -first, axis=0), int(seen.sum())
+    near = turned[: count + 1] if count < len(turned) else turned
+    far = np.concatenate([turned[count:], turned[:1]])
+    upper = far if centre_m[2] > top_m + NEAR_M else near[::-1]
+    return np.concatenate([at_height(near, low_m), at_height(upper, top_m)])
+
+
+def solid_faces(
+    outline_m: Float[np.ndarray, "n 2"],
+    height_m: float,
+    poses_foam_solid: tuple[Pose, ...],
+    texture_z_m: float,
+    centre_m: Float[np.ndarray, "3"],
+) -> list[Face]:
+    """Faces of a prism in any attitude, in frame F.
+
+    ``texture_z_m`` is the height in the solid at which the texture of its sides begins: that of the sensor
+    plane when it stands, so that nothing jumps when a body starts to lean.
+    """
+    keys = len(poses_foam_solid)
+    middle = poses_foam_solid[keys // 2]
+    eye = middle.inverse().apply(centre_m)
+    own = np.repeat(np.asarray(outline_m, dtype=np.float64)[:, None], keys, axis=1)
+    faces = prism_faces(turned_left(own), 0.0, height_m, eye)
+    if eye[2] < -NEAR_M:
+        along = np.repeat([[[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]]], keys, axis=1)
+        below = at_height(turned_left(own)[::-1], 0.0)
+        faces.append(Face(below, np.zeros((keys, 3)), along[0], along[1], np.array([0.0, 0.0, -1.0])))
+    turned = []
+    for face in faces:
+        lift = texture_z_m if face.normal[2] == 0.0 else 0.0
+        origin = face.origin_m + np.array([0.0, 0.0, lift])
+
+        def to_foam(points: np.ndarray, *, place: bool) -> np.ndarray:
+            return np.stack(
+                [
+                    pose.apply(points[..., k, :]) if place else points[..., k, :] @ pose.rotation.T
+                    for k, pose in enumerate(poses_foam_solid)
+                ],
+                axis=-2,
+            )
+
+        turned.append(
+            Face(
+                to_foam(face.corners_m, place=True),
+                to_foam(origin, place=True),
+                to_foam(face.along_a, place=False),
+                to_foam(face.along_b, place=False),
+                middle.rotation @ face.normal,
+            )
+        )
+    return turned
+
+
+def hidden_parts(
+    foam_m: Float[np.ndarray, "p K 2"],
+    outline_m: Float[np.ndarray, "n 2"],
+    top_m: float,
+    centre_m: Float[np.ndarray, "3"],
+) -> list[tuple[Float[np.ndarray, "q K 2"], float]]:
+    """Polygons with signs whose sum is the foam's top behind an upright prism.
+
+    Hidden is what lies in the shadow that the prism throws from the camera's centre, but not
+    on its own base: there the foam touches it from the near side.
+    """
+    mid = foam_m.shape[1] // 2
+    points = foam_m[:, mid]
+    if points[:, 0].max() <= outline_m[:, 0].min() and centre_m[0] < points[:, 0].min():
+        return []
+    result = []
+    for region, sign in ((_shadow(outline_m, top_m, centre_m), 1.0), (outline_m, -1.0)):
+        part = foam_m
+        for start, end in zip(region, np.roll(region, -1, axis=0), strict=True):
+            edge = end - start
+            part = cut_polygon(part, (part[:, mid] - start) @ np.array([-edge[1], edge[0]]))
+            if len(part) < 3:
+                break
+        result.append((part, sign))
+    # Less than a hundredth of a pixel: the regions differ by rounding only.
+    if abs(_area(result[0][0][:, mid]) - _area(result[1][0][:, mid])) < 1e-10:
+        return []
+    return [(part, sign) for part, sign in result if len(part) >= 3]
+
+
+def hidden_from(
+    points_m: Float[np.ndarray, "n 2"],
+    outline_m: Float[np.ndarray, "m 2"],
+    top_m: float,
+    centre_m: Float[np.ndarray, "3"],
+) -> Bool[np.ndarray, "n"]:
+    """Which points of the plane z = 0 an upright prism hides; those that touch it are seen."""
+    shadow = _within(_shadow(outline_m, top_m, centre_m), points_m, 1e-6)
+    return shadow & ~_within(outline_m, points_m, -1e-4)
+
+
+def _shadow(outline_m: np.ndarray, top_m: float, centre_m: np.ndarray) -> np.ndarray:
+    """Convex region of the plane z = 0 that a prism hides or stands on, counter-clockwise."""
+    from scipy.spatial import ConvexHull
+
+    height = centre_m[2]
+    # A prism as high as the camera hides everything behind it; 50 times farther is beyond any view.
+    scale = height / max(height - top_m, 0.02 * height) if top_m > 0 else 1.0
+    points = np.concatenate([outline_m, centre_m[:2] + scale * (outline_m - centre_m[:2])])
+    return points[ConvexHull(points).vertices]
+
+
+def _normals(outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outward unit normals and lengths of the edges of a counter-clockwise polygon."""
+    edge = np.roll(outline, -1, axis=0) - outline
+    length = np.hypot(edge[:, 0], edge[:, 1])
+    return np.column_stack([edge[:, 1], -edge[:, 0]]) / np.maximum(length, 1e-12)[:, None], length
+
+
+def _seen(outline: np.ndarray, centre_m: np.ndarray) -> np.ndarray:
+    """Which side faces look at the camera's centre."""
+    normals, lengths = _normals(outline)
+    return (((centre_m[:2] - outline) * normals).sum(axis=1) > 0) & (lengths > 1e-9)
+
+
+def _within(polygon: np.ndarray, points: np.ndarray, margin_m: float) -> np.ndarray:
+    """Whether points lie deeper than a margin inside a convex counter-clockwise polygon."""
+    outward, _ = _normals(polygon)
+    return ((polygon * outward).sum(axis=1) - points @ outward.T > margin_m).all(axis=1)
+
+
+def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
+    """Wanted edges in groups of neighbours whose normals differ little, such as those of a round solid."""
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(wanted):
+        if groups and groups[-1][-1] == i - 1:
+            turn = angles[i] - angles[groups[-1][0]]
+            if abs((turn + np.pi) % (2 * np.pi) - np.pi) < SMOOTH_RAD:
+                groups[-1].append(int(i))
+                continue
+        groups.append([int(i)])
+    return [np.array(group) for group in groups]
+
+
+def _area(polygon: np.ndarray) -> float:
+    if len(polygon) < 3:
+        return 0.0
+    x, y = polygon.T
+    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))

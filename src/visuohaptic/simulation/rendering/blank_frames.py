@@ -1,0 +1,47 @@
+"""Frames without a picture: the clock of a simulated world that is felt and not drawn."""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.resources import Closing
+
+__all__ = ["BlankFrames"]
+
+
+class BlankFrames(Closing):
+    """A ``robots.FrameSource`` whose every frame lets the world's time pass; a world says how in :meth:`advance`."""
+
+    frame_rate_Hz: float
+    duration_s: float = math.inf
+    _index: int = 0
+
+    @abstractmethod
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+
+    @property
+    def camera(self) -> Camera | None:
+        """None: nothing is drawn."""
+        return None
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there will be; ``None`` without an end."""
+        return None if math.isinf(self.duration_s) else round(self.duration_s * self.frame_rate_Hz)
+
+    def __iter__(self) -> Iterator[Frame]:
+        while self.frame_count is None or self._index < self.frame_count:
+            t_s = self.advance(1.0 / self.frame_rate_Hz)
+            frame = Frame(np.zeros((2, 2), np.uint8), t_s, self._index)
+            self._index += 1
+            yield frame
+
+    def close(self) -> None:
+        """Nothing to release."""

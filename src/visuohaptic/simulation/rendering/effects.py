@@ -1,0 +1,124 @@
+"""What lens and sensor do to the exact image: blur, shading, light, noise, rounding, JPEG."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from ...core.errors import InputError
+from ...core.files import decode_image
+from ._render_kernels import develop
+
+__all__ = ["CameraEffects"]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraEffects:
+    """Imperfections of a camera; the default is a good one in even light.
+
+    The lens blurs first (the renderer does it, edge by edge), then light and gain
+    scale, then noise is added, then levels are clipped to 0..255 and rounded, then JPEG.
+    """
+
+    blur_px: float = 0.8  #: standard deviation of the Gaussian point spread, on top of the pixel's square
+    noise_sigma: float = 0.0  #: standard deviation of the noise at level 0 [grey levels]
+    shot_noise: float = 0.0  #: variance that each grey level adds [grey levels^2 per level]
+    gain: float = 1.0  #: exposure; multiplies all levels
+    vignetting: float = 0.0  #: relative loss of light in the image's corner
+    gradient_x: float = 0.0  #: relative change of light from the left to the right border
+    gradient_y: float = 0.0  #: relative change of light from the top to the bottom border
+    light: Callable[[float], float] | None = None  #: relative light over time [s]; 0 is darkness
+    exposure_s: float = 0.0  #: duration of exposure, centred on the row's time; 0 = no motion blur
+    exposure_samples: int = 4  #: pictures averaged over the exposure
+    jpeg_quality: int | None = None  #: 1..100; ``None`` = not compressed
+
+    def __post_init__(self) -> None:
+        for name in ("blur_px", "noise_sigma", "shot_noise", "gain", "exposure_s"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError("CameraEffects", f"found {value}, expected >= 0", field=name)
+        if not 0 <= self.vignetting <= 1:
+            raise InputError("CameraEffects", f"found {self.vignetting}, expected 0..1", field="vignetting")
+        if self.exposure_samples < 1:
+            raise InputError(
+                "CameraEffects", f"found {self.exposure_samples}, expected >= 1", field="exposure_samples"
+            )
+        if self.jpeg_quality is not None and not 1 <= self.jpeg_quality <= 100:
+            raise InputError(
+                "CameraEffects", f"found {self.jpeg_quality}, expected 1..100", field="jpeg_quality"
+            )
+
+    def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
+        """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere."""
+        if not (self.vignetting or self.gradient_x or self.gradient_y):
+            return np.zeros((0, 0), np.float32)
+        return _light_field(rows, columns, self.vignetting, self.gradient_x, self.gradient_y)
+
+    def row_gain(self, row_times_s: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
+        """Gain times light of each row at the time of its exposure."""
+        if self.light is None:
+            return np.full(len(row_times_s), self.gain)
+        if row_times_s[0] == row_times_s[-1]:
+            return np.full(len(row_times_s), self.gain * max(0.0, self.light(float(row_times_s[0]))))
+        return np.array([self.gain * max(0.0, self.light(float(t))) for t in row_times_s])
+
+    def sigma_of_level(self) -> Float32[np.ndarray, "levels"]:
+        """Standard deviation of the noise at the grey levels 0..255; empty without noise."""
+        if self.noise_sigma == 0 and self.shot_noise == 0:
+            return np.zeros(0, np.float32)
+        return np.sqrt(self.noise_sigma**2 + self.shot_noise * np.arange(256)).astype(np.float32)
+
+    def developed(
+        self,
+        image: Float32[np.ndarray, "rows columns channels"],
+        row_times_s: Float[np.ndarray, "rows"],
+        rng: np.random.Generator,
+    ) -> UInt8[np.ndarray, "rows columns channels"]:
+        """Grey levels of a blurred exact image; the same ``rng`` state gives the same levels."""
+        rows, columns, _ = image.shape
+        seeds = rng.integers(0, 2**64, rows, dtype=np.uint64)
+        result = np.zeros(image.shape, np.uint8)
+        develop(
+            image,
+            self.light_field(rows, columns),
+            self.row_gain(row_times_s),
+            self.sigma_of_level(),
+            seeds,
+            _normal_quantiles(),
+            result,
+        )
+        return result if self.jpeg_quality is None else _through_jpeg(result, self.jpeg_quality)
+
+
+@lru_cache(maxsize=4)
+def _light_field(rows: int, columns: int, vignetting: float, x: float, y: float) -> np.ndarray:
+    across = np.linspace(-1, 1, columns)[None, :]
+    down = np.linspace(-1, 1, rows)[:, None]
+    # Natural vignetting falls with r^2 near the axis; the corner has |(columns, rows)| = 1.
+    diagonal = columns**2 + rows**2
+    radius_2 = (across**2 * columns**2 + down**2 * rows**2) / diagonal
+    field = (1 - vignetting * radius_2) * (1 + 0.5 * x * across) * (1 + 0.5 * y * down)
+    return np.maximum(field, 0).astype(np.float32)
+
+
+@lru_cache(maxsize=1)
+def _normal_quantiles() -> np.ndarray:
+    from scipy.special import ndtri
+
+    # Middle of each of the 2^16 cells of probability; rescaled, as the cells' spread is lost.
+    table = ndtri((np.arange(65536) + 0.5) / 65536)
+    return (table / table.std()).astype(np.float32)
+
+
+def _through_jpeg(image: np.ndarray, quality: int) -> np.ndarray:
+    import cv2
+
+    done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise InputError("CameraEffects", f"JPEG refuses an image of shape {image.shape}")
+    decoded = decode_image(data.tobytes(), "CameraEffects", "colour" if image.shape[2] == 3 else "grey")
+    return decoded.reshape(image.shape)

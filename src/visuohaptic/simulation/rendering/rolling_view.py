@@ -1,0 +1,204 @@
+"""From moving geometry to the polygons that one frame of a rolling shutter shows.
+
+Symbols: K key times spread over the readout of a frame, n points, m pixels of
+a polygon. Arrays of points carry their state at all keys, shape (n, K, 3), in
+the camera frame.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+
+__all__ = ["RollingView"]
+
+#: Nothing is drawn nearer to the camera than this [m].
+NEAR_M = 0.02
+
+#: Polygons are cut this far outside of the image, in parts of its half size.
+MARGIN = 0.1
+
+#: Length of straight pieces of a line that the lens or motion bends [px]; their sagitta
+#: is below 1e-3 px for any lens with less than 50 px of distortion.
+PIECE_PX = 8.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RollingView:
+    """A camera during one frame.
+
+    Row v is exposed at its own time; a point whose pixel moves as ``u(v)`` is
+    seen where ``v = u_y(v)``. The pixel is interpolated over the keys by cubics.
+    """
+
+    camera: Camera
+    poses_camera_foam: tuple[Pose, ...]  #: at each key
+    key_rows: Float[np.ndarray, "K"]  #: evenly spaced rows whose exposures are the keys
+
+    @property
+    def keys(self) -> int:
+        """Number of keys; 1 when nothing moves."""
+        return len(self.poses_camera_foam)
+
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines in space can be curved in the image."""
+        return self.keys > 1 or bool(self.camera.distortion.any())
+
+    @property
+    def centre_foam_m(self) -> Float[np.ndarray, "3"]:
+        """Optical centre in frame F in the middle of the frame."""
+        return self.poses_camera_foam[self.keys // 2].inverse().translation_m
+
+    def to_camera(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n K 3"]:
+        """Points in the camera frame at each key."""
+        if self.keys == 1:
+            return self.poses_camera_foam[0].apply(points_foam_m)
+        return np.stack(
+            [pose.apply(points_foam_m[:, k]) for k, pose in enumerate(self.poses_camera_foam)], axis=1
+        )
+
+    def weights(self, rows: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m K"]:
+        """Cubic interpolation over the keys at image rows (Lagrange, four nearest keys)."""
+        rows = np.asarray(rows, dtype=np.float64)
+        if self.keys == 1:
+            return np.ones((len(rows), 1))
+        spacing = self.key_rows[1] - self.key_rows[0]
+        x = np.nan_to_num((rows - self.key_rows[0]) / spacing)
+        x = np.clip(x, -0.5, self.keys - 0.5)
+        first = np.clip(np.floor(x).astype(int) - 1, 0, self.keys - 4)
+        x = x - first
+        result = np.zeros((len(rows), self.keys))
+        at = np.arange(len(rows))
+        result[at, first] = -(x - 1) * (x - 2) * (x - 3) / 6
+        result[at, first + 1] = x * (x - 2) * (x - 3) / 2
+        result[at, first + 2] = -x * (x - 1) * (x - 3) / 2
+        result[at, first + 3] = x * (x - 1) * (x - 2) / 6
+        return result
+
+    def pixels(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n 2"]:
+        """Where the points are seen in the frame; NaN outside of the view and its margin."""
+        inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=1)
+        points = np.where(inside.reshape(-1, 1, 1), points_camera_m, np.nan)
+        return self._seen(points)
+
+    def _seen(self, points_camera_m: np.ndarray) -> np.ndarray:
+        each = self.camera.project(points_camera_m)
+        if self.keys == 1:
+            return each[:, 0]
+        seen = each[:, self.keys // 2]
+        # Contracts by (speed of the image) x (row delay), far below 0.1 per round.
+        for _ in range(8):
+            seen = np.einsum("nk,nkd->nd", self.weights(seen[:, 1]), each)
+        return seen
+
+    def polyline(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
+        """Pixels of an open line, with points added where the image bends it."""
+        points = self.to_camera(points_foam_m)
+        return self.pixels(self._divided(points, closed=False))
+
+    def polygon(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
+        """Pixels of a polygon, cut at the border of the view; (0, 2) when nothing is left."""
+        points = self._clipped(points_camera_m)
+        if len(points) < 3:
+            return np.zeros((0, 2))
+        return self._seen(self._divided(points, closed=True))
+
+    def plane_matrices(
+        self,
+        origin_foam_m: Float[np.ndarray, "K 3"],
+        along_a: Float[np.ndarray, "K 3"],
+        along_b: Float[np.ndarray, "K 3"],
+    ) -> Float[np.ndarray, "rows 3 3"]:
+        """Matrices from rays (x, y, 1) to plane coordinates (a, b, 1) up to scale, per image row."""
+        matrices = []
+        for pose, origin, a, b in zip(self.poses_camera_foam, origin_foam_m, along_a, along_b, strict=True):
+            columns = np.column_stack([pose.rotation @ a, pose.rotation @ b, pose.apply(origin)])
+            matrices.append(_adjugate(columns))
+        if self.keys == 1:
+            return np.array(matrices)
+        weights = self.weights(np.arange(self.camera.height))
+        return np.einsum("rk,kij->rij", weights, np.array(matrices))
+
+    def _inside(self, points_camera_m: np.ndarray) -> np.ndarray:
+        """Distances (n, 5) to the borders of the view at the middle key; negative is outside."""
+        x, y, z = points_camera_m[:, self.keys // 2].T
+        low, high = _ray_limits(self.camera)
+        return np.stack(
+            [z - NEAR_M, x - low[0] * z, high[0] * z - x, y - low[1] * z, high[1] * z - y], axis=-1
+        )
+
+    def _clipped(self, points: np.ndarray) -> np.ndarray:
+        if np.asarray(self._inside(points) >= 0).all():
+            return points
+        for border in range(5):
+            if len(points) < 3:
+                break
+            points = cut_polygon(points, self._inside(points)[:, border])
+        return points
+
+    def _divided(self, points: np.ndarray, *, closed: bool) -> np.ndarray:
+        if not self.bends:
+            return points
+        following = np.roll(points, -1, axis=0) if closed else points[1:]
+        start = points if closed else points[:-1]
+        pixels = self.camera.project(points[:, self.keys // 2])
+        ends = np.roll(pixels, -1, axis=0) if closed else pixels[1:]
+        lengths = np.nan_to_num(np.linalg.norm(ends - (pixels if closed else pixels[:-1]), axis=1))
+        pieces = np.clip(np.ceil(lengths / PIECE_PX), 1, 1000).astype(int)
+        index = np.repeat(np.arange(len(start)), pieces)
+        within = np.arange(len(index)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        fraction = (within / pieces[index])[:, None, None]
+        result = start[index] * (1 - fraction) + following[index] * fraction
+        return result if closed else np.concatenate([result, points[-1:]])
+
+
+@lru_cache(maxsize=16)
+def _ray_limits(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest normalised ray (x, y) of the view and its margin."""
+    u, v = np.meshgrid(np.linspace(-0.5, camera.width - 0.5, 17), np.linspace(-0.5, camera.height - 0.5, 17))
+    rays = camera.rays(np.stack([u, v], axis=-1).reshape(-1, 2))[:, :2]
+    low, high = rays.min(axis=0), rays.max(axis=0)
+    margin = 0.5 * MARGIN * (high - low)
+    return low - margin, high + margin
+
+
+def _adjugate(m: np.ndarray) -> np.ndarray:
+    """Inverse of a 3 x 3 matrix times the size of its determinant: finite for a plane seen edge-on."""
+    (a, b, c), (d, e, f), (g, h, i) = m.tolist()
+    result = np.array(
+        [
+            [e * i - f * h, c * h - b * i, b * f - c * e],
+            [f * g - d * i, a * i - c * g, c * d - a * f],
+            [d * h - e * g, b * g - a * h, a * e - b * d],
+        ]
+    )
+    return result if float(m[0] @ result[:, 0]) >= 0 else -result
+
+
+def cut_polygon(points: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Part of a polygon where a linear function of its points is not negative (Sutherland, Hodgman 1974).
+
+    ``points`` (n, ...) may carry any attributes, which are interpolated; parts that
+    fall apart stay joined by lines without area.
+    """
+    keep = inside >= 0
+    if keep.all():
+        return points
+    if not keep.any():
+        return points[:0]
+    following = np.roll(points, -1, axis=0)
+    next_inside = np.roll(inside, -1)
+    crossing = keep != (next_inside >= 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        fraction = inside / (inside - next_inside)
+    fraction = np.where(crossing, fraction, 0.0).reshape(-1, *([1] * (points.ndim - 1)))
+    cuts = points + fraction * (following - points)
+    both = np.stack([points, cuts], axis=1).reshape(-1, *points.shape[1:])
+    return both[np.stack([keep, crossing], axis=1).reshape(-1)]

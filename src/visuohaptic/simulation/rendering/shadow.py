@@ -1,0 +1,39 @@
+"""Soft darkening of the floor around what stands or hangs close to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ._solids import at_height
+from .appearance import Look
+from .rolling_view import RollingView
+from .scene import FoamScene
+
+__all__ = ["shade_floor"]
+
+#: The shadow is soft: it is computed on a picture this many times smaller.
+_REDUCTION = 8
+
+
+def shade_floor(
+    image: np.ndarray, view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
+) -> None:
+    """Darken the floor around the feet of outlines (n, K, 2) in frame F, in place."""
+    import cv2
+
+    rows, columns, channels = image.shape
+    small = np.zeros((rows // _REDUCTION + 1, columns // _REDUCTION + 1), np.uint8)
+    for outline in outlines_m:
+        polygon = view.polygon(view.to_camera(at_height(outline, -scene.floor_below_m)))
+        if len(polygon) >= 3:
+            fixed = np.rint((polygon + 0.5) / _REDUCTION * 16 - 8).astype(np.int32)
+            cv2.fillPoly(small, [fixed], 255, shift=4)
+    distance_m = float(np.linalg.norm(view.centre_foam_m))
+    sigma = 0.6 * look.shadow_reach_m * view.camera.focal_px / distance_m / _REDUCTION
+    soft = cv2.GaussianBlur(small.astype(np.float32), (0, 0), max(sigma, 0.3))
+    factor = cv2.resize(
+        1 - look.shadow / 255 * soft, (small.shape[1] * _REDUCTION, small.shape[0] * _REDUCTION)
+    )
+    factor = factor[:rows, :columns]
+    for k in range(channels):
+        image[..., k] *= factor

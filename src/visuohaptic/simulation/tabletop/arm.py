@@ -1,0 +1,121 @@
+"""A robot arm with a tip: straight motions with limited speed, and the errors that real ones have."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, InputError
+
+__all__ = ["SimulatedArm"]
+
+
+class SimulatedArm:
+    """A ``robots.ProbeArm`` whose tip goes straight; time passes by :meth:`advance`.
+
+    Parameters
+    ----------
+    T_base_tip
+        Where the arm believes its tip to be at the begin.
+    error
+        Where the tip is in the tip frame that the arm believes in: what is wrong with its joints and
+        the mount of the tool, the same everywhere.
+    repeat_sigma_m
+        Standard deviation of every axis at the end of each motion, new for each motion.
+    reach_m
+        Smallest and largest distance of the tip from the base.
+    rng
+        Of the repeatability.
+    """
+
+    def __init__(
+        self,
+        T_base_tip: Pose,
+        *,
+        error: Pose | None = None,
+        repeat_sigma_m: float = 0.0,
+        reach_m: tuple[float, float] = (0.15, 1.0),
+        turn_rate_rad_s: float = 0.5,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        if not (0 <= reach_m[0] < reach_m[1] and turn_rate_rad_s > 0 and repeat_sigma_m >= 0):
+            raise InputError(
+                "SimulatedArm", f"found reach {reach_m}, turn rate {turn_rate_rad_s}, expected them > 0"
+            )
+        self.t_s = 0.0
+        self.error = error if error is not None else Pose.identity()
+        self.repeat_sigma_m, self.turn_rate_rad_s = repeat_sigma_m, turn_rate_rad_s
+        self._reach = np.array(reach_m)
+        self._rng = rng if rng is not None else np.random.default_rng(0)
+        self._pose = self._from = self._to = T_base_tip
+        self._turn = np.zeros(3)
+        self._duration_s = self._done_s = 0.0
+        self._slip = np.zeros(3)
+
+    def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
+        """Begin to move the tip in a straight line, turning evenly on the way.
+
+        Raises
+        ------
+        DeviceError
+            The pose is out of reach.
+        """
+        if not (math.isfinite(speed_m_s) and speed_m_s > 0):
+            raise InputError("move_linear", f"found {speed_m_s} m/s, expected more than 0")
+        far = float(np.linalg.norm(T_base_tip.translation_m))
+        if not self._reach[0] <= far <= self._reach[1]:
+            raise DeviceError(
+                f"move_linear: {far:.3f} m from the base is out of reach, "
+                f"expected {self._reach[0]:g} to {self._reach[1]:g} m; move the object or the base"
+            )
+        same = np.allclose(T_base_tip.translation_m, self._to.translation_m, atol=1e-9) and np.allclose(
+            T_base_tip.rotation, self._to.rotation, atol=1e-9
+        )
+        self._from, self._to = self._pose, T_base_tip
+        self._turn = _turn(self._from.rotation.T @ self._to.rotation)
+        way = float(np.linalg.norm(self._to.translation_m - self._from.translation_m))
+        self._duration_s = max(way / speed_m_s, float(np.linalg.norm(self._turn)) / self.turn_rate_rad_s)
+        self._done_s = 0.0
+        if self.repeat_sigma_m > 0 and not same:
+            self._slip = self.repeat_sigma_m * self._rng.standard_normal(3)
+
+    def stop(self) -> None:
+        """Hold the present pose."""
+        self._from = self._to = self._pose
+        self._turn = np.zeros(3)
+        self._duration_s = self._done_s = 0.0
+
+    def pose(self) -> tuple[float, Pose]:
+        """Newest time [s] and where the arm believes its tip to be."""
+        return self.t_s, self._pose
+
+    def reach_m(self) -> Float[np.ndarray, "2"]:
+        """Smallest and largest distance of the tip from the base."""
+        return self._reach.copy()
+
+    def true_pose(self) -> Pose:
+        """Where the unloaded tip really is."""
+        return Pose(self._pose.rotation, self._pose.translation_m + self._slip) @ self.error
+
+    def advance(self, dt_s: float) -> None:
+        """Let time pass."""
+        if not dt_s >= 0:
+            raise InputError("SimulatedArm.advance", f"found {dt_s} s, expected 0 or more")
+        self.t_s += dt_s
+        self._done_s = min(self._done_s + dt_s, self._duration_s)
+        if self._duration_s == 0.0 or self._done_s >= self._duration_s:
+            self._pose = self._to
+            return
+        fraction = self._done_s / self._duration_s
+        turned = Pose.from_rotation_vector(fraction * self._turn, np.zeros(3)).rotation
+        place = (1 - fraction) * self._from.translation_m + fraction * self._to.translation_m
+        self._pose = Pose(self._from.rotation @ turned, place)
+
+
+def _turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

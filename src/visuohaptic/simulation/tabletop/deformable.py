@@ -1,0 +1,134 @@
+"""Containers that give way between two fingers, as the models of ``deformation`` say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+
+if TYPE_CHECKING:
+    from ...deformation.shells.fourier_shell import RevolutionShell
+
+__all__ = ["DeformableContainer"]
+
+#: Pressure of the air (Pa).
+AIR_PA = 101_325.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeformableContainer:
+    """Force against deformation of a pinch by two opposite tips, by height.
+
+    Between heights and deformations it is linear.
+    """
+
+    name: str
+    height_m: Float[np.ndarray, "k"]  #: of the pinches, ascending, above the table
+    radius_m: Float[np.ndarray, "k"]  #: of the wall there
+    deformation_m: Float[np.ndarray, "m"]  #: mean of both tips, from 0
+    force_N: Float[np.ndarray, "k m"]  #: of one tip
+    mass_kg: float = 0.05
+    friction: float = 0.6  #: with the foam of the fingers
+
+    def __post_init__(self) -> None:
+        k, m = len(self.height_m), len(self.deformation_m)
+        if self.force_N.shape != (k, m) or self.radius_m.shape != (k,) or k < 2 or m < 2:
+            raise InputError(
+                "DeformableContainer",
+                f"found forces {self.force_N.shape} for {k} heights and {m} deformations",
+            )
+        rising = (np.diff(self.height_m) > 0).all() and (np.diff(self.deformation_m) > 0).all()
+        if not (rising and self.deformation_m[0] == 0 and (np.diff(self.force_N, axis=1) >= 0).all()):
+            raise InputError(
+                "DeformableContainer",
+                "expected ascending heights and deformations from 0, and forces that rise",
+            )
+
+    @classmethod
+    def of_revolution(
+        cls,
+        name: str,
+        shell: RevolutionShell,
+        material: str,
+        *,
+        closed: bool = False,
+        fill: float = 0.0,
+        max_m: float = 0.012,
+        mass_kg: float = 0.05,
+    ) -> DeformableContainer:
+        """From the linear stiffness of a shell of revolution, and what it encloses.
+
+        A pinch of a round wall keeps the volume to first order; the ring that
+        it bends into w = d cos(2 t) loses the area (3 pi / 2) d^2, over a
+        length of about a diameter. Enclosed air answers with the third power
+        of the deformation, the more so the less air is left above a filling.
+
+        Parameters
+        ----------
+        closed
+            Nothing can get out.
+        fill
+            Share of the volume that a liquid takes; it has a weight in any case.
+        """
+        from ...deformation.shells.fourier_shell import pinch_stiffness
+
+        if not 0.0 <= fill <= 1.0:
+            raise InputError("of_revolution", f"found {fill}, expected 0 to 1", field="fill")
+        stiffness = np.asarray(pinch_stiffness(shell, material))
+        free = np.isfinite(stiffness)
+        height, radius = np.asarray(shell.height_m)[free], np.asarray(shell.radius_m)[free]
+        # Finer at the begin, where the third power is nothing.
+        depth = max_m * np.linspace(0.0, 1.0, 25) ** 2
+        force = stiffness[free, None] * depth
+        z, r = np.asarray(shell.height_m), np.asarray(shell.radius_m)
+        volume = float(np.sum(0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)))
+        if closed:
+            # Liquids and their container give way a little: never less than this share of air.
+            air = max(1.0 - fill, 0.01) * volume
+            lost = 1.5 * math.pi * 2.0 * radius[:, None]
+            force = force + AIR_PA * lost**2 * depth**3 / air
+        return cls(name, height, radius, depth, force, mass_kg + 1000.0 * fill * volume)
+
+    @classmethod
+    def from_curves(
+        cls,
+        name: str,
+        curves: Mapping[float, tuple[Sequence[float], Sequence[float]]],
+        radius_m: Mapping[float, float],
+        **rest: float,
+    ) -> DeformableContainer:
+        """From (deformations [m], forces [N]) by height [m], as ``deformation.grasp_curve`` computes them."""
+        heights = sorted(curves)
+        depth = np.unique(np.concatenate([[0.0], *[np.asarray(curves[z][0], dtype=float) for z in heights]]))
+        depth = depth[depth <= min(max(curves[z][0]) for z in heights) + 1e-12]
+        rows = [
+            np.maximum.accumulate(np.interp(depth, np.r_[0.0, curves[z][0]], np.r_[0.0, curves[z][1]]))
+            for z in heights
+        ]
+        return cls(
+            name, np.array(heights), np.array([radius_m[z] for z in heights]), depth, np.array(rows), **rest
+        )
+
+    def radius_at(self, height_m: float) -> float:
+        """Radius of the wall [m]; 0 below and above the object."""
+        return float(np.interp(height_m, self.height_m, self.radius_m, left=0.0, right=0.0))
+
+    def force_at(self, height_m: float, deformation_m: float) -> float:
+        """Force of one tip [N]; beyond the last deformation the wall meets itself and is ten times stiffer."""
+        if not self.height_m[0] <= height_m <= self.height_m[-1] or deformation_m <= 0:
+            return 0.0
+        index = min(int(np.searchsorted(self.height_m, height_m, side="right")), len(self.height_m) - 1)
+        low, high = self.height_m[index - 1], self.height_m[index]
+        fraction = float((height_m - low) / (high - low))
+        curve = (1 - fraction) * self.force_N[index - 1] + fraction * self.force_N[index]
+        last = self.deformation_m[-1]
+        if deformation_m <= last:
+            return float(np.interp(deformation_m, self.deformation_m, curve))
+        slope = float((curve[-1] - curve[-2]) / (last - self.deformation_m[-2]))
+        return float(curve[-1] + 10.0 * slope * (deformation_m - last))

@@ -1,0 +1,363 @@
+"""A two-finger gripper whose finger carries a strip of rubber foam, seen by a fixed camera (Alt 2016, Sec. 3.6.4).
+
+Frames: R is the reference frame, fixed to camera and gripper base; F is the sensor frame of the
+finger. Both are the same at position 0, and F moves by the position along x of R. The other
+finger mirrors this one, so that an object between them stays in the middle.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.resources import Closing
+from ...core.robots import GripperState
+from ..foam.rig import SensorRig
+from ..foam.strip import FoamStrip, Outline, StripGeometry
+from ..foam.strip_law import StripLaw
+from ..rendering._finger_tag import FingerTag, paint_tag
+from ..rendering.appearance import Look, Occluder, Surface
+from ..rendering.effects import CameraEffects
+from ..rendering.renderer import SceneRenderer
+from ..rendering.scene import FoamScene, SceneObject
+
+__all__ = [
+    "GRIPPER_RIG",
+    "ROD",
+    "RUBBER_FOAM",
+    "GraspObject",
+    "GripperTruth",
+    "VirtualGripper",
+    "gripper_look",
+]
+
+#: Rubber foam (EPDM): slope some 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
+RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))
+#: The rod on the finger: cross section 1.5 x 1 cm.
+ROD = StripGeometry(length_m=0.1, width_m=0.015, height_m=0.01, spacing_m=0.001)
+#: Camera above the gripper, slightly outside of the grasping range.
+GRIPPER_RIG = SensorRig(look_ahead_m=0.022)
+
+#: Longest way of the finger in one step [m], and longest step [s].
+STEP_M, STEP_S = 1e-4, 0.005
+#: Width of the stripe on the rod [m].
+STRIPE_M = 0.003
+
+_TAG = FingerTag()
+_BLUE = Surface(150.0, 8.0, "cardboard", (170.0, 140.0, 110.0))
+
+
+def gripper_look(*, stripe: bool = True) -> Look:
+    """Black rubber on a finger of bare metal, with a green stripe along the front."""
+    return Look(
+        foam=Surface(38.0, 2.0, "foam", (36.0, 38.0, 40.0)),
+        body=Surface(150.0, 3.0, "metal", (152.0, 150.0, 147.0)),
+        floor=Surface(112.0, 10.0, "planks", (74.0, 108.0, 138.0)),
+        stripe=Surface(120.0, 2.0, "plain", (70.0, 170.0, 55.0)) if stripe else None,
+        stripe_width_m=STRIPE_M,
+        body_margin_m=0.005,
+        face_contrast=0.35,
+        shadow=0.4,
+        colour=stripe,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspObject:
+    """Something between the fingers: an outline on a spring that both fingers load."""
+
+    outline: Outline  #: cross section, frame R
+    stiffness_N_per_m: float = math.inf  #: force by the way that its surface retreats before one finger
+    top_m: float = 0.05  #: height of its top above the foam's top
+    surface: Surface = _BLUE
+
+    def __post_init__(self) -> None:
+        if not self.stiffness_N_per_m > 0:
+            raise InputError(
+                "GraspObject", f"found {self.stiffness_N_per_m}, expected > 0", field="stiffness_N_per_m"
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GripperTruth:
+    """What is the case at one moment."""
+
+    t_s: float
+    position_m: float  #: of the finger along x of R
+    speed_m_s: float
+    force_N: float  #: of the foam on all objects along x
+    object_force_N: Float[np.ndarray, "objects"]  #: on every object
+    shift_m: Float[np.ndarray, "objects"]  #: way that every object's surface has retreated
+    front_m: Float[np.ndarray, "k 2"]  #: front contour, frame F
+    stripe_m: Float[np.ndarray, "k 2"]  #: inner edge of the stripe, frame F
+
+    @property
+    def front_rest_m(self) -> Float[np.ndarray, "k 2"]:
+        """Front contour in the fixed frame R."""
+        return self.front_m + np.array([self.position_m, 0.0])
+
+
+class VirtualGripper(Closing):
+    """The gripper and its camera; implements ``Gripper`` and ``FrameSource``.
+
+    Time passes only by :meth:`advance` or by taking frames: each frame takes one frame period.
+
+    Parameters
+    ----------
+    objects
+        What stands between the fingers.
+    open_m
+        Largest opening, between the fronts of both rods; the finger is at position 0 there.
+    look
+        Surfaces; by default :func:`gripper_look`.
+    tag
+        AprilTag on the finger; ``None`` for none.
+    occluders
+        Things in front of the scene.
+    rng
+        Source of the camera's noise.
+    duration_s
+        The frames end then.
+    """
+
+    def __init__(
+        self,
+        objects: Sequence[GraspObject] = (),
+        *,
+        rng: np.random.Generator,
+        open_m: float = 0.1,
+        geometry: StripGeometry = ROD,
+        law: StripLaw = RUBBER_FOAM,
+        rig: SensorRig = GRIPPER_RIG,
+        look: Look | None = None,
+        effects: CameraEffects | None = None,
+        tag: FingerTag | None = _TAG,
+        occluders: Sequence[Occluder] = (),
+        frame_rate_Hz: float = 30.0,
+        acceleration_m_s2: float = 0.5,
+        force_limit_N: float = 120.0,
+        duration_s: float = math.inf,
+    ) -> None:
+        if not (open_m > 0 and frame_rate_Hz > 0 and acceleration_m_s2 > 0):
+            raise InputError("VirtualGripper", "expected open_m, frame rate and acceleration > 0")
+        self.objects = tuple(objects)
+        self.open_m = open_m
+        self.rig = rig
+        self.tag = tag
+        self.occluders = tuple(occluders)
+        self.frame_rate_Hz = frame_rate_Hz
+        self.acceleration_m_s2 = acceleration_m_s2
+        self.force_limit_N = force_limit_N
+        self.duration_s = duration_s
+        self._rng = rng
+        self._renderer = SceneRenderer(
+            rig.camera, rig.T_camera_foam, look or gripper_look(), effects or CameraEffects(1.0, 3.0)
+        )
+        self._strip = FoamStrip(geometry, law)
+        self._back = geometry.back_m(self._strip.s_m)
+        self._springs = np.array([item.stiffness_N_per_m for item in self.objects])
+        self._shift, self._load = np.zeros((2, len(self.objects)))
+        self._stiffness = np.zeros(len(self.objects))
+        self._position = self._speed = 0.0
+        self._target, self._limit = 0.0, 0.0
+        self._next_frame = 0
+        self._times: list[float] = []
+        self._truths: list[GripperTruth] = []
+        self._record(0.0, self._squeeze(0.0, 0.0))
+
+    # Gripper
+
+    def move(self, opening_m: float, speed_m_s: float) -> None:
+        """Begin to move to an opening; the drive stops by itself at its force limit."""
+        if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
+            raise InputError(
+                "move",
+                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.open_m} m and a speed > 0",
+            )
+        self._target, self._limit = 0.5 * (self.open_m - opening_m), 0.5 * speed_m_s
+
+    def stop(self) -> None:
+        """Hold the present opening."""
+        self._target, self._limit, self._speed = self._position, 0.0, 0.0
+
+    def state(self) -> GripperState:
+        """Newest reading of the drive, which nobody in Sec. 3.6.4 uses."""
+        return GripperState(self._times[-1], self.open_m - 2 * self._position, -2 * self._speed)
+
+    # FrameSource
+
+    @property
+    def camera(self) -> Camera:
+        """The camera's model."""
+        return self.rig.camera
+
+    @property
+    def frame_count(self) -> int | None:
+        """How many frames there will be; ``None`` without a duration."""
+        return None if math.isinf(self.duration_s) else math.ceil(self.duration_s * self.frame_rate_Hz)
+
+    def __iter__(self) -> Iterator[Frame]:
+        while self._next_frame / self.frame_rate_Hz < self.duration_s:
+            yield self.frame()
+
+    def close(self) -> None:
+        """Nothing to release."""
+
+    # Simulation
+
+    def frame(self) -> Frame:
+        """The next frame of the camera; simulates up to the end of its readout."""
+        index, self._next_frame = self._next_frame, self._next_frame + 1
+        t_s = index / self.frame_rate_Hz
+        effects, camera = self._renderer.effects, self.camera
+        self.advance_to(t_s + camera.row_delay_s * camera.height + effects.exposure_s)
+        exact = self._renderer.render_exact(
+            self.scene, t_s=t_s, camera_shake=self._ride, occluders=self.occluders
+        )
+        image = np.atleast_3d(exact)
+        rows_s = camera.row_time_s(t_s, np.arange(camera.height))
+        if self.tag is not None:
+            positions = np.interp(rows_s, self._times, [truth.position_m for truth in self._truths])
+            paint_tag(image, camera, self.rig.T_camera_foam, self.tag, positions, effects.blur_px)
+        developed = effects.developed(image, rows_s, self._rng)
+        return Frame(developed if self._renderer.look.colour else developed[..., 0], t_s, index)
+
+    def advance_to(self, t_s: float) -> None:
+        """Let time pass up to ``t_s``."""
+        while self._times[-1] < t_s - 1e-12:
+            step = STEP_M / self._limit if self._limit > 0 else STEP_S
+            self._step(min(STEP_S, step, t_s - self._times[-1]))
+
+    def skip_to(self, t_s: float) -> None:
+        """Let time pass without pictures; the next frame is the first one at or after ``t_s``."""
+        self.advance_to(t_s)
+        self._next_frame = max(self._next_frame, math.ceil(t_s * self.frame_rate_Hz - 1e-9))
+
+    def truth(self, t_s: float | None = None) -> GripperTruth:
+        """What was the case at a time that has been simulated; the newest by default."""
+        if t_s is None:
+            return self._truths[-1]
+        after = bisect.bisect_left(self._times, t_s)
+        if after == len(self._times):
+            return self._truths[-1]
+        if after == 0:
+            return self._truths[0]
+        a, b = self._truths[after - 1 : after + 1]
+        fraction = (t_s - a.t_s) / (b.t_s - a.t_s)
+        return GripperTruth(
+            t_s,
+            *(
+                (1 - fraction) * getattr(a, name) + fraction * getattr(b, name)
+                for name in (
+                    "position_m", "speed_m_s", "force_N", "object_force_N", "shift_m", "front_m", "stripe_m",
+                )
+            ),
+        )  # fmt: skip
+
+    def scene(self, t_s: float) -> FoamScene:
+        """What the camera sees at a time, in frame F of the finger."""
+        truth = self.truth(t_s)
+        bodies = []
+        for item, shift in zip(self.objects, truth.shift_m, strict=True):
+            look = item.surface
+            outline = item.outline.moved(float(shift) - truth.position_m, 0.0).polygon_m()
+            bodies.append(
+                SceneObject(outline, item.top_m, look.grey, look.texture, look.seed, look.material, look.bgr)
+            )
+        return FoamScene(
+            t_s,
+            self._back,
+            truth.front_m,
+            (*bodies, *self._other_finger(truth)),
+            floor_below_m=0.12,
+            T_world_foam=Pose(np.eye(3), np.array([truth.position_m, 0.0, 0.0])),
+            stripe_m=truth.stripe_m,
+        )
+
+    def _other_finger(self, truth: GripperTruth) -> tuple[SceneObject, SceneObject]:
+        """Rod and body of the mirrored finger; its foam is drawn as deep as ours is pressed."""
+        geometry, foam, body = self._strip.geometry, self._renderer.look.foam, self._renderer.look.body
+        back = 2 * geometry.width_m + self.open_m - 2 * truth.position_m
+        near = back - float(truth.front_m[:, 0].min())
+        half = 0.5 * geometry.length_m
+        rod = np.array([[near, -half], [back, -half], [back, half], [near, half]])
+        half += self._renderer.look.body_margin_m
+        plate = np.array([[back, -half], [back + 0.08, -half], [back + 0.08, half], [back, half]])
+        return (
+            SceneObject(rod, 0.0, foam.grey, foam.texture, 1, foam.material, foam.bgr),
+            SceneObject(plate, 0.0, body.grey, body.texture, 2, body.material, body.bgr),
+        )
+
+    def _ride(self, t_s: float) -> Pose:
+        """The camera as the finger sees it move: the renderer's frame F rides on the finger."""
+        rest = self.rig.T_camera_foam
+        moved = Pose(np.eye(3), np.array([self.truth(t_s).position_m, 0.0, 0.0]))
+        return rest @ moved @ rest.inverse()
+
+    def _step(self, dt_s: float) -> None:
+        now = self._truths[-1]
+        way = self._target - self._position
+        blocked = now.force_N >= self.force_limit_N and way > 0
+        # Brakes in time: v^2 = 2 a s.
+        wanted = 0.0 if blocked else min(self._limit, math.sqrt(2 * self.acceleration_m_s2 * abs(way)))
+        change = np.clip(
+            math.copysign(wanted, way) - self._speed,
+            -self.acceleration_m_s2 * dt_s,
+            self.acceleration_m_s2 * dt_s,
+        )
+        self._speed = 0.0 if blocked else self._speed + float(change)
+        move = self._speed * dt_s
+        if abs(move) >= abs(way) and move * way >= 0:
+            move, self._speed = way, 0.0
+        self._position += move
+        self._record(now.t_s + dt_s, self._squeeze(dt_s, move))
+
+    def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
+        """Move foam and springs on by one step of the finger.
+
+        The springs give way before the foam is pressed, by what its stiffness in the last step
+        foretells: foam that is pressed too far and let go again would remember it as unloading.
+        What is left of the balance goes into the next step.
+        """
+        if not self.objects:
+            return np.zeros(0)
+        soft, spring, foam = np.isfinite(self._springs), self._springs, self._stiffness
+        rest = self._load[soft] - spring[soft] * self._shift[soft]
+        touched = self._load[soft] > 0
+        give = np.where(touched, rest + foam[soft] * way_m, rest) / (spring[soft] + foam[soft])
+        self._shift[soft] += give
+        state = self._strip.press(
+            [
+                item.outline.moved(float(shift) - self._position, 0.0)
+                for item, shift in zip(self.objects, self._shift, strict=True)
+            ],
+            dt_s,
+        )
+        pressed = np.full(len(self.objects), way_m)
+        pressed[soft] -= give
+        change, self._load = state.body_force_N[:, 0] - self._load, state.body_force_N[:, 0]
+        bound = state.stiffness_N_per_m
+        slope = np.where(np.abs(pressed) > 1e-9, change / np.where(pressed == 0, 1.0, pressed), bound)
+        self._stiffness = np.clip(slope, 0.1 * bound, bound)
+        return self._load
+
+    def _record(self, t_s: float, force_N: Float[np.ndarray, "objects"]) -> None:
+        strip = self._strip
+        rod = strip.geometry
+        stripe = strip.inner_m(rod.width_m - self._renderer.look.stripe_width_m)
+        self._times.append(t_s)
+        self._truths.append(
+            GripperTruth(
+                t_s, self._position, self._speed, float(force_N.sum()), np.array(force_N), self._shift.copy(),
+                strip.inner_m(rod.width_m), stripe,
+            )
+        )  # fmt: skip

@@ -1,0 +1,164 @@
+"""A kitchen table with a container, an arm, and a gripper with foam on its fingers; no picture is drawn.
+
+What the finger's camera would say is the truth with noise; for rendered
+fingers see :mod:`visuohaptic.simulation.tabletop.gripper`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.robots import GripperState
+from ..rendering.blank_frames import BlankFrames
+from .arm import SimulatedArm
+from .deformable import DeformableContainer
+
+__all__ = ["FingerObservation", "KitchenTable"]
+
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True, slots=True)
+class FingerObservation:
+    """What the finger's sensor says of one frame."""
+
+    t_s: float
+    valid: bool
+    force_N: float
+    force_sigma_N: float
+    surface_m: float  #: where the touched surface is, from the middle between the fingers; NaN without touch
+
+
+@dataclass
+class KitchenTable(BlankFrames):
+    """A container at a place, between the fingers when the arm is there; ``Gripper`` and ``FrameSource`` in one.
+
+    The tip is the middle between the fingers; z of the base is height above the table.
+    """
+
+    container: DeformableContainer
+    rng: np.random.Generator
+    place_m: tuple[float, float] = (0.5, 0.0)
+    open_m: float = 0.12
+    foam_N_per_m: float = 6000.0  #: of the rubber on one finger
+    foam_N_per_m3: float = 3e8  #: it becomes stiffer
+    force_sigma_N: float = 0.08
+    surface_sigma_m: float = 4e-5
+    load_sigma_N: float = 0.05  #: of the vertical load on the fingers, frame by frame
+    load_zero_N: float = 0.3  #: of that sensor: it has to be tared
+    frame_rate_Hz: float = 30.0
+    force_limit_N: float = 60.0
+    slip_at_s: float = math.inf  #: from then on the fingers are wet: a tenth of the friction
+    fall_at_s: float = math.inf  #: the object falls over then
+    blind_at_s: float = math.inf  #: the sensor sees nothing from then on
+
+    def __post_init__(self) -> None:
+        start = Pose(np.eye(3), np.array([*self.place_m, 0.35]))
+        self.arm = SimulatedArm(start, repeat_sigma_m=2e-4, rng=self.rng, turn_rate_rad_s=1.0)
+        self.lifted_m = 0.0  #: of the object above the table
+        self.fallen = False
+        self.force_N = self.deformation_m = 0.0
+        self._opening, self._target, self._limit = self.open_m, self.open_m, 0.0
+        self._held_z: float | None = None
+
+    def move(self, opening_m: float, speed_m_s: float) -> None:
+        """Begin to move to an opening."""
+        if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
+            raise InputError(
+                "move",
+                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.open_m} m and a speed > 0",
+            )
+        self._target, self._limit = opening_m, speed_m_s
+
+    def stop(self) -> None:
+        """Hold the present opening."""
+        self._target = self._opening
+
+    def state(self) -> GripperState:
+        """Newest reading of the drive."""
+        moving = (
+            math.copysign(self._limit, self._target - self._opening) if self._target != self._opening else 0.0
+        )
+        return GripperState(self.arm.t_s, self._opening, moving)
+
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        self.arm.advance(dt_s)
+        step = self._limit * dt_s
+        way = max(-step, min(step, self._target - self._opening))
+        if way > 0 or self.force_N < self.force_limit_N:
+            self._opening += way
+        # What is held has come along before the fingers feel it: the other way round they would feel
+        # the wall as far below as the arm has moved in this frame.
+        self._carry()
+        self._balance()
+        self._held_z = self._tip_z() if self.force_N > 0 else None
+        return self.arm.t_s
+
+    def feel(self, frame: Frame) -> FingerObservation:
+        """Reading of the finger at the newest frame."""
+        if self.arm.t_s >= self.blind_at_s:
+            return FingerObservation(frame.t_s, False, math.nan, math.inf, math.nan)
+        noise = self.rng.standard_normal(2)
+        force = self.force_N + self.force_sigma_N * float(noise[0])
+        surface = math.nan
+        if self.force_N > 3 * self.force_sigma_N:
+            surface = self._radius() - self.deformation_m + self.surface_sigma_m * float(noise[1])
+        return FingerObservation(frame.t_s, True, force, self.force_sigma_N, surface)
+
+    def weigh(self, frame: Frame) -> float:
+        """Vertical load on the fingers [N] with its zero's offset; NaN when the sensor is blind."""
+        if self.arm.t_s >= self.blind_at_s:
+            return math.nan
+        load = self.container.mass_kg * GRAVITY_M_S2 if self.lifted_m > 0 else 0.0
+        return load + self.load_zero_N + self.load_sigma_N * float(self.rng.standard_normal())
+
+    def _height(self) -> float:
+        """Where on the object the fingers are."""
+        return self._tip_z() - self.lifted_m
+
+    def _tip_z(self) -> float:
+        return float(self.arm.true_pose().translation_m[2])
+
+    def _radius(self) -> float:
+        tip = self.arm.true_pose().translation_m
+        beside = math.hypot(tip[0] - self.place_m[0], tip[1] - self.place_m[1])
+        return 0.0 if self.fallen or beside > 0.01 else self.container.radius_at(self._height())
+
+    def _balance(self) -> None:
+        """Force at which foam and wall together are as much shorter as the fingers are too near."""
+        if self.arm.t_s >= self.fall_at_s and not self.fallen:
+            self.fallen, self.lifted_m = True, 0.0
+        short = self._radius() - 0.5 * self._opening
+        if short <= 0:
+            self.force_N = self.deformation_m = 0.0
+            return
+        low, high = 0.0, short
+        for _ in range(40):
+            wall = 0.5 * (low + high)
+            foam = short - wall
+            if (
+                self.container.force_at(self._height(), wall)
+                > self.foam_N_per_m * foam + self.foam_N_per_m3 * foam**3
+            ):
+                high = wall
+            else:
+                low = wall
+        self.deformation_m = 0.5 * (low + high)
+        self.force_N = self.container.force_at(self._height(), self.deformation_m)
+
+    def _carry(self) -> None:
+        """The object goes with the fingers as long as friction carries it."""
+        z = self._tip_z()
+        friction = self.container.friction * (0.1 if self.arm.t_s >= self.slip_at_s else 1.0)
+        holds = 2.0 * friction * self.force_N >= self.container.mass_kg * GRAVITY_M_S2
+        if holds and self._held_z is not None:
+            self.lifted_m = max(0.0, self.lifted_m + z - self._held_z)
+        elif not holds and self.lifted_m > 0:
+            self.lifted_m = 0.0  # it drops back onto the table

@@ -1,0 +1,48 @@
+"""An arm with a point probe beside a bottle: what the probe enters presses back."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.pose import Pose
+from ..rendering.blank_frames import BlankFrames
+from .arm import SimulatedArm
+from .bottles import Bottle
+
+__all__ = ["ProbeCell"]
+
+
+@dataclass
+class ProbeCell(BlankFrames):
+    """A ``robots.FrameSource`` whose every frame lets the arm move; the bottle stands at a pose in the base."""
+
+    arm: SimulatedArm
+    bottle: Bottle
+    rng: np.random.Generator
+    T_base_bottle: Pose = field(default_factory=Pose.identity)
+    stiffness_N_per_m: float = 2000.0  #: of probe and wall together
+    force_sigma_N: float = 0.03
+    frame_rate_Hz: float = 30.0
+    duration_s: float = math.inf
+
+    def advance(self, dt_s: float) -> float:
+        """Let so much time pass [s]; returns the time now [s]."""
+        self.arm.advance(dt_s)
+        return self.arm.t_s
+
+    def force(self) -> Float[np.ndarray, "3"]:
+        """Force on the probe in the base [N]: outward by how far it is inside the wall, with noise."""
+        noise = self.force_sigma_N * self.rng.standard_normal(3)
+        x, y, z = self.T_base_bottle.inverse().apply(self.arm.true_pose().translation_m)
+        if not 0.0 <= z <= self.bottle.height_m:
+            return noise
+        radius = math.hypot(x, y)
+        wall = float(np.asarray(self.bottle.radius_m(np.array(math.atan2(y, x)), np.array(z))))
+        if radius >= wall:
+            return noise
+        outward = np.array([x, y, 0.0]) / max(radius, 1e-9)
+        return self.T_base_bottle.rotation @ outward * self.stiffness_N_per_m * (wall - radius) + noise

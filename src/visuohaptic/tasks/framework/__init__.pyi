@@ -1,0 +1,9 @@
+from .machine import Machine as Machine
+from .machine import Observation as Observation
+from .machine import Rule as Rule
+from .machine import replay as replay
+from .trace import Ending as Ending
+from .trace import Step as Step
+from .trace import Trace as Trace
+from .trace import decoded as decoded
+from .trace import encoded as encoded

@@ -1,0 +1,213 @@
+"""The pattern of every task: an explicit state machine whose decisions can be replayed.
+
+A task is a subclass of :class:`Machine`. Its ``decide`` takes one observation
+(a frozen dataclass of numbers) and returns one command (another one), and
+depends on nothing else than these and its own memory: so the same
+observations give the same decisions, whoever made them. What talks to the
+robot is a loop around it that fills the observation and carries out the
+command.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from ...core.errors import InputError
+from ...core.robots import ClockWatch
+from .trace import Ending, Step, Trace, decoded, encoded
+
+__all__ = ["Machine", "Observation", "Rule", "replay"]
+
+
+class Observation(Protocol):
+    """What every observation has."""
+
+    @property
+    def t_s(self) -> float:
+        """When it was made."""
+
+
+StateT = TypeVar("StateT", bound=StrEnum)
+SeenT = TypeVar("SeenT", bound=Observation)
+ToldT = TypeVar("ToldT")
+
+
+@dataclass(frozen=True, slots=True)
+class Rule(Generic[StateT]):
+    """Where a state may lead, and how long it may last."""
+
+    leads_to: tuple[StateT, ...] = ()
+    timeout_s: float = math.inf
+
+
+class Machine(ABC, Generic[StateT, SeenT, ToldT]):
+    """A task as states, allowed transitions, time-outs and an ending.
+
+    Subclasses set ``task`` and ``rules`` (the first state is the beginning) and write
+    ``decide`` and ``halt``. In ``decide`` they call :meth:`go` to change the
+    state and :meth:`end` to finish.
+
+    Examples
+    --------
+    >>> class State(StrEnum):
+    ...     WAIT = "wait"
+    ...     PUSH = "push"
+    >>> @dataclass(frozen=True)
+    ... class Seen:
+    ...     t_s: float
+    ...     force_N: float
+    >>> @dataclass(frozen=True)
+    ... class Told:
+    ...     speed_m_s: float
+    >>> class Push(Machine[State, Seen, Told]):
+    ...     task = "push"
+    ...     rules = {State.WAIT: Rule((State.PUSH,), 5.0), State.PUSH: Rule()}
+    ...     def decide(self, seen):
+    ...         if self.state is State.WAIT:
+    ...             self.go(State.PUSH, "asked to")
+    ...         elif seen.force_N > 1.0:
+    ...             self.end(True, "touched", f"{seen.force_N:.1f} N")
+    ...         return Told(0.1)
+    ...     def halt(self):
+    ...         return Told(0.0)
+    >>> push = Push()
+    >>> [push.step(Seen(t, force)).speed_m_s for t, force in ((0.0, 0.0), (0.1, 0.5), (0.2, 1.5))]
+    [0.1, 0.1, 0.0]
+    >>> push.trace().ending.outcome
+    'touched'
+    """
+
+    task: ClassVar[str]
+    rules: Mapping[Any, Rule[Any]]  #: a class attribute, or set before ``super().__init__``
+    host_clock: Callable[[], float] = staticmethod(
+        time.monotonic
+    )  #: by which a stopped robot clock is noticed
+
+    def __init__(self, settings: object = None) -> None:
+        self._settings = {} if settings is None else encoded(settings)
+        self.state: StateT = next(iter(self.rules))
+        self.entered_s = math.nan  #: when the present state began
+        self.ending: Ending | None = None
+        self._steps: list[Step] = []
+        self._why = ""
+        self._last_s = -math.inf
+        # Who polls may ask often between two observations: only the host's time counts.
+        self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
+
+    @abstractmethod
+    def decide(self, seen: SeenT) -> ToldT:
+        """What to tell the robot now."""
+
+    @abstractmethod
+    def halt(self) -> ToldT:
+        """The command that makes the robot stand still: told whenever the task ends."""
+
+    def step(self, seen: SeenT) -> ToldT:
+        """Take one observation.
+
+        Observations that are not newer than the last one are ignored: the
+        robot is told to stand still until there is a new one. When none comes for
+        :data:`~visuohaptic.core.robots.MAX_STILL_S` by the host's clock, the task ends.
+
+        Raises
+        ------
+        InputError
+            The task has ended.
+        """
+        if self.ending is not None:
+            found = f"has ended ({self.ending.outcome})"
+            raise InputError(self.task, found, remedy="make a new one for a new run")
+        stopped = self._clock.update(seen.t_s)
+        if not seen.t_s > self._last_s:
+            if stopped:
+                self.end(False, "clock_stopped", stopped)
+            return self.halt()
+        if math.isnan(self.entered_s):
+            self.entered_s = seen.t_s
+        self._last_s, before, self._why = seen.t_s, self.state, ""
+        if seen.t_s - self.entered_s > self.rules[self.state].timeout_s:
+            limit = self.rules[self.state].timeout_s
+            self.end(False, "timed_out", f"{self.state} took longer than {limit:g} s")
+            told = self.halt()
+        else:
+            told = self.decide(seen)
+            told = self.halt() if self.ended else told
+        self._steps.append(Step(seen.t_s, before, encoded(seen), encoded(told), self.state, self._why))
+        return told
+
+    def go(self, state: StateT, why: str) -> None:
+        """Change the state.
+
+        Raises
+        ------
+        InputError
+            The rules do not allow it: a mistake in the task.
+        """
+        allowed = self.rules[self.state].leads_to
+        if state not in allowed:
+            raise InputError(
+                self.task,
+                f"found a change from {self.state} to {state}, expected one of {[str(s) for s in allowed]}",
+            )
+        self.state, self.entered_s, self._why = state, self._last_s, why
+
+    def end(self, success: bool, outcome: str, why: str) -> None:
+        """Finish: what was reached, or why not."""
+        if self.ending is None:
+            self.ending = Ending(bool(success), str(outcome), why)
+
+    def interrupt(self, outcome: str, why: str) -> None:
+        """Finish from outside, as when the camera delivers no more frames."""
+        self.end(False, outcome, why)
+
+    @property
+    def ended(self) -> bool:
+        """Whether there is an ending."""
+        return self.ending is not None
+
+    def since_s(self, t_s: float) -> float:
+        """How long the present state has lasted [s]."""
+        return t_s - self.entered_s
+
+    def trace(self) -> Trace:
+        """All steps until now."""
+        return Trace(self.task, self._settings, tuple(self._steps), self.ending)
+
+
+def replay(trace: Trace, machine: Machine[Any, SeenT, Any], seen: type[SeenT]) -> Ending | None:
+    """Give the observations of a trace to a fresh machine and check that it decides the same.
+
+    Parameters
+    ----------
+    machine
+        Made with the settings of the trace.
+    seen
+        Its dataclass of observations.
+
+    Returns
+    -------
+    Ending or None
+        That of the replayed run.
+
+    Raises
+    ------
+    InputError
+        A step differs; the message says which, and in what.
+    """
+    if machine.task != trace.task:
+        raise InputError("replay", f"found a trace of {trace.task!r}, expected one of {machine.task!r}")
+    for number, step in enumerate(trace.steps):
+        told = encoded(machine.step(decoded(seen, dict(step.seen), where=f"step {number}")))
+        if told != step.told or machine.state != step.next_state:
+            raise InputError(
+                "replay",
+                f"found {told} and state {machine.state}, expected {step.told} and {step.next_state}",
+                field=f"step {number} at {step.t_s:.3f} s",
+            )
+    return machine.ending

@@ -1,0 +1,213 @@
+"""What a task saw, told and decided, step by step, as JSON lines that can be read and replayed."""
+
+from __future__ import annotations
+
+import json
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from ...core.errors import InputError
+from ...core.files import write_text
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+__all__ = ["Ending", "Step", "Trace", "decoded", "encoded"]
+
+#: Traces larger than this are refused before they are parsed (bytes): about a million steps.
+MAX_TRACE_BYTES = 512 * 1024 * 1024
+#: JSON has no words for these.
+_WORDS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
+
+RecordT = TypeVar("RecordT")
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One observation and what followed from it."""
+
+    t_s: float  #: time of the observation
+    state: str  #: in which it was made
+    seen: Mapping[str, Any]  #: the observation, in JSON's types
+    told: Mapping[str, Any]  #: the command to the robot, in JSON's types
+    next_state: str  #: the same when nothing changed
+    why: str  #: reason of the change; empty when nothing changed
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a task ended."""
+
+    success: bool
+    outcome: str  #: a value of the task's enumeration of outcomes
+    why: str  #: one sentence with the numbers that decided it
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """All steps of one run.
+
+    Examples
+    --------
+    >>> step = Step(0.5, "approach", {"t_s": 0.5, "force_N": 1.0}, {"speed_m_s": 0.0}, "push", "force above 0.5 N")
+    >>> trace = Trace("example", {}, (step,), Ending(True, "pushed", "done"))
+    >>> Trace.from_lines(trace.lines()) == trace
+    True
+    """
+
+    task: str
+    settings: Mapping[str, Any]  #: of the run, in JSON's types
+    steps: tuple[Step, ...]
+    ending: Ending | None  #: ``None``: it was interrupted
+
+    def states(self) -> tuple[str, ...]:
+        """The states that were gone through, in order."""
+        names = [self.steps[0].state] if self.steps else []
+        for step in self.steps:
+            if step.next_state != names[-1]:
+                names.append(step.next_state)
+        return tuple(names)
+
+    def story(self) -> tuple[str, ...]:
+        """One line for every change of state, to print."""
+        lines = [
+            f"{step.t_s:8.2f} s  {step.state} -> {step.next_state}: {step.why}"
+            for step in self.steps
+            if step.next_state != step.state
+        ]
+        if self.ending is not None:
+            lines.append(f"{self.task}: {self.ending.outcome}, {self.ending.why}")
+        return tuple(lines)
+
+    def lines(self) -> tuple[str, ...]:
+        """JSON lines: a head, the steps, and the ending."""
+        head = {"task": self.task, "settings": encoded(self.settings)}
+        rows = [head, *(encoded(step) for step in self.steps)]
+        if self.ending is not None:
+            rows.append({"ending": encoded(self.ending)})
+        return tuple(json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
+
+    def save(self, path: Path | str) -> None:
+        """Write the JSON lines, whole or not at all."""
+        write_text(path, "\n".join(self.lines()) + "\n")
+
+    @classmethod
+    def load(cls, path: Path | str) -> Trace:
+        """Read what :meth:`save` has written.
+
+        Raises
+        ------
+        InputError
+            The file is missing, too large, not UTF-8, or not a trace.
+        """
+        path = Path(path)
+        try:
+            if path.stat().st_size > MAX_TRACE_BYTES:
+                raise InputError(path, f"found more than {MAX_TRACE_BYTES} bytes")
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise InputError(path, f"cannot be read as text ({error})") from error
+        return cls.from_lines(text.splitlines(), where=path)
+
+    @classmethod
+    def from_lines(cls, lines: typing.Iterable[str], where: object = "trace") -> Trace:
+        """Read JSON lines."""
+        rows = []
+        for number, line in enumerate(lines, 1):
+            try:
+                row = json.loads(line)
+            except (ValueError, RecursionError) as error:
+                raise InputError(where, f"is not JSON ({error})", field=f"line {number}") from error
+            if not isinstance(row, dict):
+                raise InputError(
+                    where, f"found {type(row).__name__}, expected an object", field=f"line {number}"
+                )
+            rows.append(row)
+        if (
+            not rows
+            or not isinstance(rows[0].get("task"), str)
+            or not isinstance(rows[0].get("settings"), dict)
+        ):
+            raise InputError(where, "expected a head with task and settings", field="line 1")
+        last = rows[-1].get("ending") if len(rows) > 1 else None
+        ending = decoded(Ending, last, where=f"{where}: ending") if last is not None else None
+        body = rows[1:-1] if last is not None else rows[1:]
+        steps = tuple(decoded(Step, row, where=f"{where}: line {k}") for k, row in enumerate(body, 2))
+        return cls(rows[0]["task"], rows[0]["settings"], steps, ending)
+
+
+def encoded(value: Any) -> Any:
+    """A record in JSON's types; NaN and infinities become the words nan, inf, -inf."""
+    if isinstance(value, Enum):
+        return encoded(value.value)
+    if value is None or isinstance(value, (bool, str, int)):
+        return value
+    if isinstance(value, float):
+        value = float(value)
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, Mapping):
+        return {str(key): encoded(item) for key, item in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [encoded(item) for item in value]
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: encoded(getattr(value, field.name)) for field in fields(value)}
+    raise InputError(
+        "trace", f"found a {type(value).__name__}, expected numbers, texts, tuples and dataclasses"
+    )
+
+
+def decoded(kind: type[RecordT], row: object, *, where: object = "trace") -> RecordT:
+    """A record of a dataclass from what :func:`encoded` made of it.
+
+    Raises
+    ------
+    InputError
+        Fields are missing, unknown, or of another type.
+    """
+    if not isinstance(row, dict):
+        raise InputError(where, f"found {type(row).__name__}, expected an object")
+    hints = typing.get_type_hints(kind)
+    names = [field.name for field in fields(typing.cast("type[DataclassInstance]", kind))]
+    if set(row) != set(names):
+        raise InputError(where, f"found fields {sorted(row)}, expected {sorted(names)}")
+    return kind(**{name: _value(hints[name], row[name], f"{where}: {name}") for name in names})
+
+
+def _value(kind: Any, value: Any, where: str) -> Any:
+    """One value as its annotation says."""
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if kind is Any or origin is Mapping or origin is typing.get_origin(Mapping[str, Any]):
+        return value
+    if origin in (typing.Union, types.UnionType):
+        if value is None and type(None) in parts:
+            return None
+        return _value(next(part for part in parts if part is not type(None)), value, where)
+    if origin is tuple:
+        if not isinstance(value, list):
+            raise InputError(where, f"found {type(value).__name__}, expected a list")
+        kinds = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is Ellipsis else list(parts)
+        if len(kinds) != len(value):
+            raise InputError(where, f"found {len(value)} values, expected {len(kinds)}")
+        return tuple(_value(one, item, where) for one, item in zip(kinds, value, strict=True))
+    if isinstance(kind, type) and is_dataclass(kind):
+        return decoded(kind, value, where=where)
+    if kind is float:
+        value = _WORDS.get(value, value) if isinstance(value, str) else value
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return float(value)
+    elif isinstance(kind, type) and issubclass(kind, Enum):
+        try:
+            return kind(value)
+        except ValueError as error:
+            raise InputError(
+                where, f"found {value!r}, expected one of {[one.value for one in kind]}"
+            ) from error
+    elif isinstance(kind, type) and type(value) is kind:
+        return value
+    raise InputError(where, f"found {value!r}, expected {getattr(kind, '__name__', kind)}")

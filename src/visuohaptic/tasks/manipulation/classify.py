@@ -1,0 +1,120 @@
+"""Find out what an object is, and in which state, by squeezing where it tells most (Alt 2016, Sec. 6.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from typing import Protocol
+
+from ...core.errors import InputError
+from ...core.robots import require_members
+from ..framework.trace import Ending, Trace
+from .hand import Hand, Place
+from .squeeze_task import SqueezeCurve, SqueezeOutcome, SqueezeSettings, squeeze
+
+__all__ = [
+    "Classification",
+    "ClassifyOutcome",
+    "ClassifySettings",
+    "SqueezeClassifier",
+    "classify_by_squeezing",
+]
+
+
+class SqueezeClassifier(Protocol):
+    """What a classifier with an exploration plan has to offer."""
+
+    def next_place(self) -> Place | None:
+        """Where to squeeze next; ``None`` when no place would tell more."""
+
+    def update(self, curve: SqueezeCurve) -> None:
+        """Take what was felt there."""
+
+    def belief(self) -> Mapping[str, float]:
+        """Probability of every class; they sum to 1."""
+
+
+class ClassifyOutcome(StrEnum):
+    """How it ended."""
+
+    RECOGNISED = "recognised"
+    UNDECIDED = "undecided"  #: no class reached the confidence; the best guess is told as such
+    NOTHING_FELT = "nothing_felt"
+    SENSOR_FAILED = "sensor_failed"
+
+
+@dataclass(frozen=True, slots=True)
+class ClassifySettings:
+    """When to stop."""
+
+    confidence: float = 0.9
+    min_squeezes: int = 1  #: before any class is believed, however sure it seems
+    squeezes: int = 8  #: at most
+    misses: int = 2  #: so many places in a row without a touch end it
+    squeeze: SqueezeSettings = field(default_factory=SqueezeSettings)
+
+    def __post_init__(self) -> None:
+        if not (0 < self.confidence <= 1 and 1 <= self.min_squeezes <= self.squeezes and self.misses >= 1):
+            raise InputError(
+                "ClassifySettings",
+                f"found {self}, expected confidence in (0, 1], 1 <= min_squeezes <= squeezes, misses >= 1",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Classification:
+    """What came of it."""
+
+    ending: Ending
+    best: str  #: most probable class; empty without any squeeze. Only a claim when ``ending.success``
+    belief: Mapping[str, float]
+    curves: tuple[SqueezeCurve, ...]
+    traces: tuple[Trace, ...]  #: of every squeeze
+
+
+def classify_by_squeezing(
+    hand: Hand, classifier: SqueezeClassifier, settings: ClassifySettings | None = None
+) -> Classification:
+    """Squeeze place after place, as the classifier asks, until it is sure.
+
+    Each squeeze is a :class:`~visuohaptic.tasks.manipulation.squeeze_task.SqueezeTask`; this loop only asks and stops.
+    """
+    require_members(classifier, SqueezeClassifier, "classify_by_squeezing", "classifier")
+    settings = settings or ClassifySettings()
+    curves: list[SqueezeCurve] = []
+    traces: list[Trace] = []
+    missed = 0
+
+    def result(success: bool, outcome: ClassifyOutcome, why: str) -> Classification:
+        belief = dict(classifier.belief())
+        best = max(belief, key=lambda name: belief[name]) if belief and curves else ""
+        return Classification(Ending(success, outcome.value, why), best, belief, tuple(curves), tuple(traces))
+
+    while len(traces) < settings.squeezes:
+        place = classifier.next_place()
+        if place is None:
+            break
+        done = squeeze(hand, [place], replace(settings.squeeze))
+        traces.append(done.trace)
+        if done.ending.outcome not in (SqueezeOutcome.SQUEEZED, SqueezeOutcome.SOME_MISSED):
+            return result(False, ClassifyOutcome.SENSOR_FAILED, f"{done.ending.outcome}: {done.ending.why}")
+        if not done.ending.success:
+            missed += 1
+            if missed >= settings.misses:
+                return result(False, ClassifyOutcome.NOTHING_FELT, f"{missed} places in a row met nothing")
+            continue
+        missed = 0
+        curves.extend(done.curves)
+        classifier.update(done.curves[0])
+        belief = classifier.belief()
+        best = max(belief, key=lambda name: belief[name])
+        if len(curves) >= settings.min_squeezes and belief[best] >= settings.confidence:
+            why = f"{best} with {belief[best]:.2f} after {len(curves)} squeezes"
+            return result(True, ClassifyOutcome.RECOGNISED, why)
+    if not curves:
+        return result(False, ClassifyOutcome.NOTHING_FELT, "no place was felt")
+    belief = classifier.belief()
+    return result(
+        False, ClassifyOutcome.UNDECIDED, f"at best {max(belief.values()):.2f} after {len(curves)} squeezes"
+    )

@@ -1,0 +1,317 @@
+"""Complete an object by touch: plan where it is least known, probe there, refit, until it is known (Alt 2016, Sec. 5.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError, InputError
+from ...core.measurement import Wrench
+from ...core.robots import FrameSource, ProbeArm, require_members
+from ...reconstruction.completion.touch import Touch
+from ..framework.machine import Machine, Rule
+from ..framework.trace import Ending, Trace
+
+if TYPE_CHECKING:
+    from ...reconstruction.completion.surface_completion import Completion
+
+__all__ = [
+    "CompleteOutcome",
+    "CompleteSettings",
+    "CompleteState",
+    "CompleteTask",
+    "CompletionByTouch",
+    "ProbeCommand",
+    "ProbeObservation",
+    "complete_by_touch",
+]
+
+Vector = tuple[float, float, float]
+_NOWHERE = (math.nan, math.nan, math.nan)
+
+
+class CompleteState(StrEnum):
+    """What the probe is doing."""
+
+    PLAN = "plan"
+    UP = "up"  #: above everything
+    ACROSS = "across"
+    DOWN = "down"  #: to the begin of the line
+    PROBE = "probe"  #: along the line until something is felt
+    BACK = "back"
+
+
+class CompleteOutcome(StrEnum):
+    """How it ended."""
+
+    COMPLETED = "completed"  #: the expected error is below the bound
+    TOUCHES_USED = "touches_used"  #: as many touches as allowed, and the error is still above the bound
+    BLOCKED = "blocked"  #: something was met on the way to a line
+    OUT_OF_REACH = "out_of_reach"
+    SENSOR_FAILED = "sensor_failed"
+    SOURCE_ENDED = "source_ended"
+
+
+@dataclass(frozen=True, slots=True)
+class CompleteSettings:
+    """How to probe."""
+
+    bound_m: float = 0.001  #: expected error to stop at
+    touches: int = 20  #: at most
+    touch_N: float = 0.4  #: a contact
+    blocked_N: float = 1.0  #: a contact where none may be
+    above_m: float = 0.05  #: height above the object on the way around it
+    top_m: float = 0.3  #: of the object, in the base
+    floor_m: float = (
+        -math.inf
+    )  #: no line is probed lower than that, in the base: the table and the tip's radius
+    travel_m_s: float = 0.15
+    probe_m_s: float = 0.03
+    sigma_m: float = 0.0005  #: of a contact: arm, tip and sensor
+    compliance_m_per_N: float = 0.0  #: how far the tip gives way
+    blind_frames: int = 15
+
+    def __post_init__(self) -> None:
+        if not self.floor_m < self.top_m:
+            raise InputError(
+                "CompleteSettings", f"found {self.floor_m}, expected below top_m", field="floor_m"
+            )
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if name != "floor_m" and not (
+                math.isfinite(value) and (value > 0 or name == "compliance_m_per_N")
+            ):
+                raise InputError("CompleteSettings", f"found {value}, expected more than 0", field=name)
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeObservation:
+    """One observation: the arm, the force, and the present plan."""
+
+    t_s: float
+    tip_m: Vector  #: in the base
+    felt: bool
+    force_N: float  #: length of the force on the tip
+    start_m: Vector  #: begin of the planned line in the base; NaN without a plan
+    end_m: Vector
+    touches: int  #: so many lines were probed
+    error_m: float  #: expected error of the missing part
+    done: bool  #: the stop rule says that it is known
+
+
+@dataclass(frozen=True, slots=True)
+class ProbeCommand:
+    """One command."""
+
+    move: bool = False
+    tip_m: Vector = _NOWHERE
+    speed_m_s: float = 0.0
+    report: bool = False  #: a line has ended here
+    contact: bool = False  #: on a surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompletionByTouch:
+    """What came of it; the completed surface is ``completion.completed()``."""
+
+    ending: Ending
+    touches: tuple[Touch, ...]  #: in the base
+    error_m: float  #: expected, at the end
+    trace: Trace
+
+
+class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
+    """Line after line."""
+
+    task = "complete"
+
+    def __init__(self, settings: CompleteSettings | None = None) -> None:
+        self.settings = settings or CompleteSettings()
+        s = CompleteState
+        self.rules = {
+            s.PLAN: Rule((s.UP,), 10.0),
+            s.UP: Rule((s.ACROSS,), 30.0),
+            s.ACROSS: Rule((s.DOWN,), 30.0),
+            s.DOWN: Rule((s.PROBE,), 30.0),
+            s.PROBE: Rule((s.BACK,), 60.0),
+            s.BACK: Rule((s.PLAN,), 30.0),
+        }
+        super().__init__(self.settings)
+        self._blind = 0
+
+    def halt(self) -> ProbeCommand:
+        """The tip stands still."""
+        return ProbeCommand()
+
+    def decide(self, seen: ProbeObservation) -> ProbeCommand:
+        """What to do now."""
+        s = self.settings
+        self._blind = 0 if seen.felt else self._blind + 1
+        if self._blind >= s.blind_frames:
+            return self._fail(
+                CompleteOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row can't be trusted"
+            )
+        if not seen.felt:
+            return self.halt()
+        # Coming back the tip may still bear for a moment.
+        if (
+            self.state in (CompleteState.UP, CompleteState.ACROSS, CompleteState.DOWN)
+            and seen.force_N > s.blocked_N
+        ):
+            return self._fail(CompleteOutcome.BLOCKED, f"{seen.force_N:.1f} N on the way, {self.state}")
+        return {
+            CompleteState.PLAN: self._plan,
+            CompleteState.UP: self._travel,
+            CompleteState.ACROSS: self._travel,
+            CompleteState.DOWN: self._travel,
+            CompleteState.PROBE: self._probe,
+            CompleteState.BACK: self._back,
+        }[self.state](seen)
+
+    def _plan(self, seen: ProbeObservation) -> ProbeCommand:
+        s = self.settings
+        if seen.done:
+            self.end(
+                True,
+                CompleteOutcome.COMPLETED,
+                f"{1e3 * seen.error_m:.2f} mm expected after {seen.touches} touches",
+            )
+        elif seen.touches >= s.touches:
+            self.end(
+                False,
+                CompleteOutcome.TOUCHES_USED,
+                f"{1e3 * seen.error_m:.2f} mm expected after {seen.touches} touches, wanted {1e3 * s.bound_m:.2f} mm",
+            )
+        elif math.isfinite(seen.start_m[0]):
+            self.go(CompleteState.UP, f"line {seen.touches + 1} at {1e3 * seen.start_m[2]:.0f} mm")
+            return self._travel(seen)
+        return self.halt()
+
+    def _travel(self, seen: ProbeObservation) -> ProbeCommand:
+        s, (x, y, z) = self.settings, seen.start_m
+        over = s.top_m + s.above_m
+        goal, after = {
+            CompleteState.UP: ((seen.tip_m[0], seen.tip_m[1], over), CompleteState.ACROSS),
+            CompleteState.ACROSS: ((x, y, over), CompleteState.DOWN),
+            CompleteState.DOWN: ((x, y, z), CompleteState.PROBE),
+        }[self.state]
+        if math.dist(seen.tip_m, goal) < 3e-4:
+            self.go(after, "there")
+            return self._probe(seen) if after is CompleteState.PROBE else self._travel(seen)
+        return ProbeCommand(True, goal, s.travel_m_s)
+
+    def _probe(self, seen: ProbeObservation) -> ProbeCommand:
+        s = self.settings
+        if seen.force_N >= s.touch_N:
+            self.go(CompleteState.BACK, f"touched, {seen.force_N:.2f} N")
+            return ProbeCommand(report=True, contact=True)
+        if math.dist(seen.tip_m, seen.end_m) < 3e-4:
+            self.go(CompleteState.BACK, "nothing met on the line")
+            return ProbeCommand(report=True)
+        return ProbeCommand(True, seen.end_m, s.probe_m_s)
+
+    def _back(self, seen: ProbeObservation) -> ProbeCommand:
+        if math.dist(seen.tip_m, seen.start_m) < 3e-4:
+            self.go(CompleteState.PLAN, "back")
+            return self.halt()
+        return ProbeCommand(True, seen.start_m, self.settings.travel_m_s)
+
+    def _fail(self, outcome: CompleteOutcome, why: str) -> ProbeCommand:
+        self.end(False, outcome, why)
+        return self.halt()
+
+
+def complete_by_touch(
+    arm: ProbeArm,
+    source: FrameSource,
+    feel: Callable[[Frame], Wrench],
+    completion: Completion,
+    settings: CompleteSettings | None = None,
+    *,
+    T_base_visual: Pose | None = None,
+) -> CompletionByTouch:
+    """Touch an object where its surface is least known, until the stop rule is met.
+
+    Parameters
+    ----------
+    feel
+        Wrench on the probe; only the length of its force counts.
+    completion
+        The visible surface and its missing region; every touch is added to it. It has to be made
+        with the inverse of ``T_base_visual`` as ``T_visual_haptic``.
+    T_base_visual
+        Frame of the visible surface in the base of the arm; the same by default.
+    """
+    require_members(arm, ProbeArm, "complete_by_touch", "arm")
+    require_members(source, FrameSource, "complete_by_touch", "frame source", members=("__iter__",))
+    settings = settings or CompleteSettings()
+    base = T_base_visual or Pose.identity()
+    task = CompleteTask(settings)
+    touches: list[Touch] = []
+    start = end = np.full(3, math.nan)
+    next_line: tuple[np.ndarray, ...] | None = None
+    error, done = completion.expected_error_m(), completion.done(settings.bound_m)
+    last: ProbeCommand | None = None
+    try:
+        for frame in source:
+            if task.state is CompleteState.PLAN and not done and len(touches) < settings.touches:
+                if next_line is None:
+                    plan = completion.next_touch()
+                    next_line = tuple(
+                        _not_below(base.apply(end), settings.floor_m) for end in (plan.start_m, plan.end_m)
+                    )
+                start, end = next_line
+            wrench = feel(frame)
+            _, pose = arm.pose()
+            force = float(np.linalg.norm(wrench.force_N))
+            felt = wrench.valid and math.isfinite(force)
+            command = task.step(
+                ProbeObservation(
+                    frame.t_s, _vector(pose.translation_m), felt, force, _vector(start), _vector(end),
+                    len(touches), error, done,
+                )
+            )  # fmt: skip
+            if command.report:
+                tip = pose.translation_m
+                if command.contact:
+                    along = (end - start) / np.linalg.norm(end - start)
+                    contact = tip - settings.compliance_m_per_N * force * along
+                    touches.append(Touch(contact, start, end, settings.sigma_m))
+                else:
+                    touches.append(Touch(None, start, tip, settings.sigma_m))
+                completion.add(touches[-1])
+                error, done = completion.expected_error_m(), completion.done(settings.bound_m)
+                next_line = None
+            if command != last:
+                last = command
+                try:
+                    if command.move:
+                        arm.move_linear(Pose(pose.rotation, np.array(command.tip_m)), command.speed_m_s)
+                    else:
+                        arm.stop()
+                except DeviceError as problem:
+                    task.interrupt(CompleteOutcome.OUT_OF_REACH, str(problem))
+            if task.ended:
+                break
+    finally:
+        arm.stop()
+    if task.ending is None:
+        task.interrupt(CompleteOutcome.SOURCE_ENDED, f"after {len(touches)} touches")
+    assert task.ending is not None
+    return CompletionByTouch(task.ending, tuple(touches), error, task.trace())
+
+
+def _not_below(point_m: np.ndarray, floor_m: float) -> np.ndarray:
+    """The point, or the one above it at the floor: a surface that is guessed may go on below the table."""
+    return np.array([point_m[0], point_m[1], max(float(point_m[2]), floor_m)])
+
+
+def _vector(values: np.ndarray) -> Vector:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -1,0 +1,190 @@
+"""Grasp an object as planned, lift it, and see whether it came along (Alt 2016, Sec. 6.4.2)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from ...core.errors import InputError
+from ..framework.machine import Machine, Rule
+from ..framework.trace import Ending, Trace
+from .hand import Hand, HandCommand, HandObservation, Place, run_hand
+
+__all__ = ["GraspAndLift", "GraspOutcome", "GraspPlan", "GraspState", "GraspTask", "grasp_and_lift"]
+
+GRAVITY_M_S2 = 9.81
+
+
+class GraspState(StrEnum):
+    """What the hand is doing."""
+
+    OPEN = "open"
+    REACH = "reach"
+    CLOSE = "close"
+    LIFT = "lift"
+    CHECK = "check"
+    LOWER = "lower"  #: back to where it stood, still held
+
+
+class GraspOutcome(StrEnum):
+    """How it ended."""
+
+    LIFTED = "lifted"
+    NOTHING_THERE = "nothing_there"  #: closed without a touch
+    TOO_SOFT = "too_soft"  #: deforms more than planned before it holds
+    LOST = "lost"  #: the force went away on the way up
+    SENSOR_FAILED = "sensor_failed"
+
+
+@dataclass(frozen=True, slots=True)
+class GraspPlan:
+    """Where and how firmly; what a grasp planner gives."""
+
+    place: Place
+    force_N: float
+    deformation_m: float = 0.01  #: largest that the object bears
+    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of its bottom in the base
+    lift_m: float = 0.1
+    open_m: float = 0.11
+    finger_m_s: float = 0.015
+    arm_m_s: float = 0.12
+    hold_s: float = 0.5
+    put_back: bool = False  #: lower it again, as after weighing
+    blind_frames: int = 15
+
+    def __post_init__(self) -> None:
+        for name in ("force_N", "deformation_m", "lift_m", "open_m", "finger_m_s", "arm_m_s"):
+            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
+                raise InputError(
+                    "GraspPlan", f"found {getattr(self, name)}, expected more than 0", field=name
+                )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GraspAndLift:
+    """What came of it."""
+
+    ending: Ending
+    trace: Trace
+    force_N: float  #: held at the end, or when it failed
+    deformation_m: float  #: of one side at the grasp; NaN when nothing was touched
+    load_N: float = math.nan  #: weight felt while lifted; NaN when it was not lifted or there is no sensor
+    load_sigma_N: float = math.nan
+
+    @property
+    def mass_kg(self) -> tuple[float, float] | None:
+        """Mass that was lifted, and its standard deviation; ``None``: not known."""
+        if not (self.ending.success and math.isfinite(self.load_N)):
+            return None
+        return self.load_N / GRAVITY_M_S2, self.load_sigma_N / GRAVITY_M_S2
+
+
+class GraspTask(Machine[GraspState, HandObservation, HandCommand]):
+    """Open, reach, close to the force, lift, check."""
+
+    task = "grasp"
+
+    def __init__(self, plan: GraspPlan) -> None:
+        self.plan = plan
+        self.rules = {
+            GraspState.OPEN: Rule((GraspState.REACH,), 20.0),
+            GraspState.REACH: Rule((GraspState.CLOSE,), 30.0),
+            GraspState.CLOSE: Rule((GraspState.LIFT,), 30.0),
+            GraspState.LIFT: Rule((GraspState.CHECK,), 30.0),
+            GraspState.CHECK: Rule((GraspState.LOWER,), 10.0),
+            GraspState.LOWER: Rule((), 30.0),
+        }
+        super().__init__(plan)
+        self.force_N, self.deformation_m = 0.0, math.nan
+        self._first_m = math.nan
+        self._blind = self._weak = 0
+        self._unloaded_N: list[float] = []  #: on the table
+        self._loaded_N: list[float] = []
+
+    def halt(self) -> HandCommand:
+        """Arm and fingers hold: what is in the hand stays there."""
+        return HandCommand()
+
+    def decide(self, seen: HandObservation) -> HandCommand:
+        """What to do now."""
+        p = self.plan
+        self._blind = 0 if seen.felt else self._blind + 1
+        if self._blind >= p.blind_frames:
+            return self._fail(GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row can't be trusted")
+        x, y, z = p.object_m
+        grasp = (x, y, z + p.place.height_m)
+        if self.state is GraspState.OPEN:
+            if seen.opening_m >= p.open_m - 1e-3:
+                self.go(GraspState.REACH, "open")
+                return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+            return HandCommand(opening_m=p.open_m, finger_m_s=0.1)
+        if self.state is GraspState.REACH:
+            turned = abs(math.remainder(seen.angle_rad - p.place.angle_rad, 2 * math.pi)) < 2e-3
+            if math.dist(seen.tip_m, grasp) < 5e-4 and turned:
+                self.go(GraspState.CLOSE, "there")
+            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+        if not seen.felt:
+            return self.halt()
+        self.force_N = seen.force_N
+        if self.state is GraspState.CLOSE:
+            return self._close(seen)
+        # A force that goes away for a few frames: it has slipped out.
+        self._weak = self._weak + 1 if seen.force_N < 0.4 * p.force_N else 0
+        if self._weak >= 3:
+            return self._fail(GraspOutcome.LOST, f"{seen.force_N:.2f} N are left of {p.force_N:.2f} N")
+        top = (grasp[0], grasp[1], grasp[2] + p.lift_m)
+        if self.state is GraspState.LIFT:
+            if math.dist(seen.tip_m, top) < 5e-4:
+                self.go(GraspState.CHECK, "up")
+            return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
+        if self.state is GraspState.LOWER:
+            if math.dist(seen.tip_m, grasp) < 5e-4:
+                self.end(True, GraspOutcome.LIFTED, "weighed and put back")
+            return HandCommand(True, grasp, p.place.angle_rad, p.arm_m_s)
+        self._loaded_N.append(seen.load_N)
+        if self.since_s(seen.t_s) >= p.hold_s and p.put_back:
+            self.go(GraspState.LOWER, "weighed")
+        elif self.since_s(seen.t_s) >= p.hold_s:
+            self.end(True, GraspOutcome.LIFTED, f"{seen.force_N:.2f} N held {1e2 * p.lift_m:.0f} cm up")
+        return HandCommand(True, top, p.place.angle_rad, p.arm_m_s)
+
+    def _close(self, seen: HandObservation) -> HandCommand:
+        p = self.plan
+        self._unloaded_N.append(seen.load_N)
+        if math.isfinite(seen.surface_m):
+            self._first_m = seen.surface_m if math.isnan(self._first_m) else self._first_m
+            self.deformation_m = self._first_m - seen.surface_m
+            if self.deformation_m > p.deformation_m:
+                return self._fail(
+                    GraspOutcome.TOO_SOFT,
+                    f"gives way by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N",
+                )
+        if seen.force_N >= p.force_N:
+            self.go(GraspState.LIFT, f"{seen.force_N:.2f} N")
+            return self.halt()
+        if seen.opening_m <= 1e-4:
+            return self._fail(GraspOutcome.NOTHING_THERE, "closed without reaching the force")
+        return HandCommand(opening_m=0.0, finger_m_s=p.finger_m_s)
+
+    def load_N(self) -> tuple[float, float]:
+        """Weight felt while lifted beside before, and its standard deviation [N]; NaN where it was not felt."""
+        felt = [np.array([v for v in one if math.isfinite(v)]) for one in (self._unloaded_N, self._loaded_N)]
+        if min(len(one) for one in felt) < 2:
+            return math.nan, math.nan
+        variance = sum(float(np.var(one, ddof=1)) / len(one) for one in felt)
+        return float(felt[1].mean() - felt[0].mean()), math.sqrt(variance)
+
+    def _fail(self, outcome: GraspOutcome, why: str) -> HandCommand:
+        self.end(False, outcome, why)
+        return self.halt()
+
+
+def grasp_and_lift(hand: Hand, plan: GraspPlan) -> GraspAndLift:
+    """Carry out a planned grasp."""
+    task = GraspTask(plan)
+    run_hand(hand, task)
+    assert task.ending is not None
+    return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, *task.load_N())

@@ -1,0 +1,122 @@
+"""What the tasks of the hand share: arm, gripper and finger sensor, and the observations made with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.pose import Pose
+from ...core.errors import DeviceError
+from ...core.robots import FrameSource, Gripper, ProbeArm, require_members
+from ..framework.machine import Machine
+
+__all__ = ["FingerReading", "Hand", "HandCommand", "HandObservation", "Place", "run_hand"]
+
+
+class FingerReading(Protocol):
+    """What a finger's sensor says of a frame."""
+
+    @property
+    def valid(self) -> bool: ...
+    @property
+    def force_N(self) -> float: ...
+    @property
+    def surface_m(self) -> float:
+        """Where the touched surface is, from the middle between the fingers; NaN without touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """An arm with a gripper whose finger feels. The tip is the middle between the fingers."""
+
+    arm: ProbeArm
+    gripper: Gripper
+    source: FrameSource
+    feel: Callable[[Frame], FingerReading]
+    #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
+    weigh: Callable[[Frame], float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where to grasp an object that stands upright."""
+
+    height_m: float  #: above its bottom
+    angle_rad: float = 0.0  #: of the fingers about its axis
+
+
+@dataclass(frozen=True, slots=True)
+class HandObservation:
+    """One observation."""
+
+    t_s: float
+    tip_m: tuple[float, float, float]  #: in the base
+    angle_rad: float  #: turn of the tip about z
+    opening_m: float
+    felt: bool
+    force_N: float
+    surface_m: float
+    load_N: float = math.nan  #: downward on the fingers, up to a constant
+
+
+@dataclass(frozen=True, slots=True)
+class HandCommand:
+    """One command; both parts hold until the next one that says otherwise."""
+
+    move: bool = False  #: the arm, to ``tip_m`` and ``angle_rad``
+    tip_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    angle_rad: float = 0.0
+    speed_m_s: float = 0.0
+    opening_m: float = math.nan  #: of the gripper; NaN: it holds
+    finger_m_s: float = 0.0
+
+
+def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> None:
+    """Step a task with every frame until it ends; arm and gripper then hold."""
+    require_members(hand.arm, ProbeArm, task.task, "arm")
+    require_members(hand.gripper, Gripper, task.task, "gripper")
+    require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
+    last: HandCommand | None = None
+    try:
+        for frame in hand.source:
+            reading = hand.feel(frame)
+            _, pose = hand.arm.pose()
+            x, y, z = (float(value) for value in pose.translation_m)
+            angle = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
+            felt = bool(reading.valid and math.isfinite(reading.force_N))
+            moment = HandObservation(
+                frame.t_s, (x, y, z), angle, hand.gripper.state().opening_m, felt,
+                float(reading.force_N), float(reading.surface_m),
+                math.nan if hand.weigh is None else float(hand.weigh(frame)),
+            )  # fmt: skip
+            command = task.step(moment)
+            if command != last:
+                last = command
+                try:
+                    _tell(hand, command)
+                except DeviceError as error:
+                    task.interrupt("device_failed", str(error))
+            if task.ended:
+                break
+    finally:
+        hand.arm.stop()
+        hand.gripper.stop()
+    if not task.ended:
+        task.interrupt("source_ended", "the camera delivers no more frames")
+
+
+def _tell(hand: Hand, command: HandCommand) -> None:
+    if command.move:
+        pose = Pose.from_rotation_vector([0.0, 0.0, command.angle_rad], np.array(command.tip_m))
+        hand.arm.move_linear(pose, command.speed_m_s)
+    else:
+        hand.arm.stop()
+    if math.isnan(command.opening_m):
+        hand.gripper.stop()
+    else:
+        hand.gripper.move(command.opening_m, command.finger_m_s)

@@ -1,0 +1,235 @@
+"""Squeeze an object at several heights: force against deformation at each (Alt 2016, Sec. 3.6.4 and Fig. 3.13)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ..framework.machine import Machine, Rule
+from ..framework.trace import Ending, Trace
+from .hand import Hand, HandCommand, HandObservation, Place, run_hand
+
+__all__ = [
+    "SqueezeCurve",
+    "SqueezeOutcome",
+    "SqueezeSettings",
+    "SqueezeState",
+    "SqueezeTask",
+    "Squeezing",
+    "squeeze",
+]
+
+
+class SqueezeState(StrEnum):
+    """What the hand is doing."""
+
+    OPEN = "open"
+    REACH = "reach"
+    CLOSE = "close"
+    HOLD = "hold"  #: at rest at one force
+
+
+class SqueezeOutcome(StrEnum):
+    """How it ended."""
+
+    SQUEEZED = "squeezed"  #: every place gave a curve
+    SOME_MISSED = "some_missed"  #: at least one place met nothing
+    SENSOR_FAILED = "sensor_failed"
+
+
+@dataclass(frozen=True, slots=True)
+class SqueezeSettings:
+    """How to squeeze."""
+
+    object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of the object's bottom in the base
+    forces_N: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)  #: levels at which to hold and read
+    deformation_m: float = 0.008  #: largest; the next place comes then
+    open_m: float = 0.11
+    finger_m_s: float = 0.012
+    arm_m_s: float = 0.15
+    hold_frames: int = 6
+    blind_frames: int = 15
+
+    def __post_init__(self) -> None:
+        if not self.forces_N or min(self.forces_N) <= 0 or list(self.forces_N) != sorted(self.forces_N):
+            raise InputError(
+                "SqueezeSettings", f"found {self.forces_N}, expected rising forces > 0", field="forces_N"
+            )
+        if min(self.deformation_m, self.open_m, self.finger_m_s, self.arm_m_s, self.hold_frames) <= 0:
+            raise InputError("SqueezeSettings", f"found {self}, expected lengths and speeds > 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SqueezeCurve:
+    """Force against the way that the surface has gone, at one place."""
+
+    place: Place
+    force_N: Float[np.ndarray, "k"]
+    deformation_m: Float[np.ndarray, "k"]  #: from the lightest touch that was read, carried back to no force
+    sigma_m: Float[np.ndarray, "k"]
+    surface_m: float  #: of the untouched wall, from the middle between the fingers
+    why: str = ""  #: why it is short or empty
+
+    @property
+    def stiffness_N_per_m(self) -> float:
+        """Slope by least squares; NaN with fewer than two levels."""
+        if len(self.force_N) < 2:
+            return math.nan
+        return float(np.polyfit(self.deformation_m, self.force_N, 1)[0])
+
+    def coefficients(self) -> tuple[float, float]:
+        """k1 [N/m] and k2 [N/m^2] of F = k1 d + k2 d^2, by least squares; NaN with fewer than three levels."""
+        if len(self.force_N) < 3:
+            return math.nan, math.nan
+        d = self.deformation_m
+        k, *_ = np.linalg.lstsq(np.column_stack([d, d**2]), self.force_N, rcond=None)
+        return float(k[0]), float(k[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Squeezing:
+    """What came of it."""
+
+    ending: Ending
+    curves: tuple[SqueezeCurve, ...]
+    trace: Trace
+
+
+class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
+    """Place after place, level after level."""
+
+    task = "squeeze"
+
+    def __init__(self, places: Sequence[Place], settings: SqueezeSettings | None = None) -> None:
+        if not places:
+            raise InputError("squeeze", "found no place, expected at least one")
+        self.settings, self.places = settings or SqueezeSettings(), tuple(places)
+        self.rules = {
+            SqueezeState.OPEN: Rule((SqueezeState.REACH,), 20.0),
+            SqueezeState.REACH: Rule((SqueezeState.CLOSE,), 30.0),
+            SqueezeState.CLOSE: Rule((SqueezeState.HOLD, SqueezeState.OPEN), 60.0),
+            SqueezeState.HOLD: Rule((SqueezeState.CLOSE, SqueezeState.OPEN), 20.0),
+        }
+        super().__init__(self.settings)
+        self.curves: list[SqueezeCurve] = []
+        self._level = self._blind = 0
+        self._readings: list[tuple[float, float]] = []
+        self._points: list[tuple[float, float, float]] = []
+
+    def halt(self) -> HandCommand:
+        """Arm and fingers hold."""
+        return HandCommand()
+
+    def decide(self, seen: HandObservation) -> HandCommand:
+        """What to do now."""
+        s = self.settings
+        self._blind = 0 if seen.felt else self._blind + 1
+        if self._blind >= s.blind_frames:
+            self.end(False, SqueezeOutcome.SENSOR_FAILED, f"{self._blind} frames in a row can't be trusted")
+            return self.halt()
+        if self.state is SqueezeState.OPEN:
+            if seen.opening_m >= s.open_m - 1e-3:
+                self.go(SqueezeState.REACH, f"to {1e3 * self._place.height_m:.0f} mm")
+                return self._reach()
+            return HandCommand(opening_m=s.open_m, finger_m_s=0.1)
+        if self.state is SqueezeState.REACH:
+            goal = self._goal()
+            turned = abs(math.remainder(seen.angle_rad - self._place.angle_rad, 2 * math.pi)) < 2e-3
+            if math.dist(seen.tip_m, goal) < 5e-4 and turned:
+                self._level, self._points = 0, []
+                self.go(SqueezeState.CLOSE, "there")
+                return self._close()
+            return self._reach()
+        if not seen.felt:
+            return self.halt()
+        if self.state is SqueezeState.CLOSE:
+            if seen.force_N >= s.forces_N[self._level]:
+                self._readings = []
+                self.go(SqueezeState.HOLD, f"{seen.force_N:.2f} N")
+                return self.halt()
+            if seen.opening_m <= 1e-4:
+                return self._next("closed without reaching the force")
+            return self._close()
+        return self._hold(seen)
+
+    def _hold(self, seen: HandObservation) -> HandCommand:
+        s = self.settings
+        if self.since_s(seen.t_s) < 0.1:
+            return self.halt()
+        self._readings.append((seen.force_N, seen.surface_m))
+        if len(self._readings) < s.hold_frames:
+            return self.halt()
+        force, surface = np.array(self._readings).T
+        surface = surface[np.isfinite(surface)]
+        if len(surface):
+            spread = float(np.std(surface)) / math.sqrt(len(surface))
+            self._points.append((float(np.mean(force)), float(np.mean(surface)), max(spread, 1e-5)))
+            if abs(self._points[0][1] - self._points[-1][1]) >= s.deformation_m:
+                return self._next("as far as allowed")
+        self._level += 1
+        if self._level >= len(s.forces_N):
+            return self._next("")
+        self.go(SqueezeState.CLOSE, f"level {self._level + 1}")
+        return self._close()
+
+    def _next(self, why: str) -> HandCommand:
+        s = self.settings
+        self.curves.append(_curve(self._place, self._points, why))
+        if len(self.curves) == len(self.places):
+            empty = [c for c in self.curves if len(c.force_N) == 0]
+            if empty:
+                self.end(
+                    False,
+                    SqueezeOutcome.SOME_MISSED,
+                    f"{len(empty)} of {len(self.curves)} places met nothing",
+                )
+            else:
+                self.end(True, SqueezeOutcome.SQUEEZED, f"{len(self.curves)} places")
+            return self.halt()
+        self.go(SqueezeState.OPEN, why or "all levels read")
+        return HandCommand(opening_m=s.open_m, finger_m_s=0.1)
+
+    @property
+    def _place(self) -> Place:
+        return self.places[len(self.curves)]
+
+    def _goal(self) -> tuple[float, float, float]:
+        x, y, z = self.settings.object_m
+        return x, y, z + self._place.height_m
+
+    def _reach(self) -> HandCommand:
+        return HandCommand(True, self._goal(), self._place.angle_rad, self.settings.arm_m_s)
+
+    def _close(self) -> HandCommand:
+        return HandCommand(opening_m=0.0, finger_m_s=self.settings.finger_m_s)
+
+
+def _curve(place: Place, points: list[tuple[float, float, float]], why: str) -> SqueezeCurve:
+    """Deformation from the untouched wall, where the curve's first part meets no force."""
+    if not points:
+        return SqueezeCurve(place, np.zeros(0), np.zeros(0), np.zeros(0), math.nan, why)
+    force, surface, sigma = np.array(points).T
+    rest = float(surface[0])
+    if len(force) > 1 and force[1] > force[0]:
+        rest = float(surface[0] + force[0] * (surface[0] - surface[1]) / (force[1] - force[0]))
+    return SqueezeCurve(place, force, rest - surface, sigma, rest, why)
+
+
+def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | None = None) -> Squeezing:
+    """Squeeze an upright object at some places; the fingers' sensor alone tells force and deformation.
+
+    Returns
+    -------
+    Squeezing
+        A curve for each place that was reached, in order.
+    """
+    task = SqueezeTask(places, settings)
+    run_hand(hand, task)
+    assert task.ending is not None
+    return Squeezing(task.ending, tuple(task.curves), task.trace())

@@ -1,0 +1,10 @@
+from .explore import Exploration as Exploration
+from .explore import ExploreSettings as ExploreSettings
+from .explore import ExploreStep as ExploreStep
+from .explore import Outcome as Outcome
+from .explore import explore_obstacle as explore_obstacle
+from .force_guard import ForceGuard as ForceGuard
+from .force_guard import GuardState as GuardState
+from .steered_push import PushEnd as PushEnd
+from .steered_push import PushSettings as PushSettings
+from .steered_push import SteeredPush as SteeredPush

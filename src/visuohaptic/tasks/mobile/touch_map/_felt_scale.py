@@ -1,0 +1,106 @@
+"""The scale of odometry, felt: how far wheels say it went into something fixed, and how far the foam gave way.
+
+A wheel of a wrong radius makes a room larger or smaller, and neither walls nor a compass tell. The foam
+does: while it bears on something fixed, its front stays where it is and its back goes with the platform, so
+that every contact compares the odometry of a centimetre with a length in the calibrated picture. One
+contact tells the scale to a per cent (wheels slip a little), the twenty of a room to a quarter of that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ....core.measurement import Contact, ForceProfile, Reason
+
+if TYPE_CHECKING:
+    from ..explore import Exploration
+
+__all__ = ["FeltScale", "felt_stretch"]
+
+#: Deflection that every compared point has at least, and its least rise over the push [m].
+MIN_M, MIN_RISE_M = 7e-4, 3e-3
+#: What one contact may be wrong by at least, however well the others agree.
+ONE_SIGMA = 0.005
+#: Pushes compared before their own scatter is believed, and the scatter until then.
+FEW, FEW_SIGMA = 5, 0.02
+
+
+class FeltScale:
+    """Ratio of the way that odometry tells to the true one, better with every contact.
+
+    Parameters
+    ----------
+    sigma
+        Standard deviation of the ratio before anything was felt. Contacts that say something beyond three
+        times that are left out: wheels that spin, or a thing that gave way after all.
+    """
+
+    def __init__(self, sigma: float) -> None:
+        self.sigma = sigma
+        self._ratios: list[float] = []
+
+    def add(self, found: Exploration) -> None:
+        """Take one exploration; what moved, or was hardly touched, says nothing."""
+        ratio = felt_stretch(found)
+        if abs(ratio - 1.0) < 3.0 * self.sigma + 3.0 * FEW_SIGMA:
+            self._ratios.append(ratio)
+
+    @property
+    def value(self) -> float:
+        """Told by true: the mean of the contacts that agree, and of 1, each by what it is worth."""
+        if not self._ratios:
+            return 1.0
+        ratios = np.array(self._ratios)
+        middle = float(np.median(ratios))
+        spread = max(1.4826 * float(np.median(np.abs(ratios - middle))), ONE_SIGMA)
+        if len(ratios) < FEW:
+            spread = max(spread, FEW_SIGMA)
+        agree = ratios[np.abs(ratios - middle) <= 3.0 * spread]
+        worth, before = len(agree) / spread**2, 1.0 / self.sigma**2
+        value = (worth * float(agree.mean()) + before) / (worth + before)
+        return value if abs(value - 1.0) < 3.0 * self.sigma else 1.0
+
+
+def felt_stretch(found: Exploration) -> float:
+    """Way told by way felt of one push against something fixed; NaN when it cannot be said.
+
+    How far the front comes back towards the platform (along -x of F, at the places across that are pressed to
+    the end), as a slope over the way told: a constant delay between wheels and pictures does not change it.
+    """
+    if not found.touched or found.tag.fixed is False:
+        return math.nan
+    bears = [
+        index
+        for index, profile in enumerate(found.profiles)
+        if profile.contacts and profile.reason is not Reason.SATURATED
+    ]
+    if not bears:
+        return math.nan
+    deepest = max(bears, key=lambda index: float(np.nansum(found.profiles[index].delta_m)))
+    contact = _largest(found.profiles[deepest])
+    pressed = contact.delta_m > 0.6 * float(contact.delta_m.max())
+    if pressed.sum() < 3:
+        return math.nan
+    across_m = contact.points_foam_m[pressed, 1]
+    felt, told = [], []
+    for index in bears[: bears.index(deepest) + 1]:
+        contact = _largest(found.profiles[index])
+        order = np.argsort(contact.points_foam_m[:, 1])
+        (x_m, y_m), delta_m = contact.points_foam_m[order].T, contact.delta_m[order]
+        bearing = np.interp(across_m, y_m, delta_m, left=0.0, right=0.0)
+        if float(bearing.min()) > MIN_M:
+            felt.append(-float(np.interp(across_m, y_m, x_m).mean()))
+            told.append(float(found.travel_m[index]))
+    if len(felt) < 4 or max(felt) - min(felt) < MIN_RISE_M or max(told) - min(told) < 0.5 * MIN_RISE_M:
+        return math.nan
+    slope = float(np.polyfit(told, felt, 1)[0])
+    return 1.0 / slope if slope > 0 else math.nan
+
+
+def _largest(profile: ForceProfile) -> Contact:
+    contact = profile.max_contact
+    assert contact is not None  # only frames with contacts are asked
+    return contact

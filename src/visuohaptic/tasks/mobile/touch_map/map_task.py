@@ -1,0 +1,321 @@
+"""Map a room by touch alone (Alt 2016, Sec. 3.6.3): along its circumference, one contact after the other.
+
+Drive straight on until something is hit; push it to learn whether it moves;
+back off; turn counter-clockwise and drive along it for a while; turn
+clockwise and drive straight on again. Every contact goes into a haptic map,
+fixed and movable things in layers of their own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from ....core.robots import BaseState, FrameSource, MobileBase, require_members
+from ....navigation.mapping.haptic_map import HapticContact, HapticMap
+from ...framework.machine import Machine, Rule
+from ...framework.trace import Ending, Trace
+from ..explore import Exploration, ExploreSettings, Outcome, explore_obstacle
+from ..force_guard import ForceGuard, GuardState
+from ._map_contacts import Placing, aside_rad, contact_of, face_rad
+from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, MapState
+
+if TYPE_CHECKING:
+    from ....sensing.foam.sensor import FoamSensor
+
+__all__ = [
+    "MapCommand",
+    "MapObservation",
+    "MapOutcome",
+    "MapSettings",
+    "MapState",
+    "TouchMapTask",
+    "TouchMapping",
+    "contact_of",
+    "map_by_touch",
+]
+
+
+def _exploration() -> ExploreSettings:
+    return ExploreSettings(
+        approach_m_s=0.08,
+        push_m_s=0.04,
+        back_off_m_s=0.1,
+        search_m=1.2,
+        timeout_s=40.0,
+        push_m=0.05,
+        halt_s=0.3,
+        back_off_m=0.09,
+    )
+
+
+_STOP, _EXPLORE = MapCommand(), MapCommand(explore=True)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TouchMapping:
+    """What came of it."""
+
+    ending: Ending
+    haptic_map: HapticMap
+    contacts: tuple[HapticContact, ...]
+    explorations: tuple[Exploration, ...]
+    trace: Trace
+
+
+class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
+    """The decisions on the way around."""
+
+    task = "map_by_touch"
+
+    def __init__(self, settings: MapSettings | None = None) -> None:
+        self.settings = settings or MapSettings()
+        self.rules = {
+            MapState.EXPLORE: Rule((MapState.TURN_AWAY, MapState.TURN_BACK, MapState.COME_FREE)),
+            MapState.TURN_AWAY: Rule((MapState.ALONG, MapState.COME_FREE), 30.0),
+            MapState.ALONG: Rule((MapState.TURN_BACK, MapState.EXPLORE, MapState.COME_FREE), 60.0),
+            MapState.TURN_BACK: Rule((MapState.EXPLORE, MapState.COME_FREE), 30.0),
+            MapState.COME_FREE: Rule((MapState.EXPLORE, MapState.COME_FREE, MapState.TURN_AWAY), 30.0),
+        }
+        super().__init__(self.settings)
+        self.contacts = self._empty = self._frees = self._tries = 0
+        self._goal_rad = 0.0
+        self._from, self._from_rad = (0.0, 0.0), 0.0
+        self._began_s = self._moved_s = math.nan
+        self._last_turn = 1.0
+        self.once_more = False  #: what the foam's end has met is being met with its middle
+        self._freeing = _STOP
+        self._last = (math.inf, math.inf, math.inf)
+
+    def halt(self) -> MapCommand:
+        """Stand still."""
+        return _STOP
+
+    def decide(self, seen: MapObservation) -> MapCommand:
+        """What to do now."""
+        s = self.settings
+        if math.isnan(self._began_s):
+            self._began_s = self._moved_s = seen.t_s
+        if seen.t_s - self._began_s > s.timeout_s:
+            self.end(False, MapOutcome.TIMED_OUT, f"{self.contacts} contacts in {s.timeout_s:g} s")
+            return _STOP
+        if self.state is MapState.EXPLORE:
+            self._moved_s = seen.t_s
+            return self._explored(seen) if seen.explored else _EXPLORE
+        if seen.overload:
+            return self._free(seen, "the force is at the platform's limit")
+        moved = math.dist(self._last, (seen.x_m, seen.y_m, seen.heading_rad))
+        if moved > 0.005:
+            self._last, self._moved_s = (seen.x_m, seen.y_m, seen.heading_rad), seen.t_s
+        if seen.t_s - self._moved_s > s.stuck_s:
+            return self._free(seen, f"stood for {s.stuck_s:g} s")
+        if self.state is MapState.COME_FREE:
+            return self._coming_free(seen)
+        if self.state is MapState.ALONG:
+            gone = math.dist(self._from, (seen.x_m, seen.y_m))
+            if seen.touched:
+                self.go(MapState.EXPLORE, f"something ahead after {gone:.2f} m")
+                return _EXPLORE
+            if gone >= s.along_m:
+                self._goal_rad = seen.heading_rad - 0.5 * math.pi
+                self.go(MapState.TURN_BACK, f"{gone:.2f} m along")
+                return MapCommand(turn_rate_rad_s=-s.turn_rad_s)
+            return MapCommand(speed_m_s=s.along_m_s)
+        return self._turning(seen)
+
+    def _free(self, seen: MapObservation, why: str) -> MapCommand:
+        """Another way out than the last time."""
+        s = self.settings
+        self._frees += 1
+        if self._frees > s.frees:
+            self.end(False, MapOutcome.STUCK, f"could not come free {s.frees} times, last in {self.state}")
+            return _STOP
+        if self.state is not MapState.COME_FREE:
+            # Left to do when it is free; from a straight way: not into the same place again.
+            if self.state is not MapState.TURN_AWAY:
+                self._goal_rad = seen.heading_rad + s.free_rad
+            self._last_turn = -1.0 if self.state is MapState.TURN_BACK else 1.0
+            self._tries = 0
+        self._begin_freeing(seen, why)
+        return self._freeing
+
+    def _begin_freeing(self, seen: MapObservation, why: str) -> None:
+        """Back, where it came from; forward, where the foam feels; turned back, and so on from there."""
+        self._from, self._from_rad, self._moved_s = (seen.x_m, seen.y_m), seen.heading_rad, seen.t_s
+        ways = (-0.06, 0.06, None)
+        speed = ways[self._tries % len(ways)]
+        self._tries += 1
+        if speed is None:
+            self._last_turn = -self._last_turn
+            self._freeing = MapCommand(turn_rate_rad_s=self._last_turn * 0.5 * self.settings.turn_rad_s)
+        else:
+            self._freeing = MapCommand(speed_m_s=speed)
+        self.go(MapState.COME_FREE, why)
+
+    def _coming_free(self, seen: MapObservation) -> MapCommand:
+        s = self.settings
+        gone = math.dist(self._from, (seen.x_m, seen.y_m))
+        if seen.touched and self._freeing.speed_m_s > 0:
+            self.go(MapState.EXPLORE, f"something ahead after {gone:.2f} m")
+            return _EXPLORE
+        if gone >= s.free_m:
+            self.go(MapState.TURN_AWAY, f"free after {gone:.2f} m")
+            return self._turning(seen)
+        turned = abs(math.remainder(seen.heading_rad - self._from_rad, 2.0 * math.pi))
+        if self._freeing.turn_rate_rad_s and turned >= s.free_rad:
+            self._frees += 1
+            self._begin_freeing(seen, f"turned by {math.degrees(turned):.0f} deg")
+        return self._freeing
+
+    def _explored(self, seen: MapObservation) -> MapCommand:
+        s = self.settings
+        self._last = (seen.x_m, seen.y_m, seen.heading_rad)
+        if seen.explored == Outcome.SENSOR_FAILED:
+            self.end(False, MapOutcome.SENSOR_FAILED, f"after {self.contacts} contacts")
+            return _STOP
+        if math.isfinite(seen.aside_rad) and not self.once_more:
+            self.once_more = True
+            self._goal_rad = seen.heading_rad + seen.aside_rad
+            degrees = math.degrees(seen.aside_rad)
+            self.go(MapState.TURN_BACK, f"met by the end of the foam: {degrees:+.0f} deg, and once more")
+            return MapCommand(turn_rate_rad_s=math.copysign(s.turn_rad_s, seen.aside_rad))
+        self.once_more = False
+        if seen.contact:
+            self.contacts += 1
+            self._empty = self._frees = 0
+            if self.contacts >= s.contacts:
+                self.end(True, MapOutcome.MAPPED, f"{self.contacts} contacts")
+                return _STOP
+            # Parallel to what was touched, it on the right: a turn to the left by up to half a turn.
+            turn = 0.5 * math.pi
+            if math.isfinite(seen.face_rad):
+                turn = (seen.face_rad - seen.heading_rad) % math.pi
+                turn += math.pi if turn < 0.15 * math.pi else 0.0
+                turn = min(turn, 0.85 * math.pi)
+            self._goal_rad = seen.heading_rad + turn
+            self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
+            return MapCommand(turn_rate_rad_s=s.turn_rad_s)
+        if seen.explored == Outcome.TIMED_OUT:
+            return self._free(seen, "timed out")  # told to go on, but held where the foam is not
+        self._empty += 1
+        if self._empty >= s.empty_ways:
+            self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} ways in a row met nothing")
+            return _STOP
+        # What was followed has ended: around its end.
+        self._goal_rad = seen.heading_rad - 0.5 * math.pi
+        self.go(MapState.TURN_BACK, f"{seen.explored}: around to the right")
+        return MapCommand(turn_rate_rad_s=-s.turn_rad_s)
+
+    def _turning(self, seen: MapObservation) -> MapCommand:
+        s = self.settings
+        left = self._goal_rad - seen.heading_rad
+        # Headings may come wrapped; a turn is never more than 0.85 of a half turn.
+        left = (left + math.pi) % (2 * math.pi) - math.pi
+        if self.state is MapState.TURN_AWAY and left < -0.5 * math.pi:
+            left += 2 * math.pi
+        if abs(left) > s.turn_tolerance_rad:
+            rate = min(s.turn_rad_s, max(0.08, 1.5 * abs(left)))
+            return MapCommand(turn_rate_rad_s=math.copysign(rate, left))
+        if self.state is MapState.TURN_AWAY:
+            self._from = (seen.x_m, seen.y_m)
+            self.go(MapState.ALONG, "parallel to it")
+            return MapCommand(speed_m_s=s.along_m_s)
+        self.go(MapState.EXPLORE, "facing it again")
+        return _EXPLORE
+
+
+def map_by_touch(
+    base: MobileBase,
+    source: FrameSource,
+    sensor: FoamSensor,
+    haptic_map: HapticMap,
+    settings: MapSettings | None = None,
+    explore: ExploreSettings | None = None,
+    *,
+    on_contact: Callable[[HapticContact, HapticMap], None] | None = None,
+) -> TouchMapping:
+    """Go around a room and write every contact into a haptic map.
+
+    Contacts are placed by odometry, and by the walls touched before: their direction and place hold the drift.
+    How far the foam gives way against something fixed tells how long a metre of the odometry is. That is known
+    best at the end: the map is then made anew from all contacts.
+
+    Parameters
+    ----------
+    sensor
+        With its zero reference taken.
+    haptic_map
+        Empty or from before; its frame is that of the odometry at the begin. It is changed.
+    explore
+        How each contact is made; by default faster than for a haptic tag.
+    on_contact
+        Called after each contact.
+    """
+    require_members(base, MobileBase, "map_by_touch")
+    require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
+    settings, explore = settings or MapSettings(), explore or _exploration()
+    guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
+    task = TouchMapTask(settings)
+    placing = Placing(settings, haptic_map, base.state())
+    contacts: list[HapticContact] = []
+    explorations: list[Exploration] = []
+    frames = iter(source)
+    command = _STOP
+    try:
+        for frame in frames:
+            profile = sensor.read(frame)
+            pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
+            allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
+            if allowed is GuardState.UNREAD:
+                task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
+                break
+            overload = allowed is GuardState.TOO_HEAVY
+            moment = _moment(frame.t_s, base.state(), bool(profile.contacts))
+            command = task.step(replace(moment, overload=overload))
+            while command.explore and not task.ended:
+                found = explore_obstacle(base, source, sensor, explore)
+                explorations.append(found)
+                state = base.state()
+                aside = aside_rad(found, state, settings)
+                # What the end of the foam has met is not well known: where it is, nor whether it would move.
+                waits = math.isfinite(aside) and not task.once_more
+                contact = None if waits else contact_of(found, settings)
+                face = face_rad(contact) if contact is not None else math.nan
+                if contact is not None:
+                    contacts = placing.add(contact, found)
+                    contact = contacts[-1]
+                    haptic_map.add(contact)
+                    if on_contact is not None:
+                        on_contact(contact, haptic_map)
+                moment = _moment(state.t_s, state, False)
+                if found.outcome is Outcome.SOURCE_ENDED:
+                    task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
+                    break
+                command = task.step(
+                    replace(
+                        moment,
+                        explored=found.outcome.value,
+                        contact=contact is not None,
+                        face_rad=face,
+                        aside_rad=aside,
+                    )
+                )
+            if task.ended:
+                break
+            if command == _STOP:
+                base.stop()
+            else:
+                base.drive(command.speed_m_s, command.turn_rate_rad_s)
+    finally:
+        base.stop()
+    if task.ending is None:
+        task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
+    assert task.ending is not None
+    placing.draw(contacts)
+    return TouchMapping(task.ending, haptic_map, tuple(contacts), tuple(explorations), task.trace())
+
+
+def _moment(t_s: float, state: BaseState, touched: bool) -> MapObservation:
+    return MapObservation(t_s, state.x_m, state.y_m, state.heading_rad, touched, "", False, math.nan)

@@ -1,0 +1,15 @@
+from .navigate import Travel as Travel
+from .navigate import travel as travel
+from .travel_memory import TravelMemory as TravelMemory
+from .travel_motion import PERIOD_S as PERIOD_S
+from .travel_motion import TravelInterrupted as TravelInterrupted
+from .travel_motion import TravelMotion as TravelMotion
+from .travel_plans import TravelPlans as TravelPlans
+from .travel_trace import TravelRecord as TravelRecord
+from .travel_trace import final_places as final_places
+from .travel_trace import trace_from_json as trace_from_json
+from .travel_trace import trace_to_json as trace_to_json
+from .travel_types import TravelOutcome as TravelOutcome
+from .travel_types import TravelSenses as TravelSenses
+from .travel_types import TravelSettings as TravelSettings
+from .travel_types import TravelState as TravelState

@@ -1,0 +1,215 @@
+"""What a travel believes: walls, where each object is by now, its tag, and its centre of friction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ....core.objects import HapticTag
+from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ....navigation.planning.search_domain import clear_cells, fill_cells, grid_from_world
+from ....navigation.problem.planning_problem import MovableObject, PlanningProblem
+from ....navigation.pushing.push_model import PushModel
+
+__all__ = ["TravelMemory"]
+
+#: Prior of the centre of friction about the footprint's centroid, and what one push tells of it (m).
+CENTRE_SIGMA_M, PUSH_SIGMA_M = 0.03, 0.015
+#: An object has moved when it is seen so far from where it was (m, rad): less is the noise of looking.
+MOVED_M, MOVED_RAD = 0.02, 0.05
+#: What is touched so near to an object's outline is that object (m).
+NEAR_M = 0.06
+
+
+@dataclass(slots=True, eq=False)
+class _Known:
+    item: MovableObject  #: as it was given; with the tag of now
+    own_m: Float[np.ndarray, "p 2"]  #: outline about its centroid at the beginning
+    place_m: Float[np.ndarray, "3"]  #: x, y of the centroid, turn since the beginning
+    lever_m: float
+    offset_m: Float[np.ndarray, "2"]  #: centre of friction, own frame
+    covariance: Float[np.ndarray, "2 2"]
+    failures: int = 0
+    stalled: bool = False  #: known to be too heavy, not only unlucky
+
+    def outline_m(self) -> Float[np.ndarray, "p 2"]:
+        return self.own_m @ _turned(self.place_m[2]).T + self.place_m[:2]
+
+    def now(self) -> MovableObject:
+        aside = _turned(self.place_m[2]) @ self.offset_m
+        return replace(
+            self.item,
+            footprint_m=self.outline_m(),
+            friction_offset_m=(float(aside[0]), float(aside[1])),
+        )
+
+
+class TravelMemory:
+    """Beliefs that change with what is seen and touched."""
+
+    def __init__(self, problem: PlanningProblem) -> None:
+        self._problem = problem
+        self._known = {item.id: _known(item) for item in problem.objects}
+        grid = problem.map
+        blocked = (grid.cells >= 50) | (grid.cells < 0)
+        walls = blocked.copy()
+        for item in problem.objects:
+            clear_cells(walls, grid_from_world(grid, item.footprint_m))
+        self._cells = grid.cells.copy()
+        self._cells[blocked & ~walls] = FREE
+        self._forgiven = 0
+
+    def problem(
+        self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0, *, push_margin_m: float = 0.0
+    ) -> PlanningProblem:
+        """The problem from here on, for a robot that keeps a margin, and one for what it pushes."""
+        cells = self._cells.copy()
+        filled: Bool[np.ndarray, "rows columns"] = np.zeros(cells.shape, dtype=bool)
+        objects = tuple(known.now() for known in self._known.values())
+        for item in objects:
+            fill_cells(filled, grid_from_world(self._problem.map, item.footprint_m))
+        cells[filled] = OCCUPIED
+        robot = self._problem.robot
+        return replace(
+            self._problem,
+            map=OccupancyMap(cells, self._problem.map.resolution_m, self._problem.map.origin),
+            robot=replace(robot, radius_m=robot.radius_m + margin_m, push_margin_m=push_margin_m),
+            start_m=np.asarray(pose_m)[:2],
+            objects=objects,
+        )
+
+    def item(self, id: str) -> MovableObject:
+        """What is known of an object, where it is now."""
+        return self._known[id].now()
+
+    def failures(self, id: str) -> int:
+        """Pushes of an object that failed on this travel."""
+        return self._known[id].failures
+
+    def friction(self, id: str) -> tuple[Float[np.ndarray, "2"], float]:
+        """Centre of friction from the centroid in the object's frame, and largest friction moment by force."""
+        known = self._known[id]
+        return known.offset_m, known.lever_m
+
+    def seen(self, id: str, place_m: Float[np.ndarray, "3"]) -> bool:
+        """An object was seen; returns whether it has moved."""
+        known = self._known[id]
+        off = place_m - known.place_m
+        turn = math.atan2(math.sin(off[2]), math.cos(off[2]))
+        if np.hypot(off[0], off[1]) < MOVED_M and abs(turn) < MOVED_RAD:
+            return False
+        known.place_m = np.asarray(place_m, dtype=np.float64)
+        return True
+
+    def near(self, point_m: Float[np.ndarray, "2"]) -> bool:
+        """Whether a point that was touched belongs to an object rather than to a wall."""
+        import shapely
+
+        point = shapely.Point(*point_m)
+        return any(
+            shapely.Polygon(known.outline_m()).distance(point) < NEAR_M for known in self._known.values()
+        )
+
+    def touched(self, point_m: Float[np.ndarray, "2"]) -> bool:
+        """Something was touched; returns whether the map has nothing near and it was entered as a wall."""
+        if self.near(point_m):
+            return False
+        grid = self._problem.map
+        cell = grid.cell_from_world(point_m)
+        row, column = int(cell[0]), int(cell[1])
+        reach = max(1, round(0.08 / grid.resolution_m))
+        near = self._cells[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+        if not near.size or (near >= 50).any():
+            return False
+        self._cells[row, column] = OCCUPIED
+        return True
+
+    def pushed(self, id: str, *, failed: bool) -> None:
+        """A push has moved an object: counters."""
+        known = self._known[id]
+        tag = known.item.tag or HapticTag()
+        known.item = replace(
+            known.item,
+            tag=tag.updated(
+                explored=tag.explored + 1,
+                failed=tag.failed + int(failed),
+                fixed=False,
+                min_static_friction_N=None,
+            ),
+        )
+
+    def refused(self, id: str, *, fixed: bool) -> None:
+        """A push has not moved an object; with ``fixed`` it is not pushed again."""
+        known = self._known[id]
+        known.failures += 1
+        known.stalled = known.stalled or fixed
+        tag = known.item.tag or HapticTag()
+        known.item = replace(
+            known.item,
+            tag=tag.updated(
+                explored=tag.explored + 1, failed=tag.failed + 1, fixed=True if fixed else tag.fixed
+            ),
+        )
+
+    def too_heavy(self, id: str) -> None:
+        """The platform's largest force did not move an object: a bound, which what was measured lower contradicts."""
+        known = self._known[id]
+        known.failures += 1
+        known.stalled = False  # measured, not bad luck: it gets no other chance
+        tag = known.item.tag or HapticTag()
+        limit_N = self._problem.robot.push_force_max_N
+        known.item = replace(
+            known.item,
+            tag=tag.updated(
+                static_friction_N=None, dynamic_friction_N=None, min_static_friction_N=limit_N,
+                explored=tag.explored + 1, failed=tag.failed + 1, fixed=True,
+            ),
+        )  # fmt: skip
+
+    def explored(self, id: str, tag: HapticTag) -> None:
+        """What an exploration has found."""
+        known = self._known[id]
+        known.item = replace(known.item, tag=tag)
+
+    def reset_failures(self) -> bool:
+        """Give objects that were refused by these pushes another chance, once; returns whether there are any."""
+        if self._forgiven:
+            return False
+        self._forgiven += 1
+        found = False
+        for known in self._known.values():
+            if known.stalled and known.item.tag is not None and known.item.tag.fixed:
+                known.item = replace(known.item, tag=known.item.tag.updated(fixed=False))
+                known.stalled, known.failures = False, 0
+                found = True
+        return found
+
+    def learn_centre(self, id: str, direction_rad: float, beside_m: float) -> None:
+        """A push told the centre of friction to be so far to its left of where it was believed."""
+        known = self._known[id]
+        across = np.array([-math.sin(direction_rad), math.cos(direction_rad)]) @ _turned(known.place_m[2])
+        gain = known.covariance @ across / (across @ known.covariance @ across + PUSH_SIGMA_M**2)
+        known.offset_m = known.offset_m + gain * beside_m
+        known.covariance = known.covariance - np.outer(gain, across @ known.covariance)
+
+
+def _known(item: MovableObject) -> _Known:
+    centre = item.centre_m
+    own = item.footprint_m - centre
+    offset = np.array(item.friction_offset_m, dtype=np.float64)
+    return _Known(
+        item,
+        own,
+        np.array([*centre, 0.0]),
+        PushModel.patch(own).lever_m,
+        offset,
+        np.eye(2) * CENTRE_SIGMA_M**2,
+    )
+
+
+def _turned(angle: float) -> Float[np.ndarray, "2 2"]:
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])

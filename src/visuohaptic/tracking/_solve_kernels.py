@@ -1,0 +1,55 @@
+"""The damped normal equations of small problems, compiled."""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..core.kernels import kernel
+
+__all__ = ["solve_step"]
+
+_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
+
+
+@kernel(**_JIT)
+def solve_step(matrix, vector, active, damping, step):
+    """Solve the damped system for the active unknowns by Cholesky; False if it is singular.
+
+    ``step`` (m,) becomes ``-(M + damping diag M)^-1 v`` on the active unknowns, 0 elsewhere.
+    """
+    n = 0
+    which = np.zeros(len(active), np.int64)
+    for k in range(len(active)):
+        step[k] = 0.0
+        if active[k]:
+            which[n] = k
+            n += 1
+    lower = np.zeros((n, n))
+    z = np.zeros(n)
+    for i in range(n):
+        for j in range(i + 1):
+            total = matrix[which[i], which[j]]
+            if i == j:
+                diagonal = total * (1.0 + damping)
+                total = diagonal
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            if i == j:
+                if not total > 1e-10 * diagonal:
+                    return False
+                lower[i, i] = np.sqrt(total)
+            else:
+                lower[i, j] = total / lower[j, j]
+        total = -vector[which[i]]
+        for k in range(i):
+            total -= lower[i, k] * z[k]
+        z[i] = total / lower[i, i]
+    for i in range(n - 1, -1, -1):
+        total = z[i]
+        for k in range(i + 1, n):
+            total -= lower[k, i] * z[k]
+        z[i] = total / lower[i, i]
+        step[which[i]] = z[i]
+    return True

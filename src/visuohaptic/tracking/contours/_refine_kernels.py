@@ -1,0 +1,366 @@
+"""Compiled driver of the sub-pixel fit: all points of one contour, sweep by sweep.
+
+A sweep measures the grey levels beside each point, lets the points share levels,
+shading and blur with their neighbours as far as these agree, and makes one or two
+scoring steps per point.
+"""
+
+# mypy: disable-error-code="no-untyped-def, assignment"
+# Kernels are typed by numba at the call; their arrays are described in the docstrings.
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ._fit_kernels import (  # fmt: skip
+    BLUR,
+    BLUR_INFO,
+    BLUR_STEP,
+    BORDER,
+    CHI2,
+    COUNT,
+    CURVE,
+    FLAT,
+    HIGH,
+    HIGH_SLOPE,
+    LOW,
+    LOW_SLOPE,
+    MOVED,
+    OK,
+    SLOPE,
+    SPREAD,
+    STATUS,
+    TEXTURE,
+    VAR,
+    T,
+    curvatures,
+    fraction,
+    plateaus,
+    step_fit,
+)
+from ._search_kernels import edge_strength
+
+#: Edge pixels reach this many blurs from the edge; the plateaus begin there.
+NEAR = 3.0
+#: Independent patches of texture along one point (one: the safe end), lever of a slanting level (px).
+PATCHES, SLANT_PX = 1.0, 3.0
+#: Neighbours on either side that share levels, shading and blur.
+SHARED = 10
+#: Largest curvature that is corrected (1/px).
+CURVATURE_LIMIT = 0.05
+MIN_BLUR, MAX_BLUR = 0.45, 6.0
+#: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
+#: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
+SETTLED, MORE_SWEEPS = 0.04, 6
+#: A kink misfits by up to this part of the contrast's square; what misfits twice as much is no edge. Far above
+#: what kinks do: the curvature must not come and go with the misfit that it makes itself.
+KINK = 0.08
+#: The chain has missed the edge where its strength is below this part of the usual one; it lies between the
+#: neighbours' positions, or this far beyond (px).
+WEAK, BEYOND_PX = 0.5, 2.0
+
+
+@kernel(fastmath=True, nogil=True)
+def start_slopes(origin, direction, position, slope):
+    """Slope dt/ds at each point from its two neighbours.
+
+    The mean of both sides; the flatter one where they differ by more than a bent
+    foam can: the other side is a jump to something else.
+    """
+    n = origin.shape[0]
+    for k in range(n):
+        dx, dy = direction[k, 0], direction[k, 1]
+        x, y = origin[k, 0] + position[k] * dx, origin[k, 1] + position[k] * dy
+        total = 0.0
+        flattest = 1e9
+        count = 0
+        lowest, highest = 1e9, -1e9
+        for i in (k - 1, k + 1):
+            if 0 <= i < n:
+                ax = origin[i, 0] + position[i] * direction[i, 0] - x
+                ay = origin[i, 1] + position[i] * direction[i, 1] - y
+                s = -ax * dy + ay * dx
+                if abs(s) > 1.0:
+                    m = (ax * dx + ay * dy) / s
+                    total += m
+                    count += 1
+                    lowest, highest = min(lowest, m), max(highest, m)
+                    if abs(m) < abs(flattest):
+                        flattest = m
+        m = 0.0 if count == 0 else (flattest if highest - lowest > 1.2 else total / count)
+        slope[k] = min(max(m, -2.5), 2.5)
+
+
+@kernel(nogil=True)
+def start_on_edge(grey, origin, direction, found, strength, start, stop, polarity, cap, floor, reach_px):
+    """Move points that the smooth chain left beside the edge onto it; changes ``found``.
+
+    Beside a kink the chain cuts the corner: a point comes to lie on plain foam, up to a point spacing from
+    its edge, and a fit that begins there wanders. Such a point starts at the edge between its neighbours'
+    positions if there is exactly one within ``reach_px``; of two, neither is chosen.
+
+    Parameters
+    ----------
+    found, strength
+        (n) positions of the chain (px) and edge strength there.
+    cap, floor
+        Strength of a usual edge of this contour, and of noise.
+    """
+    n = origin.shape[0]
+    chain = found.copy()
+    for k in range(1, n - 1):
+        if strength[k] >= WEAK * cap:
+            continue
+        lo = min(chain[k - 1], chain[k], chain[k + 1]) - BEYOND_PX
+        hi = max(chain[k - 1], chain[k], chain[k + 1]) + BEYOND_PX
+        lo = math.floor(max(lo, chain[k] - reach_px, start[k]))
+        hi = math.ceil(min(hi, chain[k] + reach_px, stop[k]))
+        count = int(hi - lo) + 1
+        if count < 3:
+            continue
+        row = np.empty((1, count), np.float32)
+        first = np.array([lo])
+        edge_strength(grey, origin[k : k + 1], direction[k : k + 1], first, count, polarity, row)
+        top = np.argmax(row[0])
+        level = max(0.5 * row[0, top], 2.0 * floor)
+        # A maximum at the end is the flank of an edge that lies farther away.
+        if row[0, top] < max(WEAK * cap, 2.0 * floor) or top == 0 or top == count - 1:
+            continue
+        edges = 0
+        for j in range(count):
+            edges += row[0, j] >= level and (j == 0 or row[0, j - 1] < level)
+        if edges == 1:
+            found[k] = lo + top
+
+
+@kernel(nogil=True)
+def _posterior(mean, spread, value, variance):
+    if not spread < 1e30:
+        return value, variance
+    w = variance / (variance + spread)
+    return value + w * (mean - value), variance * spread / (variance + spread)
+
+
+@kernel(nogil=True)
+def _levels(measured, state, use, noise_var, prior):
+    """Levels and shading of both sides from own and neighbouring plateaus."""
+    n = state.shape[0]
+    value = np.zeros(n)
+    variance = np.ones(n)
+    mean = np.empty(n)
+    spread = np.empty(n)
+    tilt_var = np.empty(n)
+    uneven = np.empty(n)
+    state[:, TEXTURE] = 0.0
+    for side in range(2):
+        tilt = LOW_SLOPE if side == 0 else HIGH_SLOPE
+        texture = np.ones(n)
+        for k in range(n):
+            m = measured[k, side]
+            if use[k]:
+                # Texture is correlated over a few pixels: its pixels count for a quarter.
+                if m[5] > 1.5 * noise_var:
+                    texture[k] = 1.0 + 4.0 * (m[5] / noise_var - 1.0)
+                uneven[k] = max(m[5] - noise_var * (1.0 + 3.0 * math.sqrt(2.0 / m[0])), 0.0) / PATCHES
+                value[k] = m[3]
+                variance[k] = noise_var * texture[k] / (m[0] * m[4])
+        fraction(value, variance, use, 2 * SHARED, mean, spread)
+        for k in range(n):
+            if use[k]:
+                if spread[k] < 1e30:
+                    slant = (value[k] - mean[k]) ** 2 - 4.0 * (
+                        noise_var / (measured[k, side, 0] * measured[k, side, 4])
+                    )
+                    state[k, TEXTURE] += uneven[k] + SLANT_PX**2 * max(slant, 0.0)
+                # Shading that is not there must not cost accuracy: shrunk to zero below two sigma.
+                mean[k] *= max(0.0, 1.0 - 4.0 * spread[k] / max(mean[k] * mean[k], 1e-12))
+                state[k, tilt], tilt_var[k] = _posterior(mean[k], spread[k], value[k], variance[k])
+                if not spread[k] < 1e30:
+                    state[k, tilt], tilt_var[k] = 0.0, 0.0
+        for k in range(n):
+            if use[k]:
+                m = measured[k, side]
+                value[k] = m[2] - state[k, tilt] * m[1]
+                variance[k] = noise_var * texture[k] / m[0]
+        fraction(value, variance, use, SHARED, mean, spread)
+        for k in range(n):
+            if use[k]:
+                # Texture that the neighbours have too does not average out.
+                best, var = _posterior(mean[k], spread[k] + uneven[k], value[k], variance[k])
+                var += measured[k, side, 1] ** 2 * tilt_var[k]
+                prior[k, side] = best
+                prior[k, 2 + side] = noise_var / max(var, 1e-6 * noise_var)
+
+
+@kernel(nogil=True)
+def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, min_contrast, plateau_px):
+    """Fit all points; ``state`` holds start values of T and BLUR and receives the result.
+
+    Points that have not settled by then go on alone, for up to ``MORE_SWEEPS`` sweeps.
+    Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
+    """
+    n = origin.shape[0]
+    measured = np.zeros((n, 2, 6))
+    prior = np.zeros((n, 4))
+    use = np.zeros(n, np.bool_)
+    value = np.empty(n)
+    variance = np.ones(n)
+    mean = np.empty(n)
+    spread = np.empty(n)
+    given = noise_var > 0.0
+    start_slopes(origin, direction, state[:, T].copy(), state[:, SLOPE])
+    state[:, CURVE] = 0.0
+    state[:, LOW_SLOPE] = 0.0
+    state[:, HIGH_SLOPE] = 0.0
+    state[:, STATUS] = OK
+    at = np.full(n, 1e9)
+    blur_then = np.zeros(n)
+    curve_then = np.zeros(n)
+    going = np.ones(n, np.bool_)
+    trust = np.zeros(n)
+    for sweep in range(sweeps + MORE_SWEEPS):
+        if sweep >= sweeps:
+            left = 0
+            for k in range(n):
+                # A new curvature shifts the mean of a parabola over the point's width.
+                ahead = abs(state[k, CURVE] - curve_then[k]) * half[k] * half[k] / 6.0
+                going[k] = (
+                    state[k, STATUS] == OK and max(abs(state[k, MOVED]), ahead) > SETTLED * state[k, BLUR]
+                )
+                left += going[k]
+            if left == 0:
+                break
+        for k in range(n):
+            if not going[k]:
+                continue
+            if state[k, STATUS] == BORDER:
+                use[k] = False
+                continue
+            moved = state[k, T] - at[k]
+            if abs(moved) > 0.6 * state[k, BLUR] or state[k, BLUR] > 1.1 * blur_then[k]:
+                if not plateaus(
+                    grey, origin[k], direction[k], half[k], state[k], NEAR, plateau_px, measured[k]
+                ):
+                    state[k, STATUS] = BORDER
+                    use[k] = False
+                    continue
+                blur_then[k] = state[k, BLUR]
+            else:
+                shift = moved / math.sqrt(1.0 + state[k, SLOPE] ** 2)
+                measured[k, 0, 1] -= shift
+                measured[k, 1, 1] -= shift
+            at[k] = state[k, T]
+            if sweep == 0:
+                state[k, LOW], state[k, HIGH] = measured[k, 0, 2], measured[k, 1, 2]
+                use[k] = abs(state[k, HIGH] - state[k, LOW]) >= min_contrast
+        if sweep == 0 and not given:
+            for k in range(n):
+                value[k] = min(measured[k, 0, 5], measured[k, 1, 5])
+            noise_var = max(np.median(value), 0.1)
+        elif not given:
+            count = 0
+            for k in range(n):
+                if use[k]:
+                    value[count] = state[k, CHI2]
+                    count += 1
+            if count > 3:
+                noise_var = max(np.median(value[:count]), 0.1)
+        _levels(measured, state, use, noise_var, prior)
+        for k in range(n):
+            if state[k, STATUS] == BORDER or not going[k]:
+                continue
+            if not use[k]:
+                for side in range(2):
+                    prior[k, side] = measured[k, side, 2]
+                    prior[k, 2 + side] = measured[k, side, 0]
+            state[k, LOW], state[k, HIGH] = prior[k, 0], prior[k, 1]
+            for _turn in range(3 if sweep == 0 else 2):
+                step_fit(grey, origin[k], direction[k], half[k], NEAR, prior[k], state[k])
+                if (
+                    state[k, STATUS] != OK
+                    or abs(state[k, MOVED]) < (0.25 if sweep == 0 else 0.05) * state[k, BLUR]
+                ):
+                    break
+        for k in range(n):
+            height = abs(state[k, HIGH] - state[k, LOW])
+            poor = state[k, CHI2] / (6.0 * noise_var + 0.01 * height * height)
+            use[k] = state[k, STATUS] == OK and height >= min_contrast and poor < 1.0
+            seen = state[k, STATUS] == OK and height >= min_contrast
+            misfit = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
+            trust[k] = min(max(2.0 - misfit / KINK, 0.0), 1.0) if seen else 0.0
+            if use[k]:
+                b = state[k, BLUR]
+                value[k] = b + min(max(state[k, BLUR_STEP], -0.3 * b), 0.5 * b)
+                variance[k] = noise_var / state[k, BLUR_INFO]
+        fraction(value, variance, use, SHARED, mean, spread)
+        for k in range(n):
+            if use[k] and spread[k] < 1e30:
+                best, _ = _posterior(mean[k], spread[k], value[k], variance[k])
+                b = state[k, BLUR] + blur_gain * (best - state[k, BLUR])
+                state[k, BLUR] = min(max(b, MIN_BLUR), MAX_BLUR)
+            elif spread[k] < 1e30:
+                state[k, BLUR] = min(max(mean[k], MIN_BLUR), MAX_BLUR)
+        curve_then[:] = state[:, CURVE]
+        curvatures(origin, direction, state, trust, noise_var, CURVATURE_LIMIT)
+    if not given:
+        count = 0
+        for k in range(n):
+            if use[k]:
+                value[count] = state[k, CHI2]
+                count += 1
+        if count > 3:
+            noise_var = max(np.median(value[:count]), 0.1)
+    return noise_var
+
+
+@kernel(nogil=True)
+def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
+          occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
+    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
+    n = state.shape[0]
+    for k in range(n):
+        s = state[k]
+        height = s[HIGH] - s[LOW]
+        chi = s[CHI2] / noise_var
+        var = s[VAR] * noise_var
+        noise[k] = math.sqrt(max(var, 0.0))
+        if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
+            var *= chi
+        ratio = s[SPREAD] / noise_var
+        if ratio > 2.2:
+            var = max(var, s[VAR] * noise_var * ratio)
+        # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
+        # One plateau has few patches: a calm one beside an uneven one is luck.
+        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
+        uneven = max(s[TEXTURE], near.mean())
+        var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
+        # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
+        doubt = 0.1 * abs(s[CURVE])
+        if 0 < k < n - 1:
+            doubt += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
+        var += (doubt * half[k] * half[k] / 6.0) ** 2
+        sigma[k] = math.sqrt(max(var, 0.0))
+        code = 0
+        if s[STATUS] == BORDER:
+            code = 3
+        elif s[STATUS] == FLAT or abs(height) < min_contrast:
+            code = 1
+        elif polarity * height < 0.0:
+            code = 4
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
+            code = 1
+        elif s[T] < start[k] or s[T] > stop[k]:
+            code = 3
+        elif s[CHI2] > max_chi2 * noise_var + (0.06 * height) ** 2:
+            code = 5
+        elif not seen_clear[k] or foam_step[k] > max(occlusion * abs(height), 3.5 * math.sqrt(noise_var)):
+            code = 2
+        reason[k] = code
+    for k in range(n):
+        if reason[k] == 0 and n > 2:
+            a, b = (1, 2) if k == 0 else ((n - 2, n - 3) if k == n - 1 else (k - 1, k + 1))
+            left, right = state[k, T] - state[a, T], state[k, T] - state[b, T]
+            if left * right > 0.0 and min(abs(left), abs(right)) > jump_px:
+                reason[k] = 6

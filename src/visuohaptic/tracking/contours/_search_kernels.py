@@ -1,0 +1,273 @@
+"""Compiled loops of the search: edge strength along the lines, and the exact chain.
+
+``lines``: K constraint lines, ``n`` samples of one pixel along each, ``N`` search
+positions per line. Every function has a plain NumPy twin in the tests.
+"""
+
+# mypy: disable-error-code="no-untyped-def, assignment"
+# Kernels are typed by numba at the call; their arrays are described in the docstrings.
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+#: Cost of a position outside the search range; large beside any energy, small enough for float32.
+FORBIDDEN = np.float32(1e4)
+#: Samples that the smoothed derivative needs beyond both ends of a profile (px).
+MARGIN = 3
+#: Spacing of the five samples across a line (px).
+ACROSS_PX = 2.0
+
+
+@kernel(fastmath=True, nogil=True)
+def edge_strength(grey, origin, direction, first, count, polarity, strength):
+    """|grad G * i| on every line at ``first[k] + j``, j < count; zero where the polarity is wrong.
+
+    G is the binomial filter (1 4 6 4 1)/16 along the line and the mean of five
+    samples across it. The gradient has a part along the line and one across it,
+    so that an edge that runs steeply over the lines keeps its strength.
+    """
+    rows, columns = grey.shape
+    n = count + 2 * MARGIN
+    along = np.empty(n, np.float32)
+    across = np.empty(n, np.float32)
+    for k in range(origin.shape[0]):
+        dx, dy = direction[k, 0], direction[k, 1]
+        x = origin[k, 0] + (first[k] - MARGIN) * dx + 0.5
+        y = origin[k, 1] + (first[k] - MARGIN) * dy + 0.5
+        ax, ay = -dy * ACROSS_PX, dx * ACROSS_PX
+        x_end, y_end = x + n * dx, y + n * dy
+        inside = (
+            min(x, x_end) > 5.0
+            and min(y, y_end) > 5.0
+            and max(x, x_end) < columns - 5.0
+            and max(y, y_end) < rows - 5.0
+        )
+        if inside:
+            for j in range(n):
+                px, py = x + j * dx, y + j * dy
+                a = np.float32(grey[int(py - 2 * ay), int(px - 2 * ax)])
+                b = np.float32(grey[int(py - ay), int(px - ax)])
+                c = np.float32(grey[int(py), int(px)])
+                d = np.float32(grey[int(py + ay), int(px + ax)])
+                e = np.float32(grey[int(py + 2 * ay), int(px + 2 * ax)])
+                along[j] = a + b + c + d + e
+                across[j] = (d - b) + np.float32(2.0) * (e - a)
+        else:
+            for j in range(n):
+                total = np.float32(0.0)
+                slope = np.float32(0.0)
+                for i in range(-2, 3):
+                    row = min(max(int(np.floor(y + j * dy + i * ay)), 0), rows - 1)
+                    column = min(max(int(np.floor(x + j * dx + i * ax)), 0), columns - 1)
+                    value = np.float32(grey[row, column])
+                    total += value
+                    slope += np.float32(i) * value
+                along[j] = total
+                across[j] = slope
+        for j in range(count):
+            g = (
+                (along[j + 6] - along[j])
+                + np.float32(4.0) * (along[j + 5] - along[j + 1])
+                + np.float32(5.0) * (along[j + 4] - along[j + 2])
+            ) * np.float32(1.0 / 160.0)
+            h = (
+                across[j + 1]
+                + across[j + 5]
+                + np.float32(4.0) * (across[j + 2] + across[j + 4])
+                + np.float32(6.0) * across[j + 3]
+            ) * np.float32(1.0 / (160.0 * ACROSS_PX))
+            size = np.sqrt(g * g + h * h)
+            # An edge that runs along the line (a side of an object) is no place for the contour.
+            facing = abs(g) if polarity == 0 else polarity * g
+            strength[k, j] = size if facing > np.float32(0.35) * size else np.float32(-1.0) * size
+
+
+@kernel(fastmath=True, nogil=True)
+def chain_minimum(cost, first, step, direction, weight, index):
+    """Exact minimum of sum cost[k, j_k] + weight |u_{k-1} - 2 u_k + u_{k+1}|^2.
+
+    ``u_k = (first[k] + step j_k) direction[k]``. The state is the pair of neighbouring
+    positions. For given u_k and u_{k+1} the smoothness is one square in t_{k-1} plus a
+    constant, so that the innermost loop is one multiply-add and one minimum per state.
+    Writes the minimiser to ``index``; returns the minimum.
+    """
+    lines, n = cost.shape
+    if lines == 1:
+        index[0] = np.argmin(cost[0])
+        return np.float64(cost[0, index[0]])
+    padded = (n + 3) // 4 * 4
+    best = np.empty((lines, n, padded), np.float32)  # [k, position on k, position on k - 1]
+    best[:, :, n:] = 3e38
+    for c in range(n):
+        for b in range(n):
+            best[1, c, b] = cost[0, b] + cost[1, c]
+    low = np.empty(n, np.float32)
+    behind = np.empty(padded, np.float32)
+    ahead = np.empty(n, np.float32)
+    w = np.float32(weight)
+    root = np.float32(np.sqrt(weight))
+    for k in range(2, lines):
+        d01 = direction[k - 2, 0] * direction[k - 1, 0] + direction[k - 2, 1] * direction[k - 1, 1]
+        d12 = direction[k, 0] * direction[k - 1, 0] + direction[k, 1] * direction[k - 1, 1]
+        d02 = direction[k - 2, 0] * direction[k, 0] + direction[k - 2, 1] * direction[k, 1]
+        # |u''|^2 = (t_a - 2 d01 t_b + d02 t_c)^2 + (terms without t_a)
+        rbb = np.float32(4.0 * (1.0 - d01 * d01))
+        rcc = np.float32(1.0 - d02 * d02)
+        rbc = np.float32(4.0 * (d01 * d02 - d12))
+        for a in range(padded):
+            behind[a] = root * np.float32(first[k - 2] + step * a)
+        for c in range(n):
+            ahead[c] = first[k] + step * c
+        turn = root * np.float32(d02)
+        for b in range(n):
+            tb = np.float32(first[k - 1] + step * b)
+            back = root * np.float32(2.0 * d01) * tb
+            low[:] = np.float32(3e38)
+            f = best[k - 1, b]
+            # Four positions at once: one pass over the states is a load and a store for four.
+            for a in range(0, padded, 4):
+                f0, f1, f2, f3 = f[a], f[a + 1], f[a + 2], f[a + 3]
+                t0, t1 = behind[a] - back, behind[a + 1] - back
+                t2, t3 = behind[a + 2] - back, behind[a + 3] - back
+                for c in range(n):
+                    x = turn * ahead[c]
+                    e0, e1, e2, e3 = t0 + x, t1 + x, t2 + x, t3 + x
+                    low[c] = min(
+                        min(low[c], min(f0 + e0 * e0, f1 + e1 * e1)), min(f2 + e2 * e2, f3 + e3 * e3)
+                    )
+            for c in range(n):
+                rest = rbb * tb * tb + rcc * ahead[c] * ahead[c] + rbc * tb * ahead[c]
+                best[k, c, b] = low[c] + (w * rest + cost[k, c])
+    energy = np.float32(3e38)
+    for c in range(n):
+        for b in range(n):
+            if best[lines - 1, c, b] < energy:
+                energy = best[lines - 1, c, b]
+                index[lines - 1] = c
+                index[lines - 2] = b
+    for k in range(lines - 1, 1, -1):
+        tb = first[k - 1] + step * index[k - 1]
+        tc = first[k] + step * index[k]
+        d01 = direction[k - 2, 0] * direction[k - 1, 0] + direction[k - 2, 1] * direction[k - 1, 1]
+        d02 = direction[k - 2, 0] * direction[k, 0] + direction[k - 2, 1] * direction[k, 1]
+        x = np.float32(tc * d02 - 2.0 * tb * d01)
+        lowest = np.float32(3e38)
+        for a in range(n):
+            e = np.float32(first[k - 2] + step * a) + x
+            value = best[k - 1, index[k - 1], a] + w * e * e
+            if value < lowest:
+                lowest = value
+                index[k - 2] = a
+    return np.float64(energy)
+
+
+@kernel(fastmath=True, nogil=True)
+def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w_edge, w_jump, cost):
+    """Edge and jump term of Eq. (3.6) at every ``stride``-th sample, forbidden outside the range.
+
+    The edge term takes the strongest sample of a cell of ``stride``, so that half the density misses
+    no edge. The jump term is integrated from the reference contour (t = 0), or from
+    the end of the profile next to it: the difference is the same for all positions.
+    """
+    lines, count = strength.shape
+    n = cost.shape[1]
+    half = stride // 2
+    passed = np.empty(count, np.float32)
+    for k in range(lines):
+        total = np.float32(0.0)
+        for j in range(count):
+            size = abs(strength[k, j]) - floor
+            total += max(size, np.float32(0.0))
+            passed[j] = total - np.float32(0.5) * max(size, np.float32(0.0))
+        zero = min(max(int(np.floor(-first[k] + 0.5)), 0), count - 1)
+        for i in range(n):
+            j = i * stride
+            t = first[k] + j
+            if t < start[k] or t > stop[k]:
+                cost[k, i] = FORBIDDEN
+                continue
+            edge = np.float32(0.0)
+            for m in range(max(j - half, 0), min(j + half + 1, count)):
+                edge = max(edge, strength[k, m])
+            jump = abs(passed[j] - passed[zero]) / jump_scale
+            cost[k, i] = -w_edge * min(edge, cap) / cap + w_jump * jump
+
+
+@kernel(fastmath=True, nogil=True)
+def search(
+    grey, origin, direction, rest, start, stop, first, n, stride, polarity,
+    cap, jump_scale, floor, w_edge, w_jump, weight, refinements,
+):  # fmt: skip
+    """Global optimum over the search positions ``first[k] + stride j``, j < n.
+
+    Returns the positions (at the strongest sample of the chosen cell), their edge
+    strength, the energy, and the limit of the edge strength that was used. A limit
+    of zero is replaced by the mean of the strongest samples; the limit is then set
+    to the mean over the solution, ``refinements`` times.
+    """
+    lines = origin.shape[0]
+    count = stride * (n - 1) + 1
+    strength = np.empty((lines, count), np.float32)
+    edge_strength(grey, origin, direction, first, count, polarity, strength)
+    if cap <= 0.0:
+        total = 0.0
+        for k in range(lines):
+            total += max(strength[k].max(), np.float32(0.0))
+        cap = total / lines
+    cap = max(cap, 2.0 * floor, 1e-3)
+    cost = np.empty((lines, n), np.float32)
+    index = np.zeros(lines, np.int64)
+    position = np.empty(lines)
+    found = np.empty(lines)
+    relative = first - rest
+    energy = 0.0
+    for turn in range(refinements + 1):
+        scale = jump_scale if jump_scale > 0.0 else 4.0 * cap
+        energy_terms(
+            strength, first, start, stop, stride, np.float32(cap), np.float32(scale), np.float32(floor),
+            np.float32(w_edge), np.float32(w_jump), cost,
+        )  # fmt: skip
+        energy = chain_minimum(cost, relative, float(stride), direction, weight, index)
+        total = 0.0
+        for k in range(lines):
+            middle = index[k] * stride
+            top = middle
+            for j in range(max(middle - stride // 2, 0), min(middle + stride // 2 + 1, count)):
+                if strength[k, j] > strength[k, top]:
+                    top = j
+            position[k] = first[k] + top
+            found[k] = max(strength[k, top], np.float32(0.0))
+            total += found[k]
+        if turn < refinements:
+            cap = max(total / lines, 2.0 * floor, 1e-3)
+    return position, found, energy, cap
+
+
+@kernel(fastmath=True, nogil=True)
+def foam_edge(grey, origin, direction, begin, end, largest):
+    """Largest step of the grey level on each line between ``begin`` and ``end`` (occluders).
+
+    A step is the difference of two means of 2 x 3 pixels, 4 px apart: 0.58 of the noise
+    of one pixel.
+    """
+    rows, columns = grey.shape
+    for k in range(origin.shape[0]):
+        dx, dy = direction[k, 0], direction[k, 1]
+        largest[k] = 0.0
+        n = int((end[k] - begin[k]) / 2.0)
+        m1, m2, m3 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+        top = np.float32(0.0)
+        for j in range(n):
+            x = origin[k, 0] + (begin[k] + 2.0 * j) * dx + 0.5
+            y = origin[k, 1] + (begin[k] + 2.0 * j) * dy + 0.5
+            m0 = np.float32(0.0)
+            for i in range(-1, 2):
+                column = min(max(int(x - 3.0 * i * dy), 0), columns - 1)
+                row = min(max(int(y + 3.0 * i * dx), 0), rows - 1)
+                m0 += np.float32(grey[row, column])
+            if j >= 3:
+                top = max(top, abs(m0 + m1 - m2 - m3))
+            m3, m2, m1 = m2, m1, m0
+        largest[k] = top / 6.0

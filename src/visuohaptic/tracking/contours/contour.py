@@ -1,0 +1,344 @@
+"""Contour tracking along constraint lines, Alt 2016, Sec. 3.3.1 and Eq. (3.6).
+
+Per frame: the global optimum of the energy over all points (dynamic programming),
+then a maximum-likelihood fit of a blurred step to the raw pixels of each point.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ...core.errors import InputError
+from . import _fit_kernels as columns
+from ._refine_kernels import judge, refine, start_on_edge
+from ._search_kernels import foam_edge, search
+from .lines import ConstraintLines
+
+__all__ = ["Contour", "ContourSettings", "ContourTracker", "PointReason"]
+
+#: Points to both sides over which the levels beside the edge are fitted together ...
+SHARED_POINTS = 10
+#: ... and the correlation that this leaves between the noises of two of them: the part by which
+#: unknown levels raise the variance of a point (5 % above the bound with known levels).
+SHARED_NOISE = 0.05
+
+
+class PointReason(IntEnum):
+    """Why a point is not valid."""
+
+    OK = 0  #: valid
+    LOST = 1  #: no edge of enough contrast, or the fit ran away from the edge that was found
+    OCCLUDED = 2  #: an edge between reference and point, or pixels in front that are not the stripe
+    OUT_OF_RANGE = 3  #: outside the search range, or its pixels leave the image
+    WRONG_POLARITY = 4  #: bright and dark are the wrong way round
+    POOR_FIT = 5  #: the pixels do not look like one blurred step
+    JUMP = 6  #: far from both neighbours
+
+
+@dataclass(frozen=True, slots=True)
+class ContourSettings:
+    """What the contour looks like and how it may move.
+
+    The three weights multiply the terms of Eq. (3.6), each scaled to span about
+    [-1, 1]: the edge strength by its limit, the second difference by the point
+    spacing (a kink of 45 degrees costs ``weight_smooth``), the jump term by the mean
+    contrast of the contour (one full edge on the way costs ``weight_jump``).
+    """
+
+    weight_edge: float = 1.0  #: w_e
+    weight_smooth: float = 1.0  #: w_s
+    weight_jump: float = 1.0  #: w_j
+    polarity: int = 0  #: +1 brighter at larger t, -1 darker, 0 either
+    blur_px: float = 1.0  #: start value of the blur of the optics (Gaussian sigma), without the pixel [px]
+    min_contrast: float = 8.0  #: smallest usable step [grey levels]
+    plateau_px: float = 8.0  #: pixels on either side that tell the grey levels; less for a thin stripe [px]
+    noise_grey: float | None = None  #: standard deviation of one pixel; None: estimated per frame
+    window_px: int = 15  #: search on either side of the prediction while tracking [px]
+    full_search_every: int = 60  #: frames between searches of the whole range while all is well
+    max_chi2: float = 4.0  #: largest mean squared residual, in noise variances
+    max_jump: float = 1.75  #: largest distance from both neighbours, in point spacings
+    occlusion: float = 0.35  #: edge inside the foam that counts as an occluder, in parts of the contrast
+    clear_margin_px: float = 6.0  #: distance from both contours that is not tested for occluders [px]
+
+    def __post_init__(self) -> None:
+        positive = (
+            "weight_edge",
+            "blur_px",
+            "min_contrast",
+            "window_px",
+            "full_search_every",
+            "max_chi2",
+            "max_jump",
+        )
+        for name in positive:
+            if not getattr(self, name) > 0:
+                raise InputError(
+                    "ContourSettings", f"found {getattr(self, name)}, expected more than 0", field=name
+                )
+        if self.plateau_px < 2:
+            raise InputError(
+                "ContourSettings", f"found {self.plateau_px}, expected 2 or more", field="plateau_px"
+            )
+        if self.polarity not in (-1, 0, 1):
+            raise InputError(
+                "ContourSettings", f"found {self.polarity}, expected -1, 0 or 1", field="polarity"
+            )
+        if self.weight_smooth < 0 or self.weight_jump < 0:
+            raise InputError(
+                "ContourSettings", "found a negative weight, expected 0 or more", field="weight_*"
+            )
+        if self.noise_grey is not None and not self.noise_grey > 0:
+            raise InputError(
+                "ContourSettings",
+                f"found {self.noise_grey}, expected more than 0 or None",
+                field="noise_grey",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contour:
+    """One contour in one frame; a value means nothing where ``valid`` is False."""
+
+    lines: ConstraintLines  #: the lines that the points lie on
+    position_px: Float[np.ndarray, "k"]  #: t of every point [px]
+    sigma_px: Float[np.ndarray, "k"]  #: its standard deviation [px]: noise, and what texture may shift
+    noise_px: Float[np.ndarray, "k"]  #: the part of it that changes from frame to frame [px]
+    valid: Bool[np.ndarray, "k"]
+    reason: UInt8[np.ndarray, "k"]  #: ``PointReason`` of every point
+    contrast: Float[np.ndarray, "k"]  #: grey level behind minus in front of the edge, signed
+    blur_px: Float[np.ndarray, "k"]  #: blur of the optics, pixel size removed [px]
+    slope: Float[np.ndarray, "k"]  #: dt/ds, s along the direction (-d_y, d_x) [px/px]
+    chi2: Float[np.ndarray, "k"]  #: mean squared residual in noise variances
+    noise_grey: float  #: standard deviation of one pixel [grey levels]
+    energy: float  #: minimum of Eq. (3.6) over the positions searched
+    searched_all: bool  #: True when the whole range was searched in this frame
+
+    @property
+    def points_px(self) -> Float[np.ndarray, "k 2"]:
+        """The points in the image (x, y) [px]."""
+        return self.lines.points_px(self.position_px)
+
+
+class ContourTracker:
+    """Follows one contour from frame to frame.
+
+    The state is what the next frame profits from: positions, blur and noise, the mean
+    edge strength of the previous frame (the limit of e_e) and how many points were good.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> image = np.full((60, 120), 40, np.uint8)
+    >>> image[31:] = 160  # the edge between row 30 and row 31 is at 30.5
+    >>> x = np.arange(20.0, 101.0, 16.0)
+    >>> lines = ConstraintLines(
+    ...     np.stack([x, np.full(6, 20.0)], 1), np.tile([0.0, 1.0], (6, 1)), np.zeros(6), np.full(6, 20.0)
+    ... )
+    >>> ContourTracker().track(image, lines).position_px.round(2)
+    array([10.5, 10.5, 10.5, 10.5, 10.5, 10.5])
+    """
+
+    def __init__(self, settings: ContourSettings | None = None) -> None:
+        self.settings = settings or ContourSettings()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all frames; the next one is searched over the whole range."""
+        self._position: Float[np.ndarray, "k"] | None = None
+        self._blur: Float[np.ndarray, "k"] | None = None
+        self._noise_var = 0.0
+        self._cap = 0.0
+        self._contrast = 0.0
+        self._good = 0.0
+        self._age = 0
+
+    def track(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        *,
+        predicted_px: Float[np.ndarray, "k"] | None = None,
+        rest_px: Float[np.ndarray, "k"] | None = None,
+        clear: Bool[np.ndarray, "k"] | None = None,
+    ) -> Contour:
+        """Find the contour in one frame.
+
+        Parameters
+        ----------
+        grey
+            The frame.
+        lines
+            One line per point; the number of points may change only after ``reset``.
+        predicted_px
+            Expected positions; default: those of the previous frame.
+        rest_px
+            Shape that has no smoothness energy; default: the shape of the origins.
+        clear
+            False where something is known to hide the contour (see ``StripeModel.clear``).
+
+        Raises
+        ------
+        InputError
+            The frame is not 8-bit grey, or an array does not fit the lines.
+        """
+        if grey.dtype != np.uint8 or grey.ndim != 2 or min(grey.shape) < 16:
+            raise InputError(
+                "ContourTracker.track",
+                f"found {grey.dtype} {grey.shape}, expected uint8 (rows, columns) of 16 px or more",
+                field="grey",
+            )
+        grey = np.ascontiguousarray(grey)
+        count = len(lines)
+        rest = _fitting("rest_px", rest_px, count) if rest_px is not None else np.zeros(count)
+        guess = _fitting("predicted_px", predicted_px, count) if predicted_px is not None else self._position
+        if guess is not None and guess.shape != (count,):
+            raise InputError(
+                "ContourTracker.track",
+                f"found {count} lines after {guess.shape[0]} in the previous frame",
+                field="lines",
+                remedy="call reset() first",
+            )
+        if clear is not None and (clear.shape != (count,) or clear.dtype != np.bool_):
+            raise InputError(
+                "ContourTracker.track",
+                f"found {clear.dtype} {clear.shape}, expected bool ({count},)",
+                field="clear",
+            )
+        seen = clear if clear is not None else np.ones(count, dtype=np.bool_)
+        due = guess is None or self._age >= self.settings.full_search_every
+        contour = self._attempt(grey, lines, None if due else guess, rest, seen)
+        # Fewer good points than before: the contour may have jumped out of the window.
+        if not due and _good_fraction(contour) < self._good - 0.08:
+            due = True
+            contour = self._attempt(grey, lines, None, rest, seen)
+        good = _good_fraction(contour)
+        self._good = good if due else max(self._good, good)
+        self._age = 0 if due else self._age + 1
+        return contour
+
+    def _attempt(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        guess: Float[np.ndarray, "k"] | None,
+        rest: Float[np.ndarray, "k"],
+        clear: Bool[np.ndarray, "k"],
+    ) -> Contour:
+        """Search around ``guess`` (or everywhere), fit, judge; remember for the next frame."""
+        chosen = self.settings
+        start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
+        noise = chosen.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
+        cap, energy = self._cap, 0.0
+        strength = found = np.zeros(len(lines)) if guess is None else guess
+        # Everywhere first if need be, then around the guess at half the density.
+        for wide in (True, False) if guess is None else (False,):
+            if wide:
+                span = float((stop - start).max())
+                stride, turns = max(1, int(np.ceil(span / 64.0))), 1
+                first, positions = np.floor(start), int(span / stride) + 2
+            else:
+                stride, turns, positions = 2, 0, chosen.window_px + 1
+                first = np.rint(np.clip(found, start, stop)) - chosen.window_px
+            found, strength, energy, cap = search(
+                grey, lines.origin_px, lines.direction_px, rest, start, stop, first, positions, stride,
+                chosen.polarity, cap, self._contrast, 0.4 * noise, chosen.weight_edge, chosen.weight_jump,
+                chosen.weight_smooth / lines.spacing_px**2, turns,
+            )  # fmt: skip
+        start_on_edge(
+            grey, lines.origin_px, lines.direction_px, found, strength, start, stop, chosen.polarity,
+            cap, 0.4 * noise, lines.spacing_px,
+        )  # fmt: skip
+
+        state = np.zeros((len(lines), columns.STATES))
+        state[:, columns.T] = found
+        cold = self._blur is None
+        state[:, columns.BLUR] = np.hypot(chosen.blur_px, PIXEL_PX) if self._blur is None else self._blur
+        given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
+        noise_var = refine(
+            grey, lines.origin_px, lines.direction_px, np.asarray(lines.half_width_px), state, given,
+            5 if cold else 2, 1.0 if cold else 0.3, chosen.min_contrast, chosen.plateau_px,
+        )  # fmt: skip
+        if not given and self._noise_var > 0.0:
+            # A dark or changed frame must not wait for the mean: never below half of this frame's value.
+            noise_var = max(0.7 * self._noise_var + 0.3 * noise_var, 0.5 * noise_var)
+
+        position = state[:, columns.T].copy()
+        blur = state[:, columns.BLUR].copy()
+        step = np.empty(len(lines))
+        begin = np.maximum(start, 0.0) + chosen.clear_margin_px
+        foam_edge(
+            grey,
+            lines.origin_px,
+            lines.direction_px,
+            begin,
+            position - chosen.clear_margin_px - 2.0 * blur,
+            step,
+        )
+        noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
+        reason = np.zeros(len(lines), dtype=np.uint8)
+        judge(
+            state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
+            chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
+            chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
+        )  # fmt: skip
+        valid = reason == PointReason.OK
+        contrast = state[:, columns.HIGH] - state[:, columns.LOW]
+
+        self._noise_var = noise_var
+        self._position = np.where(valid, position, found)
+        if valid.any():
+            self._blur = blur
+            self._cap = max(float(strength[valid].mean()), 1e-3)
+            self._contrast = float(np.abs(contrast[valid]).mean())
+        return Contour(
+            lines=lines,
+            position_px=position,
+            sigma_px=sigma,
+            noise_px=noise_px,
+            valid=valid,
+            reason=reason,
+            contrast=contrast,
+            blur_px=np.sqrt(np.maximum(blur**2 - PIXEL_PX**2, 0.0)),
+            slope=state[:, columns.SLOPE].copy(),
+            chi2=state[:, columns.CHI2] / noise_var,
+            noise_grey=float(np.sqrt(noise_var)),
+            energy=float(energy),
+            searched_all=guess is None,
+        )
+
+
+#: Standard deviation of the box of one pixel [px]; adds to the blur in quadrature.
+PIXEL_PX = float(np.sqrt(1.0 / 12.0))
+
+
+def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines) -> float:
+    """Noise of one pixel [grey levels] before anything is known: from second differences along rows.
+
+    Noise that passes for edges makes long ways look blocked, so that the search would stay close
+    to the reference. The median leaves out edges.
+    """
+    reach = np.linspace(np.asarray(lines.start_px), np.asarray(lines.stop_px), 9)[..., None]
+    points = (np.asarray(lines.origin_px) + reach * np.asarray(lines.direction_px)).reshape(-1, 2)
+    column = np.clip(np.rint(points[:, 0]), 1, grey.shape[1] - 2).astype(np.int64)
+    row = np.clip(np.rint(points[:, 1]), 0, grey.shape[0] - 1).astype(np.int64)
+    left, middle, right = (grey[row, column + i].astype(np.float64) for i in (-1, 0, 1))
+    return max(2.0, 1.4826 * float(np.median(np.abs(left - 2.0 * middle + right))) / float(np.sqrt(6.0)))
+
+
+def _good_fraction(contour: Contour) -> float:
+    """Share of points that sit on an edge; hidden points don't call for another search."""
+    good = contour.valid | (contour.reason == PointReason.OCCLUDED)
+    return float(good.mean())
+
+
+def _fitting(name: str, values: Float[np.ndarray, "k"], count: int) -> Float[np.ndarray, "k"]:
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.shape != (count,) or not np.isfinite(array).all():
+        raise InputError(
+            "ContourTracker.track", f"found shape {array.shape}, expected {count} finite values", field=name
+        )
+    return array

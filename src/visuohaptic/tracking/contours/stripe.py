@@ -1,0 +1,231 @@
+"""The colour stripe on the foam, Alt 2016, Sec. 3.3.1: a constant edge, and a test for occlusion.
+
+A Gaussian mixture learns the colours of the stripe and of the rest once. Afterwards
+there is a look-up table for the class of a pixel, and one linear combination of the
+colours in which stripe and foam differ most. The tracker runs on the latter: a
+mixture of two colours stays a linear mixture, so a blurred edge keeps its place,
+which it does not in an image of class probabilities.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from ...core.errors import CalibrationError, InputError, MissingExtraError
+from ...core.files import atomic_path, read_npz
+from .lines import ConstraintLines
+
+__all__ = ["StripeModel"]
+
+#: Cells of the table per colour channel, and their width in grey levels.
+CELLS, CELL = 32, 8
+FORMAT = 1
+#: Training pixels per class that are used at most.
+MAX_TRAINING = 20_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StripeModel:
+    """What the stripe's colours are; made by ``train`` or ``load``."""
+
+    table: UInt8[np.ndarray, "32 32 32"]  #: probability of the stripe x 255 for blue, green, red cells
+    axis: Float[np.ndarray, "3"]  #: weights of blue, green, red of the edge image
+    offset: float  #: edge image = axis . colour + offset: the rest near 50, the stripe near 200
+
+    @classmethod
+    def train(
+        cls,
+        image_bgr: UInt8[np.ndarray, "rows columns 3"],
+        stripe: Bool[np.ndarray, "rows columns"],
+        rest: Bool[np.ndarray, "rows columns"] | None = None,
+        *,
+        rng: np.random.Generator,
+        components: int = 3,
+    ) -> StripeModel:
+        """Learn from one image.
+
+        Parameters
+        ----------
+        image_bgr
+            The undeformed sensor, well lit.
+        stripe, rest
+            Pixels of the stripe and of everything else; ``rest`` defaults to all others.
+            Leave out a pixel or two along the edge, where the colours mix.
+
+        Raises
+        ------
+        CalibrationError
+            Too few pixels, or colours that cannot be told apart.
+        MissingExtraError
+            scikit-learn is not installed.
+        """
+        _check_colour("StripeModel.train", image_bgr)
+        other = ~stripe if rest is None else rest
+        if stripe.shape != image_bgr.shape[:2] or other.shape != stripe.shape:
+            raise InputError(
+                "StripeModel.train",
+                f"found masks {stripe.shape} and {other.shape}, expected {image_bgr.shape[:2]}",
+            )
+        samples = []
+        for name, mask in (("stripe", stripe), ("rest", other)):
+            colours = image_bgr[mask].astype(np.float64)
+            if len(colours) < 50 * components:
+                raise CalibrationError(
+                    "StripeModel.train",
+                    f"found {len(colours)} pixels, expected at least {50 * components}",
+                    field=name,
+                )
+            if len(colours) > MAX_TRAINING:
+                colours = colours[rng.choice(len(colours), MAX_TRAINING, replace=False)]
+            # Rounding hides the spread of flat colours; the dither gives it back.
+            samples.append(colours + rng.uniform(-0.5, 0.5, colours.shape))
+        try:
+            from sklearn.mixture import GaussianMixture
+        except ImportError as error:
+            raise MissingExtraError("scikit-learn", "learn", "training the stripe model") from error
+
+        middle = (np.arange(CELLS) + 0.5) * CELL - 0.5
+        grid = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1).reshape(-1, 3)
+        log_density, log_own, log_rest = [], [], []
+        for colours in samples:
+            mixture = GaussianMixture(components, reg_covar=4.0, random_state=int(rng.integers(2**31)))
+            mixture.fit(colours)
+            log_density.append(mixture.score_samples(grid))
+            log_own.append(mixture.score_samples(samples[0]))
+            log_rest.append(mixture.score_samples(samples[1]))
+        # Colours that neither class has seen are not the stripe: a thin uniform density joins the rest.
+        unknown = np.log(0.05 / 256.0**3)
+        probability = _odds(log_density[0], np.logaddexp(log_density[1], unknown))
+        recognised = float(np.mean(_odds(log_own[0], np.logaddexp(log_own[1], unknown)) > 0.5))
+        mistaken = float(np.mean(_odds(log_rest[0], np.logaddexp(log_rest[1], unknown)) > 0.5))
+        if recognised < 0.9 or mistaken > 0.1:
+            raise CalibrationError(
+                "StripeModel.train",
+                f"{100 * recognised:.0f} % of the stripe and {100 * mistaken:.0f} % of the rest "
+                "look like the stripe, expected at least 90 % and at most 10 %",
+                field="stripe",
+                remedy="check the masks and the light, or use a stripe of another colour",
+            )
+        centre_stripe, centre_rest = samples[0].mean(axis=0), np.median(samples[1], axis=0)
+        within = np.cov(samples[0].T) + 25.0 * np.eye(3)
+        weights = np.linalg.solve(within, centre_stripe - centre_rest)
+        weights *= 150.0 / float(weights @ (centre_stripe - centre_rest))
+        return cls(
+            table=np.rint(255 * probability).astype(np.uint8).reshape(CELLS, CELLS, CELLS),
+            axis=weights,
+            offset=50.0 - float(weights @ centre_rest),
+        )
+
+    def edge_image(
+        self,
+        image_bgr: UInt8[np.ndarray, "rows columns 3"],
+        lines: ConstraintLines,
+        *,
+        margin_px: int = 24,
+    ) -> UInt8[np.ndarray, "rows columns"]:
+        """Image for ``ContourTracker``, filled around the lines only; the stripe is bright."""
+        import cv2
+
+        _check_colour("StripeModel.edge_image", image_bgr)
+        ends = np.concatenate([lines.points_px(lines.start_px), lines.points_px(lines.stop_px)])
+        rows, columns = image_bgr.shape[:2]
+        left, top = np.maximum(np.floor(ends.min(axis=0)).astype(int) - margin_px, 0)
+        right, bottom = np.ceil(ends.max(axis=0)).astype(int) + margin_px + 1
+        result = np.zeros((rows, columns), np.uint8)
+        part = image_bgr[top : min(bottom, rows), left : min(right, columns)]
+        if part.size:
+            matrix = np.append(self.axis, self.offset)[None]
+            result[top : top + part.shape[0], left : left + part.shape[1]] = cv2.transform(part, matrix)
+        return result
+
+    def likelihood(self, colours: UInt8[np.ndarray, "*shape 3"]) -> Float[np.ndarray, "*shape"]:
+        """Probability that pixels of these colours (blue, green, red) belong to the stripe."""
+        cell = np.asarray(colours) // CELL
+        return self.table[cell[..., 0], cell[..., 1], cell[..., 2]] / 255.0
+
+    def clear(
+        self,
+        image_bgr: UInt8[np.ndarray, "rows columns 3"],
+        lines: ConstraintLines,
+        position_px: Float[np.ndarray, "k"],
+        *,
+        gap_px: float = 3.0,
+        depth_px: float = 3.0,
+        fraction: float = 0.6,
+    ) -> Bool[np.ndarray, "k"]:
+        """True where the pixels directly in front of the points have the stripe's colour.
+
+        Looks at a patch of ``depth_px`` behind a ``gap_px`` that the blur needs, over
+        half of the point's width; ``share`` of the pixels must be the stripe.
+        """
+        _check_colour("StripeModel.clear", image_bgr)
+        rows, columns = image_bgr.shape[:2]
+        along = np.asarray(position_px)[:, None] + np.linspace(gap_px, gap_px + depth_px, 4)
+        half = 0.5 * np.asarray(lines.half_width_px)
+        across = half[:, None] * np.linspace(-1.0, 1.0, 5)
+        side = np.stack([-lines.direction_px[:, 1], lines.direction_px[:, 0]], axis=-1)
+        points = (
+            lines.origin_px[:, None, None]
+            + along[:, :, None, None] * lines.direction_px[:, None, None]
+            + across[:, None, :, None] * side[:, None, None]
+        )
+        finite = np.isfinite(points)
+        nearest = np.rint(np.where(finite, points, -1.0)).astype(np.int64)
+        x, y = nearest[..., 0], nearest[..., 1]
+        inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
+        colours = image_bgr[np.clip(y, 0, rows - 1), np.clip(x, 0, columns - 1)]
+        is_stripe = (self.likelihood(colours) > 0.5) & inside
+        return np.asarray(is_stripe.mean(axis=(1, 2)) >= fraction)
+
+    def save(self, path: Path | str) -> None:
+        """Write an NPZ file, whole or not at all."""
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(
+                file,
+                format=np.int64(FORMAT),
+                table=self.table,
+                axis=self.axis,
+                offset=np.float64(self.offset),
+            )
+
+    @classmethod
+    def load(cls, path: Path | str) -> StripeModel:
+        """Read a file of ``save``; arrays only, nothing in it is executed.
+
+        Raises
+        ------
+        InputError
+            The file is missing, damaged, or of another kind.
+        """
+        names = ("format", "table", "axis", "offset")
+        stored = read_npz(path, "a stripe model", names=names, remedy="train it again")
+        try:
+            version, table = int(stored["format"]), stored["table"]
+            axis, offset = stored["axis"].astype(np.float64), float(stored["offset"])
+        except (TypeError, ValueError) as error:
+            raise InputError(path, "is not a stripe model", remedy="train it again") from error
+        if version != FORMAT:
+            raise InputError(path, f"found version {version}, expected {FORMAT}", field="format")
+        if table.shape != (CELLS,) * 3 or table.dtype != np.uint8 or axis.shape != (3,):
+            raise InputError(
+                path, f"found {table.dtype} {table.shape}, expected uint8 (32, 32, 32)", field="table"
+            )
+        if not (np.isfinite(axis).all() and np.isfinite(offset)):
+            raise InputError(path, "found a value that is not finite", field="axis")
+        return cls(table, axis, offset)
+
+
+def _odds(log_a: Float[np.ndarray, "n"], log_b: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
+    """a / (a + b) without overflow."""
+    return 1.0 / (1.0 + np.exp(np.clip(log_b - log_a, -700.0, 700.0)))
+
+
+def _check_colour(where: str, image: UInt8[np.ndarray, "rows columns 3"]) -> None:
+    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
+        raise InputError(
+            where, f"found {image.dtype} {image.shape}, expected uint8 (rows, columns, 3)", field="image_bgr"
+        )

@@ -1,0 +1,152 @@
+"""Pose of a planar template from its aligned corners, by homography decomposition and refinement.
+
+Alt 2016, Sec. 2.3.3. The decomposed homography is the one between a virtual camera that
+faces the template at distance d and the real camera, so that d is known and the pose
+comes in metres. A nearly flat view has a second pose, tilted the other way about the
+line of sight, that explains it almost as well: both are refined and returned.
+
+The refinement weighs the four corners with the full 8 x 8 covariance of the alignment,
+which is the inverse of the photometric Hessian. To first order that is the minimum of the
+image difference over the six parameters of the pose itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ..points.homography import decompose_homography, estimate_homography, facing_motions
+
+__all__ = ["PlanePose", "estimate_plane_poses", "lens_numbers", "pose_difference", "tilted_back"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanePose:
+    """One pose that explains a view of a plane."""
+
+    T_camera_template: Pose
+    #: of (x, y, z, rx, ry, rz) [m, rad]: translation and a small rotation about the camera's axes,
+    #: R' = exp([r]) R, as in ROS ``PoseWithCovariance``
+    covariance: Float[np.ndarray, "6 6"]
+    chi2: float  #: squared residual of the eight corner coordinates in units of their covariance
+
+
+def estimate_plane_poses(
+    camera: Camera,
+    points_template_m: Float[np.ndarray, "4 3"],
+    corners_px: Float[np.ndarray, "4 2"],
+    corner_covariance: Float[np.ndarray, "8 8"],
+    *,
+    starts: tuple[Pose, ...] = (),
+) -> tuple[PlanePose, ...]:
+    """Poses that explain where four points of a plane are seen, the best first; one or two.
+
+    Parameters
+    ----------
+    camera
+        With its lens distortion.
+    points_template_m
+        Four points with z = 0, no three on a line.
+    corners_px
+        Their pixels.
+    corner_covariance
+        Of (x0, y0, x1, ...) [px^2].
+    starts
+        Poses to refine instead of those from the decomposition, e.g. of the last frame.
+
+    Returns
+    -------
+    tuple of PlanePose
+        Empty when no pose has the plane in front of the camera.
+    """
+    points = np.ascontiguousarray(points_template_m, dtype=np.float64)
+    if points.shape != (4, 3) or not np.allclose(points[:, 2], 0):
+        raise InputError("estimate_plane_poses", "expected four points (4, 3) with z = 0", field="points")
+    # A floor of a thousandth of a pixel keeps a noise-free covariance invertible.
+    # Inverted once: calls of triangular solvers on 8 x 8 may wait for the threads of the linear algebra.
+    whiten = np.linalg.inv(np.linalg.cholesky(np.asarray(corner_covariance) + 1e-6 * np.eye(8)))
+    if not starts:
+        start = _from_decomposition(camera, points, corners_px)
+        starts = (start, tilted_back(start)) if start is not None else ()
+    corners_px, lens = np.ascontiguousarray(corners_px, dtype=np.float64), lens_numbers(camera)
+    found: list[PlanePose] = []
+    for start in starts:
+        refined = _refine(points, corners_px, whiten, lens, start)
+        if refined is not None and all(
+            _angle(refined.T_camera_template, other.T_camera_template) > 1e-4 for other in found
+        ):
+            found.append(refined)
+    return tuple(sorted(found, key=lambda pose: pose.chi2))
+
+
+def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
+    """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
+    import cv2
+
+    # Of two small matrices; SciPy's class takes ten times as long.
+    turn = cv2.Rodrigues(b.rotation @ a.rotation.T)[0].ravel()
+    return np.concatenate([b.translation_m - a.translation_m, turn])
+
+
+def _angle(a: Pose, b: Pose) -> float:
+    """Angle between two orientations [rad]."""
+    cosine = (np.trace(a.rotation.T @ b.rotation) - 1) / 2
+    return float(np.arccos(np.clip(cosine, -1, 1)))
+
+
+def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarray) -> Pose | None:
+    """Pose by decomposing the homography from a camera that faces the template at distance d."""
+    rays = camera.rays(np.asarray(corners_px))
+    distance = 10.0 * float(np.abs(points).max())
+    try:
+        homography = estimate_homography(points[:, :2] / distance, rays[:, :2])
+        motions = decompose_homography(homography)
+    except InputError:
+        return None
+    virtual = np.column_stack([points[:, :2] / distance, np.ones(4)])
+    motions = facing_motions(motions, virtual)
+    if not motions:
+        return None
+    # The virtual camera looks along the normal, which decides between the two that remain.
+    motion = min(motions, key=lambda found: found.normal[2])
+    shift = distance * motion.translation_over_distance + motion.rotation @ np.array([0, 0, distance])
+    return Pose(motion.rotation, shift) if shift[2] > 0 else None
+
+
+def tilted_back(pose: Pose) -> Pose:
+    """The pose with its tilt mirrored about the line of sight: same picture without perspective."""
+    sight = pose.translation_m / np.linalg.norm(pose.translation_m)
+    # Mirrored in the plane across the line of sight, and the template's own axis turned back.
+    rotation = pose.rotation - 2.0 * np.outer(sight, sight @ pose.rotation)
+    rotation[:, 2] *= -1.0
+    return Pose(rotation, pose.translation_m)
+
+
+def _refine(
+    points: np.ndarray, corners_px: np.ndarray, whiten: np.ndarray, lens: np.ndarray, start: Pose
+) -> PlanePose | None:
+    """Levenberg-Marquardt on the six parameters, residuals whitened by the corners' covariance."""
+    from ._pose_kernels import refine_pose
+
+    rotation, translation, normal = start.rotation.copy(), start.translation_m.copy(), np.zeros((6, 6))
+    chi2 = float(refine_pose(points, corners_px, whiten, lens, rotation, translation, normal))
+    if not np.isfinite(chi2):
+        return None
+    try:
+        covariance = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
+        return None
+    return PlanePose(Pose(rotation, translation), 0.5 * (covariance + covariance.T), chi2)
+
+
+def lens_numbers(camera: Camera) -> Float[np.ndarray, "12"]:
+    """What the kernels know of a camera: fx, fy, cx, cy, and eight coefficients of distortion."""
+    k, result = camera.matrix, np.zeros(12)
+    result[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
+    result[4 : 4 + len(camera.distortion)] = camera.distortion
+    return result

@@ -1,0 +1,361 @@
+"""Compiled loops of the planar tracker: sub-pixel sampling and the Gauss-Newton sums.
+
+A template has R rows and C columns. ``x``, ``y`` are its centred coordinates in
+units of half its longer side, so that both lie in about [-1, 1] and the eight
+unknowns of a small homography have the same size. The eight velocity fields are
+
+====  =========  ====  =========  ====  ==============
+0     (1, 0)     3     (0, 1)     6     (-x^2, -x y)
+1     (x, 0)     4     (0, x)     7     (-x y, -y^2)
+2     (y, 0)     5     (0, y)
+====  =========  ====  =========  ====  ==============
+
+so that every product of two columns of the Jacobian is gx gx, gx gy or gy gy times
+a monomial of degree four at most. A row therefore needs only sums over powers of
+x (which the compiler turns into vector instructions); powers of y are applied once
+per row, and the 10 x 10 system is put together once per pass.
+"""
+
+# mypy: allow-untyped-defs, allow-untyped-calls
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.kernels import kernel
+from .._solve_kernels import solve_step
+from ._esm_row_kernels import (
+    row_bilinear,
+    row_correlation,
+    row_cubic,
+    row_gradient,
+    row_light,
+    row_matrix,
+    row_positions,
+    row_residual,
+    row_vector,
+)
+
+__all__ = ["gauss_newton_sums", "refine_level"]
+
+_JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
+
+# Field k: coefficient and powers of x and y that go with gx, then those with gy.
+_FIELDS = np.array(
+    [
+        [1, 0, 0, 0, 0, 0],
+        [1, 1, 0, 0, 0, 0],
+        [1, 0, 1, 0, 0, 0],
+        [0, 0, 0, 1, 0, 0],
+        [0, 0, 0, 1, 1, 0],
+        [0, 0, 0, 1, 0, 1],
+        [-1, 2, 0, -1, 1, 1],
+        [-1, 1, 1, -1, 0, 2],
+    ],
+    dtype=np.int64,
+)
+
+
+@kernel(**_JIT)
+def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
+    """The 10 x 10 system from the moments; moments are indexed by the powers of y, then x."""
+    f = _FIELDS
+    for k in range(8):
+        for m in range(k + 1):
+            total = (
+                f[k, 0] * f[m, 0] * xx[f[k, 2] + f[m, 2], f[k, 1] + f[m, 1]]
+                + f[k, 0] * f[m, 3] * xy[f[k, 2] + f[m, 5], f[k, 1] + f[m, 4]]
+                + f[k, 3] * f[m, 0] * xy[f[k, 5] + f[m, 2], f[k, 4] + f[m, 1]]
+                + f[k, 3] * f[m, 3] * yy[f[k, 5] + f[m, 5], f[k, 4] + f[m, 4]]
+            )
+            matrix[k, m] = total
+            matrix[m, k] = total
+        for s in range(3):
+            total = f[k, 0] * vx[f[k, 2], s, f[k, 1]] + f[k, 3] * vy[f[k, 5], s, f[k, 4]]
+            if s == 0:
+                vector[k] = total
+            else:
+                # The model is gain T + bias, so their columns carry a minus.
+                matrix[k, 7 + s] = -total
+                matrix[7 + s, k] = -total
+    matrix[8, 8] = light[2]
+    matrix[8, 9] = light[1]
+    matrix[9, 8] = light[1]
+    matrix[9, 9] = light[0]
+    vector[8] = -light[4]
+    vector[9] = -light[3]
+
+
+@kernel(**_JIT)
+def gauss_newton_sums(
+    image,
+    template,
+    gradient_x,
+    gradient_y,
+    x,
+    y,
+    rows,
+    offset,
+    h,
+    gain,
+    bias,
+    cut,
+    margin,
+    fraction,
+    unit,
+    cubic,
+    matrix,
+    vector,
+    stats,
+    histogram,
+):
+    """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
+
+    ``image`` (height, width; B-spline coefficients where ``cubic``), ``template``,
+    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``,
+    ``y``. ``rows`` are the rows to use. ``offset`` (2, R, C) or (2, 1, 1) is added to the
+    warped position [px]; (2, 1, 1) means none. ``h`` (9,) maps column, row, 1 to the image.
+    ``cut`` and ``margin`` weigh the pixels, see :func:`row_residual`. ``share`` is the part
+    of the gradient that is taken from the warped image (0.5: ESM, 0: template only),
+    ``unit`` the length of one unit of x in columns.
+
+    Fills ``matrix`` (10, 10), ``vector`` (10,), ``histogram`` (256,) of |residual|
+    in half grey levels over every fourth pixel, and ``stats`` (13,):
+    weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT.
+    """
+    height, width = image.shape
+    columns = template.shape[1]
+    last = template.shape[0] - 1
+    flat = image.reshape(-1)
+    index = np.zeros(columns, np.int32)
+    fx = np.zeros(columns, np.float32)
+    fy = np.zeros(columns, np.float32)
+    inside = np.zeros(columns, np.float32)
+    seen = np.zeros((3, columns), np.float32)
+    value = np.zeros((3, columns), np.float32)
+    energy = np.zeros(columns, np.float32)
+    weights = np.zeros((2, 4, columns), np.float32)
+    residual = np.zeros(columns, np.float32)
+    weight = np.zeros(columns, np.float32)
+    gx = np.zeros(columns, np.float32)
+    gy = np.zeros(columns, np.float32)
+    nothing = np.zeros(columns, np.float32)
+    xx, xy, yy = np.zeros((5, 5)), np.zeros((5, 5)), np.zeros((5, 5))
+    vx, vy = np.zeros((3, 3, 3)), np.zeros((3, 3, 3))
+    row_xx, row_xy, row_yy = np.zeros(5), np.zeros(5), np.zeros(5)
+    row_v = np.zeros((3, 3))
+    stats[:] = 0.0
+    histogram[:] = 0
+    moved = offset.shape[1] > 1
+    newest, previous = -9, -9
+    for v in rows:
+        if fraction > 0.0:
+            if v == 0 or v == last:
+                continue
+            # Three rows of the warped image are kept; of the next row's, one or two are there already.
+            for k in (-1, 0, 1):
+                if v + k <= newest:
+                    value[1 + k] = value[1 + v + k - previous]
+                    seen[1 + k] = seen[1 + v + k - previous]
+                    continue
+                ox = offset[0, v + k] if moved else nothing
+                oy = offset[1, v + k] if moved else nothing
+                row_positions(h, v + k, columns, width, height, ox, oy, index, fx, fy, seen[1 + k])
+                row_bilinear(flat, width, columns, index, fx, fy, value[1 + k], energy)
+            newest = v + 1
+            previous = v
+            inside[:] = seen[1]
+        else:
+            ox = offset[0, v] if moved else nothing
+            oy = offset[1, v] if moved else nothing
+            row_positions(h, v, columns, width, height, ox, oy, index, fx, fy, inside)
+            if cubic:
+                row_cubic(flat, width, columns, index, fx, fy, weights, value[1], energy)
+            else:
+                row_bilinear(flat, width, columns, index, fx, fy, value[1], energy)
+        here = value[1]
+        t = template[v]
+        row_correlation(columns, here, t, inside, stats[7:])
+        row_residual(columns, here, t, inside, gain, bias, cut, margin, residual, weight)
+        row_gradient(
+            columns, gain, fraction, value[0], here, value[2], gradient_x[v], gradient_y[v], unit, gx, gy
+        )
+        row_light(columns, residual, t, weight, energy, stats)
+        for i in range(v & 3, columns, 4):
+            if inside[i] > 0:
+                histogram[min(255, int(2.0 * abs(residual[i])))] += 1
+        row_matrix(columns, x, gx, gy, weight, row_xx, row_xy, row_yy)
+        p = 1.0
+        for j in range(5):
+            for i in range(5):
+                xx[j, i] += p * row_xx[i]
+                xy[j, i] += p * row_xy[i]
+                yy[j, i] += p * row_yy[i]
+            p *= y[v]
+        for axis in range(2):
+            row_vector(columns, x, gx if axis == 0 else gy, residual, t, weight, row_v)
+            target = vx if axis == 0 else vy
+            p = 1.0
+            for j in range(3):
+                for s in range(3):
+                    for i in range(3):
+                        target[j, s, i] += p * row_v[s, i]
+                p *= y[v]
+    _assemble(xx, xy, yy, vx, vy, stats, matrix, vector)
+
+
+@kernel(**_JIT)
+def _exponential(step, result):
+    """Homography of SL(3) that flows along the eight fields for unit time, by scaling and squaring."""
+    a = np.zeros((3, 3))
+    trace = (step[1] + step[5]) / 3.0
+    a[0, 0], a[0, 1], a[0, 2] = step[1] - trace, step[2], step[0]
+    a[1, 0], a[1, 1], a[1, 2] = step[4], step[5] - trace, step[3]
+    a[2, 0], a[2, 1], a[2, 2] = step[6], step[7], -trace
+    size = np.abs(a).max()
+    halvings = 0
+    while size > 0.25 and halvings < 40:
+        size *= 0.5
+        halvings += 1
+    a /= 2.0**halvings
+    result[:] = np.eye(3)
+    term = np.eye(3)
+    for k in range(1, 9):
+        term = _product(term, a) / k
+        result += term
+    for _ in range(halvings):
+        result[:] = _product(result, result)
+
+
+@kernel(**_JIT)
+def _product(a, b):
+    c = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            c[i, j] = a[i, 0] * b[0, j] + a[i, 1] * b[1, j] + a[i, 2] * b[2, j]
+    return c
+
+
+@kernel(**_JIT)
+def _spread(histogram, fraction, sigmas):
+    """Standard deviation of a normal law of which ``share`` lies within ``sigmas``, from the |residual| histogram."""
+    total = histogram.sum()
+    if total == 0:
+        return 1.0
+    seen = 0
+    for k in range(256):
+        if seen + histogram[k] >= fraction * total:
+            part = (fraction * total - seen) / max(1, histogram[k])
+            return max(0.3, 0.5 * (k + part) / sigmas)
+        seen += histogram[k]
+    return 190.0
+
+
+@kernel(**_JIT)
+def _corner_shift(before, after, x_end, y_end):
+    """Largest motion [px] of the four corners (+-x_end, +-y_end) between two homographies."""
+    largest = 0.0
+    for sx in (-1.0, 1.0):
+        for sy in (-1.0, 1.0):
+            x, y = sx * x_end, sy * y_end
+            p = before[2, 0] * x + before[2, 1] * y + before[2, 2]
+            q = after[2, 0] * x + after[2, 1] * y + after[2, 2]
+            if not (p > 1e-9 and q > 1e-9):
+                return np.inf
+            dx = (before[0, 0] * x + before[0, 1] * y + before[0, 2]) / p
+            dx -= (after[0, 0] * x + after[0, 1] * y + after[0, 2]) / q
+            dy = (before[1, 0] * x + before[1, 1] * y + before[1, 2]) / p
+            dy -= (after[1, 0] * x + after[1, 1] * y + after[1, 2]) / q
+            largest = max(largest, dx * dx + dy * dy)
+    return np.sqrt(largest)
+
+
+@kernel(**_JIT)
+def refine_level(
+    image,
+    template,
+    gradient_x,
+    gradient_y,
+    x,
+    y,
+    rows,
+    offset,
+    h,
+    light,
+    active,
+    fraction,
+    unit,
+    cubic,
+    cut_factor,
+    margin,
+    damping,
+    passes,
+    tolerance,
+    matrix,
+    stats,
+):
+    """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
+
+    ``h`` (3, 3) maps centred coordinates to image pixels of the level, ``light`` (5,)
+    is gain, bias, spread of the residual, its spread where nothing but noise is in it, and the
+    part of the squared residual that the last step leaves. Other arguments as in
+    :func:`gauss_newton_sums`. Returns the last motion of the corners [px], infinite
+    when the system was singular or the template turned inside out.
+    """
+    vector = np.zeros(10)
+    step = np.zeros(10)
+    histogram = np.zeros(256, np.int64)
+    growth = np.zeros((3, 3))
+    to_centred = np.zeros((3, 3))
+    to_centred[0, 0] = 1.0 / unit
+    to_centred[1, 1] = 1.0 / unit
+    to_centred[2, 2] = 1.0
+    to_centred[0, 2] = x[0]
+    to_centred[1, 2] = y[0]
+    shift = np.inf
+    for _ in range(passes):
+        pixel_h = _product(h, to_centred).reshape(-1)
+        gauss_newton_sums(
+            image,
+            template,
+            gradient_x,
+            gradient_y,
+            x,
+            y,
+            rows,
+            offset,
+            pixel_h,
+            light[0],
+            light[1],
+            cut_factor * light[2],
+            margin,
+            fraction,
+            unit,
+            cubic,
+            matrix,
+            vector,
+            stats,
+            histogram,
+        )
+        light[2] = _spread(histogram, 0.5, 0.67449)
+        # Misfit sits on edges: the calmest quarter of the pixels tells the noise alone.
+        light[3] = _spread(histogram, 0.25, 0.31864)
+        if not solve_step(matrix, vector, active, damping, step):
+            return np.inf
+        # What the step takes from the residual, light and all, is no noise (linear, as the step itself).
+        taken = 0.0
+        for k in range(10):
+            taken -= vector[k] * step[k]
+        light[4] = max(0.0, 1.0 - taken / max(stats[5], 1e-9))
+        light[3] *= np.sqrt(light[4])
+        _exponential(step, growth)
+        moved = _product(h, growth)
+        shift = _corner_shift(h, moved, x[-1], y[-1])
+        if not shift < 1e6:
+            return np.inf
+        h[:] = moved / moved[2, 2]
+        light[0] = max(0.02, light[0] + step[8])
+        light[1] += step[9]
+        if shift < tolerance:
+            break
+    return shift

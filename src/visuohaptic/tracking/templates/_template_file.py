@@ -1,0 +1,35 @@
+"""``tags.yaml`` in a folder of templates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ...core.files import load_yaml_model
+
+__all__ = ["TagEntry", "TemplateFolderFile"]
+
+Size = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+
+
+class TagEntry(BaseModel):
+    """One AprilTag 36h11."""
+
+    model_config = ConfigDict(extra="forbid")
+    id: Annotated[int, Field(ge=0, lt=587)]
+    size_m: Size  #: side of the black border
+
+
+class TemplateFolderFile(BaseModel):
+    """Tags by name, and widths of images that state no dpi."""
+
+    model_config = ConfigDict(extra="forbid")
+    tags: dict[str, TagEntry] = {}
+    widths_m: dict[str, Size] = {}
+
+    @classmethod
+    def read(cls, path: Path) -> TemplateFolderFile:
+        """The file's content; empty when there is no such file."""
+        return load_yaml_model(path, cls) if path.exists() else cls()

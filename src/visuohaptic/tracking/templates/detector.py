@@ -1,0 +1,220 @@
+"""Finding templates anywhere in an image: tags by their code, pictures by SIFT features.
+
+Alt 2016, Sec. 2.3.1 and 2.3.3. A match is kept when its descriptor is nearer than 0.8
+times the second nearest (Lowe; the text prints the opposite inequality). What is
+found here is a start: the tracker refines it on all pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from ...core.errors import InputError
+from ..points.homography import apply_homography, estimate_homography, estimate_homography_robust
+from .esm import align
+from .esm_pyramid import EsmSettings
+from .template import Template
+from .warp import is_proper
+
+__all__ = ["Detection", "DetectorSettings", "detect_templates"]
+
+
+@dataclass(frozen=True, slots=True)
+class DetectorSettings:
+    """Effort and thresholds of the detection."""
+
+    ratio: float = 0.8  #: nearest over second-nearest descriptor distance of a good match
+    threshold_px: float = 4.0  #: distance at which a match agrees with a homography
+    matches_minimum: int = 8  #: agreeing matches that are believed
+    features_maximum: int = 4000  #: in a whole image
+    side_maximum_px: int = 1280  #: larger images are shrunk for the search of features
+    region_features_maximum: int = 600  #: in a region, where the template fills a good part
+    region_side_maximum_px: int = 240  #: of a region; the tracker refines on all its pixels anyway
+    ncc_nearby: float = 0.75  #: correlation at which a picture is believed that has only been shifted
+    #: the same for a tag; any two of the 587 tags, in any direction, stay below 0.76
+    ncc_nearby_tag: float = 0.85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """A template found in an image."""
+
+    name: str
+    homography: Float[np.ndarray, "3 3"]  #: template pixels to image pixels, good to about a pixel
+    support: int  #: agreeing matches; 4 for a tag, 0 where it was found by correlation
+
+
+def detect_templates(
+    templates: tuple[Template, ...],
+    image: UInt8[np.ndarray, "height width"],
+    settings: DetectorSettings | None = None,
+    *,
+    region: tuple[int, int, int, int] | None = None,
+    last_seen: Mapping[str, Float[np.ndarray, "3 3"]] | None = None,
+    seed: int = 0,
+) -> dict[str, Detection]:
+    """Find templates; those that are not seen are missing from the result.
+
+    Parameters
+    ----------
+    templates
+        What to look for.
+    image
+        Grey image.
+    settings
+        Effort and thresholds.
+    region
+        x0, y0, x1, y1: look only there.
+    last_seen
+        Homographies from before the templates were lost. With a region, each is first looked for
+        as it was, only shifted: that takes a tenth of the time of the features.
+    seed
+        Of the random sampling.
+    """
+    settings = settings or DetectorSettings()
+    image = np.asarray(image)
+    if image.ndim != 2 or image.dtype != np.uint8:
+        raise InputError(
+            "detect_templates", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
+        )
+    x0, y0 = 0, 0
+    if region is not None:
+        x0, y0 = max(region[0], 0), max(region[1], 0)
+        image = image[y0 : max(region[3], 0), x0 : max(region[2], 0)]
+    if min(image.shape) < 16:
+        return {}
+    shift = np.array([[1, 0, x0], [0, 1, y0], [0, 0, 1.0]])
+    found: dict[str, Detection] = {}
+    if region is not None and last_seen:
+        for template in templates:
+            if template.name in last_seen:
+                start = np.linalg.inv(shift) @ last_seen[template.name]
+                found |= _shifted(template, image, start, settings)
+    left = tuple(template for template in templates if template.name not in found)
+    tags = tuple(template for template in left if template.tag_id is not None)
+    pictures = tuple(template for template in left if len(template.descriptors) >= 2)
+    if tags:
+        found |= _tags(tags, image)
+    if pictures:
+        side, features = settings.side_maximum_px, settings.features_maximum
+        if region is not None:
+            side, features = settings.region_side_maximum_px, settings.region_features_maximum
+        found |= _pictures(pictures, image, settings, seed, side, features)
+    return {
+        name: Detection(name, shift @ detection.homography, detection.support)
+        for name, detection in found.items()
+    }
+
+
+def _tags(templates: tuple[Template, ...], image: np.ndarray) -> dict[str, Detection]:
+    """Tags by their code; the corners are only a start."""
+    import cv2
+
+    parameters = cv2.aruco.DetectorParameters()
+    # The search over window sizes is the cost; two cover tags from 20 px up.
+    parameters.adaptiveThreshWinSizeMin = 7
+    parameters.adaptiveThreshWinSizeMax = 27
+    parameters.adaptiveThreshWinSizeStep = 20
+    parameters.minMarkerPerimeterRate = 0.02
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    corners, ids, _ = cv2.aruco.ArucoDetector(family, parameters).detectMarkers(image)
+    result: dict[str, Detection] = {}
+    if ids is None:
+        return result
+    numbers = [int(number) for number in ids.ravel()]
+    # A number that is seen twice says nothing about which of the two is meant.
+    seen = {
+        number: quad.reshape(4, 2).astype(np.float64)
+        for number, quad in zip(numbers, corners, strict=True)
+        if numbers.count(number) == 1
+    }
+    for template in templates:
+        if template.tag_id is not None and template.tag_id in seen:
+            try:
+                homography = estimate_homography(template.tag_corners, seen[template.tag_id])
+            except InputError:
+                continue
+            if is_proper(homography, template.esm.corners):
+                result[template.name] = Detection(template.name, homography, 4)
+    return result
+
+
+def _shifted(
+    template: Template, image: np.ndarray, start: np.ndarray, settings: DetectorSettings
+) -> dict[str, Detection]:
+    """A template of about the size and direction of before, anywhere in the image, by correlation."""
+    corners = apply_homography(start, template.esm.corners)
+    height, width = image.shape
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    # How far it can have gone without leaving the image by half.
+    reach = float(
+        np.max([*(0.5 * (low + high)), width - 0.5 * (low[0] + high[0]), height - 0.5 * (low[1] + high[1])])
+    )
+    reach = min(max(reach, 0.0), 2.0 * float((high - low).max()))
+    found = align(template.esm, image, start, EsmSettings(search_px=reach))
+    enough = settings.ncc_nearby if template.tag_id is None else settings.ncc_nearby_tag
+    if not (found.valid and found.ncc >= enough and _is_sane(found.homography, template)):
+        return {}
+    return {template.name: Detection(template.name, found.homography, 0)}
+
+
+def _pictures(
+    templates: tuple[Template, ...],
+    image: np.ndarray,
+    settings: DetectorSettings,
+    seed: int,
+    side: int,
+    features: int,
+) -> dict[str, Detection]:
+    """Pictures by SIFT, ratio test and robust homography."""
+    import cv2
+
+    scale = min(1.0, side / max(image.shape))
+    if scale < 1:
+        size = (round(image.shape[1] * scale), round(image.shape[0] * scale))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    points, descriptors = cv2.SIFT.create(features).detectAndCompute(image, None)
+    result: dict[str, Detection] = {}
+    if descriptors is None or len(descriptors) < 2:
+        return result
+    # Pixel centres: the middle of the first small pixel is at (1/scale - 1)/2 of the large image.
+    place = (np.array([point.pt for point in points]) + 0.5) / scale - 0.5
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    for template in templates:
+        pairs = matcher.knnMatch(template.descriptors, descriptors, k=2)
+        good = [
+            best for best, second in (pair for pair in pairs if len(pair) == 2)
+            if best.distance < settings.ratio * second.distance
+        ]  # fmt: skip
+        if len(good) < settings.matches_minimum:
+            continue
+        source = template.keypoints[[match.queryIdx for match in good]]
+        target = place[[match.trainIdx for match in good]]
+        robust = estimate_homography_robust(
+            source,
+            target,
+            threshold=settings.threshold_px / scale,
+            minimum=settings.matches_minimum,
+            seed=seed,
+        )
+        if not robust.valid or not is_proper(robust.matrix, template.esm.corners):
+            continue
+        # Agreeing matches must come from different places: repeated ones prove nothing.
+        different = len(np.unique(np.round(source[robust.inliers] / 4), axis=0))
+        if different >= settings.matches_minimum and _is_sane(robust.matrix, template):
+            result[template.name] = Detection(template.name, robust.matrix, int(robust.inliers.sum()))
+    return result
+
+
+def _is_sane(homography: np.ndarray, template: Template) -> bool:
+    """The quadrilateral has a size that can be tracked, and no side is ten times another."""
+    corners = apply_homography(homography, template.esm.corners)
+    sides = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    reference = np.linalg.norm(np.roll(template.esm.corners, -1, axis=0) - template.esm.corners, axis=1)
+    ratio = sides / reference
+    return bool(ratio.min() > 0.05 and ratio.max() < 10 * ratio.min())

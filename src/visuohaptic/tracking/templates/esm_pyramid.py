@@ -1,0 +1,248 @@
+"""The running state of one alignment: the image around the template, its pyramid, and the estimate."""
+
+# mypy: allow-untyped-calls
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..points.homography import apply_homography
+from .esm_template import EsmTemplate, Level
+
+__all__ = ["EsmSettings", "Work"]
+
+
+@dataclass(frozen=True, slots=True)
+class EsmSettings:
+    """How hard the tracker tries and when it gives up."""
+
+    levels: int = 4  #: of the pyramid, each half the size of the one before
+    search_px: float = 40.0  #: motion of the corners that must be bridged [px of the image]
+    cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations lose their weight
+    ncc_minimum: float = 0.6  #: below this correlation the template counts as lost
+    ncc_search: float = 0.8  #: below this coarse correlation the translation is searched for
+    inside_minimum: float = 0.4  #: fraction of the template that must be in the image
+    tolerance_px: float = 0.06  #: a last pass that moves the corners less is not repeated
+    cubic: bool = True  #: interpolate by a cubic spline in the last passes
+
+
+#: Largest pixel of the template's chain in pixels of the image, where a finer chain is there.
+_COARSER = 1.0
+#: All ten unknowns: eight of the homography, gain and bias.
+_ALL = np.ones(10, dtype=bool)
+#: Samples to B-spline coefficients: sqrt(3) z^|k|, z = sqrt(3) - 2, cut where it is below 1e-3.
+_PREFILTER = np.sqrt(3.0) * (np.sqrt(3.0) - 2.0) ** np.abs(np.arange(-6, 7))
+_PREFILTER /= _PREFILTER.sum()
+#: An offset of this shape means none.
+_NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
+
+
+class Work:
+    """One alignment: the region of the image, its pyramid, and the running estimate."""
+
+    def __init__(
+        self,
+        template: EsmTemplate,
+        image: np.ndarray,
+        homography: np.ndarray,
+        settings: EsmSettings,
+        offset: np.ndarray | None,
+        blur: float | None = None,
+    ) -> None:
+        import cv2
+
+        self.template, self.settings = template, settings
+        corners = np.clip(apply_homography(homography, template.corners), -1e6, 1e6)
+        # Pixels of the image per pixel of the template: root of the ratio of areas, from the diagonals.
+        (ax, ay), (bx, by) = (corners[2] - corners[0]).tolist(), (corners[3] - corners[1]).tolist()
+        width, height = (template.corners[2] - template.corners[0]).tolist()
+        self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
+        # The chain whose pixels are nearest to the image's, but not larger: where
+        # the template is the coarser one, image pixels between its samples tell nothing.
+        halves = np.log2(max(self.scale, 1e-6))
+        chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
+        self.chain = min(max(chain, 0), len(template.chains) - 1)
+        self.block = template.blocks[self.chain]
+        self.blur = template.first_blur(self.chain) if blur is None else template.blur_index(self.chain, blur)
+        self.finest = template.finest(self.chain, self.blur)
+        self.levels = template.chains[self.chain]
+        self.image_base = min(max(round(halves), 0), 4)
+        self.count = min(settings.levels, len(self.levels))
+        step = 2 ** (self.image_base + self.count - 1)
+        block = 2**self.image_base
+        height, width = image.shape
+        margin = settings.search_px + 8.0
+        low = np.floor((corners.min(axis=0) - margin) / step).astype(int) * step
+        high = np.ceil(corners.max(axis=0) + margin).astype(int) + 1
+        self.x0, self.y0 = max(int(low[0]), 0), max(int(low[1]), 0)
+        x1, y1 = min(int(high[0]), width), min(int(high[1]), height)
+        self.enough = x1 - self.x0 >= 4 * step and y1 - self.y0 >= 4 * step
+        if not self.enough:
+            return
+        level = image[self.y0 : y1, self.x0 : x1].astype(np.float32)
+        if block > 1:
+            # Means of blocks keep the noise of different pixels independent.
+            size = (level.shape[1] // block, level.shape[0] // block)
+            level = level[: size[1] * block, : size[0] * block]
+            level = cv2.resize(level, size, interpolation=cv2.INTER_AREA)
+        self.images = [level]
+        for _ in range(self.count - 1):
+            level = cv2.pyrDown(level)
+            self.images.append(level)
+        centre_x, centre_y = self.x0 + (block - 1) / 2, self.y0 + (block - 1) / 2
+        #: From the finest level that is used to the whole image.
+        self.to_image = np.array([[block, 0, centre_x], [0, block, centre_y], [0, 0, 1.0]])
+        back = np.array([[1, 0, -centre_x], [0, 1, -centre_y], [0, 0, block]]) / block
+        self.homography = back @ homography
+        self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
+        self.matrix = np.zeros((10, 10))
+        self.stats = np.zeros(13)
+        self.offset = offset
+        if offset is not None:
+            self.bent = self._bend(offset)
+        self.margin = -np.inf
+        self.clipped = image.dtype == np.uint8
+
+    def _bend(self, offset: np.ndarray) -> np.ndarray:
+        """The offset at the pixels of the finest level, in pixels of the finest image."""
+        import cv2
+
+        rows, columns = (size + 2 for size in self.levels[0].image.shape)
+        scaled = offset * np.float32(0.5**self.image_base)
+        parts = [cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA) for part in scaled]
+        return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
+
+    def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
+        """Template level, image level, and the centred homography between them."""
+        level = self.levels[k] if k else self.finest
+        h = self.homography @ level.to_template
+        h[:2] *= 0.5**k
+        return level, self.images[k], h
+
+    def refine(
+        self,
+        k: int,
+        passes: int,
+        *,
+        fraction: float,
+        subset: bool = False,
+        cubic: bool = False,
+        cut: float = 6.0,
+        damping: float = 0.0,
+        tolerance: float = 0.02,
+        homography: np.ndarray | None = None,
+    ) -> float:
+        """Gauss-Newton passes on pyramid level k; the last motion of the corners in pixels of that level."""
+        from ._esm_kernels import refine_level
+
+        if homography is not None:
+            self.homography = homography
+        level, image, h = self.pair(k)
+        h = np.ascontiguousarray(h / h[2, 2])
+        if self.light[2] <= 0.0:
+            # Nothing is known of the light yet: one look, with no step, for gain and bias.
+            self.light[:] = (1.0, 0.0, 1e3, 1e3, 1.0)
+            self._pass(refine_level, level, image, h.copy(), level.rows, k, 0.0, False, 100.0, 0.0, 1, 0.0)
+            self._light_from_moments()
+        rows = level.informative if subset else level.rows
+        if cubic:
+            image = self.spline(image, h, level)
+        shift = self._pass(
+            refine_level, level, image, h, rows, k, fraction, cubic, cut, damping, passes, tolerance
+        )
+        back = h @ level.from_template
+        back[:2] *= 2.0**k
+        self.homography = back / back[2, 2]
+        self.centred = h
+        return float(shift)
+
+    def spline(self, image: np.ndarray, h: np.ndarray, level: Level) -> np.ndarray:
+        """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere."""
+        import cv2
+
+        (a, b, c), (d, e, f), (g, i, j) = h.tolist()
+        ends = [(sx * level.x[-1], sy * level.y[-1]) for sx in (-1, 1) for sy in (-1, 1)]
+        depths = [max(g * x + i * y + j, 1e-9) for x, y in ends]
+        across = [(a * x + b * y + c) / depth for (x, y), depth in zip(ends, depths, strict=True)]
+        down = [(d * x + e * y + f) / depth for (x, y), depth in zip(ends, depths, strict=True)]
+        height, width = image.shape
+        low = max(0, int(min(down)) - 8), max(0, int(min(across)) - 8)
+        high = min(height, max(0, int(max(down)) + 9)), min(width, max(0, int(max(across)) + 9))
+        part = image[low[0] : high[0], low[1] : high[1]]
+        result = np.zeros_like(image)
+        if part.size:
+            result[low[0] : high[0], low[1] : high[1]] = cv2.sepFilter2D(
+                part, -1, _PREFILTER, _PREFILTER, borderType=cv2.BORDER_REFLECT_101
+            )
+        return result
+
+    def _pass(
+        self,
+        kernel: Any,
+        level: Level,
+        image: np.ndarray,
+        h: np.ndarray,
+        rows: np.ndarray,
+        k: int,
+        fraction: float,
+        cubic: bool,
+        cut: float,
+        damping: float,
+        passes: int,
+        tolerance: float,
+    ) -> Any:
+        offset = _NO_OFFSET
+        if self.offset is not None and k == 0:
+            offset = self.bent
+        return kernel(
+            image,
+            level.image,
+            level.gradient_x,
+            level.gradient_y,
+            level.x,
+            level.y,
+            rows,
+            offset,
+            h,
+            self.light,
+            _ALL,
+            fraction,
+            level.unit,
+            cubic,
+            cut,
+            self.margin,
+            damping,
+            passes,
+            tolerance,
+            self.matrix,
+            self.stats,
+        )
+
+    def _light_from_moments(self) -> None:
+        n, i, t, ii, _, tt = self.stats[7:]
+        if n < 1:
+            return
+        spread_t = max(tt / n - (t / n) ** 2, 1e-6)
+        spread_i = max(ii / n - (i / n) ** 2, 1e-6)
+        # The ratio of contrasts, which does not depend on how well the two are aligned.
+        gain = float(np.sqrt(spread_i / spread_t))
+        spread = float(np.sqrt(spread_i))
+        self.light[:] = (gain, (i - gain * t) / n, spread, spread, 1.0)
+
+    @property
+    def relative(self) -> float:
+        """Pixels of the finest level of the image per pixel of the finest level of the template."""
+        bx, by = self.block
+        return float(self.scale * np.sqrt(bx * by) * 0.5**self.image_base)
+
+    @property
+    def ncc(self) -> float:
+        """Correlation of the last pass."""
+        n, i, t, ii, it, tt = self.stats[7:]
+        if n < 1:
+            return 0.0
+        variance = max(ii - i * i / n, 0.0) * max(tt - t * t / n, 0.0)
+        return float((it - i * t / n) / np.sqrt(variance)) if variance > 0 else 0.0

@@ -1,0 +1,210 @@
+"""What the planar tracker precomputes from a template: pyramid, gradients, informative rows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Float32, Int, UInt8
+
+from ...core.errors import InputError
+
+__all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
+
+#: Templates smaller than this on a side have too few pixels for eight unknowns.
+MIN_SIDE_PX = 16
+
+#: Blurs that a template can be given to look like the camera's picture: variances of a Gaussian
+#: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
+BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
+#: Of a usual lens [px^2].
+_LENS = 0.45
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Level:
+    """One level of a template's pyramid, R rows and C columns without its border, ready for the kernels."""
+
+    image: Float32[np.ndarray, "R C"]
+    gradient_x: Float32[np.ndarray, "R C"]  #: per unit of x
+    gradient_y: Float32[np.ndarray, "R C"]
+    x: Float32[np.ndarray, "C"]  #: centred coordinates
+    y: Float[np.ndarray, "R"]
+    rows: Int[np.ndarray, "R"]
+    informative: Int[np.ndarray, "k"]  #: the half of the rows with most gradient, spread over the height
+    unit: float  #: columns per unit of x
+    to_template: Float[np.ndarray, "3 3"]  #: centred coordinates to pixels of the whole template
+    from_template: Float[np.ndarray, "3 3"]  #: its inverse
+
+
+def _gradient(image: Float[np.ndarray, "R C"], axis: int) -> Float[np.ndarray, "R C"]:
+    """Derivative of the interpolating cubic spline at the pixels; one-sided at the border."""
+    from scipy.ndimage import spline_filter1d
+
+    derivative = np.gradient(image, axis=axis)
+    coefficients = np.moveaxis(spline_filter1d(image, order=3, axis=axis, mode="mirror"), axis, 0)
+    np.moveaxis(derivative, axis, 0)[1:-1] = 0.5 * (coefficients[2:] - coefficients[:-2])
+    return derivative
+
+
+def _level(image: Float32[np.ndarray, "rows columns"], every: int, block: tuple[float, float]) -> Level:
+    """Precompute one level; the outermost pixels are left out, their neighbours in print are unknown.
+
+    ``every`` pixels of the chain's first level, each the mean of ``block`` (x, y), make one here.
+    """
+    rows, columns = image.shape
+    unit = 0.5 * max(rows, columns)
+    centre_x, centre_y = (columns - 1) / 2, (rows - 1) / 2
+    bx, by = block
+    to_template = np.array(
+        [
+            [unit * every * bx, 0, centre_x * every * bx + (bx - 1) / 2],
+            [0, unit * every * by, centre_y * every * by + (by - 1) / 2],
+            [0, 0, 1.0],
+        ]
+    )
+    inner = (slice(1, -1), slice(1, -1))
+    gradient_x = (_gradient(image.astype(np.float64), 1)[inner] * unit).astype(np.float32)
+    gradient_y = (_gradient(image.astype(np.float64), 0)[inner] * unit).astype(np.float32)
+    energy = (gradient_x**2 + gradient_y**2).sum(axis=1)
+    chosen = [
+        start + int(k)
+        for start in range(0, rows - 2, 4)
+        for k in np.sort(np.argsort(-energy[start : start + 4], kind="stable")[:2])
+    ]
+    return Level(
+        image=np.ascontiguousarray(image[inner]),
+        gradient_x=np.ascontiguousarray(gradient_x),
+        gradient_y=np.ascontiguousarray(gradient_y),
+        x=((np.arange(1, columns - 1) - centre_x) / unit).astype(np.float32),
+        y=(np.arange(1, rows - 1) - centre_y) / unit,
+        rows=np.arange(rows - 2),
+        informative=np.array(chosen, dtype=np.int64),
+        unit=unit,
+        to_template=to_template,
+        from_template=np.linalg.inv(to_template),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EsmTemplate:
+    """A template with what the tracker precomputes from it.
+
+    ``chains[k]`` is a pyramid that begins at 1 / sqrt(2)^k of the size, for templates that are
+    seen from afar: one of them is hardly finer than the image, so that neither work nor
+    information is lost. Its beginning is made of means of blocks, as a camera's pixels are;
+    further levels are smoothed, and the pixels of level k+1 lie on every second of level k.
+    """
+
+    chains: tuple[tuple[Level, ...], ...]
+    blocks: tuple[tuple[float, float], ...]  #: template pixels per pixel of each chain's beginning, x and y
+    starts: tuple[Float32[np.ndarray, "rows columns"], ...]  #: the beginnings, with their border
+    corners: Float[np.ndarray, "4 2"]  #: centres of the corner pixels (column, row), clockwise
+    sharp: bool = False  #: made of steps, as tags are: any camera shows it softer
+    _blurred: dict[tuple[int, int], Level] = field(default_factory=dict, repr=False)
+
+    @classmethod
+    def from_image(
+        cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"], *, sharp: bool = False
+    ) -> EsmTemplate:
+        """Precompute pyramid and gradients of a grey image; ``sharp``: made of steps, as tags are.
+
+        Raises
+        ------
+        InputError
+            The image is not grey, too small, or has no contrast.
+        """
+        import cv2
+
+        image = np.asarray(image)
+        if image.ndim != 2 or min(image.shape, default=0) < MIN_SIDE_PX:
+            raise InputError(
+                "EsmTemplate", f"found shape {image.shape}, expected a grey image of {MIN_SIDE_PX} px or more"
+            )
+        level = image.astype(np.float32)
+        if not (np.isfinite(level).all() and level.std() > 1.0):
+            raise InputError("EsmTemplate", "the image has no contrast", remedy="use a textured image")
+        rows, columns = image.shape
+        chains, blocks, starts = [], [], []
+        for k in range(64):
+            shrink = 2.0 ** (-0.5 * k)
+            size = (round(columns * shrink), round(rows * shrink))
+            if min(size) < MIN_SIDE_PX:
+                break
+            start = level if k == 0 else cv2.resize(level, size, interpolation=cv2.INTER_AREA)
+            blocks.append((columns / size[0], rows / size[1]))
+            chains.append(_chain(start, blocks[-1]))
+            starts.append(start)
+        x, y = columns - 1.0, rows - 1.0
+        corners = np.array([[0, 0], [x, 0], [x, y], [0, y]], dtype=np.float64)
+        return cls(tuple(chains), tuple(blocks), tuple(starts), corners, sharp)
+
+    def variance(self, chain: int, blur: int) -> float:
+        """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
+
+        Means of blocks of b pixels blur by (b^2 - 1) / 12 already.
+        """
+        bx, by = self.blocks[chain]
+        return BLUR_VARIANCES[blur] * bx * by + (bx * by - 1) / 12
+
+    def blur_index(self, chain: int, variance: float) -> int:
+        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2]."""
+        off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
+        return int(np.argmin(off))
+
+    def first_blur(self, chain: int) -> int:
+        """The blur to begin with: that of a usual lens, half a pixel of variance, for sharp prints."""
+        return BLUR_VARIANCES.index(_LENS) if self.sharp else 0
+
+    def finest(self, chain: int, blur: int) -> Level:
+        """First level of a chain as a camera with this much blur sees it; an index of ``BLUR_VARIANCES``."""
+        if blur <= 0:
+            return self.chains[chain][0]
+        key = (chain, min(blur, len(BLUR_VARIANCES) - 1))
+        if key not in self._blurred:
+            self._blurred[key] = _sampled(
+                self.starts[0], self.chains[chain][0], self.blocks[chain], self.variance(*key)
+            )
+        return self._blurred[key]
+
+
+def _sampled(
+    image: Float32[np.ndarray, "R C"], like: Level, block: tuple[float, float], variance: float
+) -> Level:
+    """A level whose pixels and gradients are samples of the whole template behind a blur [px^2].
+
+    Both are taken where the template is finest: pixels as large as those of a camera do not resolve
+    its edges, and gradients made of them would bias the scale by 100 ppm.
+    """
+    from scipy.ndimage import gaussian_filter, map_coordinates
+
+    soft = gaussian_filter(image.astype(np.float64), np.sqrt(variance), mode="reflect", truncate=5.0)
+    bx, by = block
+    rows, columns = like.image.shape
+    # The outermost pixels of a level are left out.
+    place = np.meshgrid(
+        (np.arange(rows) + 1) * by + (by - 1) / 2, (np.arange(columns) + 1) * bx + (bx - 1) / 2, indexing="ij"
+    )
+
+    def taken(values: np.ndarray) -> np.ndarray:
+        whole = bx == 1.0 and by == 1.0
+        found = values[1:-1, 1:-1] if whole else map_coordinates(values, place, order=3, mode="nearest")
+        return np.ascontiguousarray(found, dtype=np.float32)
+
+    return replace(
+        like,
+        image=taken(soft),
+        gradient_x=taken(_gradient(soft, 1) * (bx * like.unit)),
+        gradient_y=taken(_gradient(soft, 0) * (by * like.unit)),
+    )
+
+
+def _chain(image: Float32[np.ndarray, "rows columns"], block: tuple[float, float]) -> tuple[Level, ...]:
+    """Pyramid of an image, as long as its levels are large enough."""
+    import cv2
+
+    levels: list[Level] = []
+    while min(image.shape) >= MIN_SIDE_PX:
+        levels.append(_level(image, 2 ** len(levels), block))
+        image = cv2.pyrDown(image)
+    return tuple(levels)

@@ -1,0 +1,281 @@
+"""Templates: images of a known size that are found and tracked, and how good they are at it.
+
+Frame of a template: origin in the centre of the picture, x to its right, y down, z into
+the paper. A template that faces the camera upright has the identity rotation.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from ...core.errors import InputError
+from ...core.files import MAX_IMAGE_BYTES, decode_image, read_bytes
+from ._dpi import pixels_per_metre
+from .esm_template import MIN_SIDE_PX, EsmTemplate
+
+__all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "template_quality"]
+
+_log = logging.getLogger(__name__)
+
+#: The longer side of the image that is tracked [px]; more costs time and gains little.
+MAX_SIDE_PX = 400
+
+#: Cells across an AprilTag 36h11 with its black border.
+TAG_CELLS = 8
+
+#: Template pixels per cell of a tag, and white cells around it (half of the usual quiet zone).
+_TAG_CELL_PX = 40
+_TAG_MARGIN_CELLS = 0.5
+
+#: Tags in the family 36h11.
+_TAG_COUNT = 587
+
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Template:
+    """A planar picture of known size, ready to be found and tracked."""
+
+    name: str
+    image: UInt8[np.ndarray, "R C"] = field(repr=False)  #: grey, at most 400 px on the longer side
+    pixel_m: float  #: printed size of one pixel of ``image``
+    tag_id: int | None  #: number in the AprilTag family 36h11; None for a picture
+    esm: EsmTemplate = field(repr=False)
+    keypoints: Float[np.ndarray, "n 2"] = field(repr=False)  #: SIFT features (column, row); none for a tag
+    descriptors: Float32[np.ndarray, "n 128"] = field(repr=False)
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Printed width and height of the whole picture [m]."""
+        rows, columns = self.image.shape
+        return columns * self.pixel_m, rows * self.pixel_m
+
+    def points_m(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
+        """Points in the frame of the template [m] of its pixels (column, row)."""
+        rows, columns = self.image.shape
+        pixels = np.asarray(pixels, dtype=np.float64)
+        centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
+        return np.concatenate([(pixels - centre) * self.pixel_m, np.zeros((*pixels.shape[:-1], 1))], axis=-1)
+
+    @property
+    def tag_corners(self) -> Float[np.ndarray, "4 2"]:
+        """Corners of the black border of a tag, in template pixels, clockwise from the top left."""
+        low = _TAG_MARGIN_CELLS * _TAG_CELL_PX - 0.5
+        high = low + TAG_CELLS * _TAG_CELL_PX
+        return np.array([[low, low], [high, low], [high, high], [low, high]])
+
+    @classmethod
+    def from_image(cls, name: str, image: UInt8[np.ndarray, "R C"], *, width_m: float) -> Template:
+        """Template from a grey image whose printed width is known [m]."""
+        import cv2
+
+        image = np.asarray(image)
+        if image.dtype != np.uint8 or image.ndim != 2:
+            raise InputError(
+                f"template {name}", f"found {image.dtype} {image.shape}, expected uint8 (rows, columns)"
+            )
+        if not (np.isfinite(width_m) and width_m > 0):
+            raise InputError(f"template {name}", f"found {width_m}, expected > 0", field="width_m")
+        pixel_m = width_m / image.shape[1]
+        shrink = max(image.shape) / MAX_SIDE_PX
+        if shrink > 1:
+            # Whole pixels on both sides; the rounding changes the aspect by less than 1/800.
+            size = (round(image.shape[1] / shrink), round(image.shape[0] / shrink))
+            if min(size) < MIN_SIDE_PX:
+                raise InputError(f"template {name}", f"found {image.shape}, which is too narrow a strip")
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+            pixel_m = width_m / size[0]
+        try:
+            esm = EsmTemplate.from_image(image)
+        except InputError as error:
+            raise InputError(f"template {name}", error.problem, remedy=error.remedy) from error
+        points, descriptors = cv2.SIFT.create(800).detectAndCompute(image, None)
+        if descriptors is None:
+            points, descriptors = (), np.zeros((0, 128), np.float32)
+        keypoints = np.array([point.pt for point in points], dtype=np.float64).reshape(-1, 2)
+        return cls(name, image, pixel_m, None, esm, keypoints, descriptors)
+
+    @classmethod
+    def from_file(cls, path: Path | str, *, width_m: float | None = None) -> Template:
+        """Template from an image file; its size from ``width_m`` or the file's resolution (dpi).
+
+        Raises
+        ------
+        InputError
+            Not an image, no resolution in the file and no width given, or no contrast.
+        """
+        path = Path(path)
+        data = read_bytes(path, MAX_IMAGE_BYTES)
+        image = decode_image(data, path, "grey", upright=True)
+        if width_m is None:
+            resolution = pixels_per_metre(data)
+            if resolution is None:
+                raise InputError(
+                    path,
+                    "states no resolution (dpi), so its printed size is unknown",
+                    remedy="give its width, or save it with a dpi value",
+                )
+            if abs(resolution[0] / resolution[1] - 1) > 0.01:
+                raise InputError(
+                    path, f"found {resolution} pixels per metre, expected the same both ways", field="dpi"
+                )
+            width_m = image.shape[1] / resolution[0]
+        try:
+            return cls.from_image(path.stem, image, width_m=width_m)
+        except InputError as error:
+            raise InputError(path, error.problem, field=error.field, remedy=error.remedy) from error
+
+    @classmethod
+    def from_tag(cls, tag_id: int, *, size_m: float, name: str | None = None) -> Template:
+        """An AprilTag 36h11 as a template; ``size_m`` is the side of its black border [m].
+
+        The picture has half a cell of white around it, which must be there in print.
+        """
+        import cv2
+
+        if not 0 <= tag_id < _TAG_COUNT:
+            raise InputError("tag", f"found {tag_id}, expected 0..{_TAG_COUNT - 1}", field="id")
+        if not (np.isfinite(size_m) and size_m > 0):
+            raise InputError("tag", f"found {size_m}, expected > 0", field="size_m")
+        side = TAG_CELLS * _TAG_CELL_PX
+        family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        tag = cv2.aruco.generateImageMarker(family, tag_id, side)
+        margin = round(_TAG_MARGIN_CELLS * _TAG_CELL_PX)
+        image = cv2.copyMakeBorder(tag, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=255)
+        # A camera never sees a step between two pixels; nor do gradients of the tracker like one.
+        image = cv2.GaussianBlur(image, (0, 0), 0.8)
+        return cls(
+            name if name is not None else f"tag_{tag_id}",
+            image,
+            size_m / side,
+            tag_id,
+            EsmTemplate.from_image(image, sharp=True),
+            np.zeros((0, 2)),
+            np.zeros((0, 128), np.float32),
+        )
+
+
+def load_templates(folder: Path | str) -> tuple[Template, ...]:
+    """All templates of a folder: image files with a dpi value, and ``tags.yaml``.
+
+    ``tags.yaml`` maps names to ``{id: 7, size_m: 0.04}``; optional ``widths_m`` in the same
+    file gives the printed width of images that state no dpi.
+
+    Raises
+    ------
+    InputError
+        There is no template, or one of them cannot be used.
+    """
+    from ._template_file import TemplateFolderFile
+
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError(folder, "is not a folder", remedy="give a folder with template images")
+    described = TemplateFolderFile.read(folder / "tags.yaml")
+    templates = [
+        Template.from_file(path, width_m=described.widths_m.get(path.name))
+        for path in sorted(folder.iterdir())
+        if path.suffix.lower() in _SUFFIXES
+    ]
+    templates += [
+        Template.from_tag(tag.id, size_m=tag.size_m, name=name) for name, tag in described.tags.items()
+    ]
+    if not templates:
+        raise InputError(folder, "has no template", remedy="put PNG or JPEG images or a tags.yaml there")
+    names = [template.name for template in templates]
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise InputError(folder, f"found the name {double[0]!r} twice, expected different names")
+    _log.info("%d templates from %s", len(templates), folder)
+    return tuple(templates)
+
+
+@dataclass(frozen=True, slots=True)
+class TemplateQuality:
+    """How well a template can be expected to be found and tracked."""
+
+    score: float  #: 0 (useless) .. 1 (as good as it gets), the weakest of the three below
+    corner_sigma_px: float  #: Cramer-Rao bound of the corners at noise 5, seen at 200 px on the longer side
+    ambiguity: float  #: correlation of its quarters with other places in it, 0 (unique) .. 1 (repeats)
+    features: int  #: SIFT features that the detector can use; for a tag its code counts
+    problems: tuple[str, ...]  #: what to change, in words
+
+
+def template_quality(template: Template) -> TemplateQuality:
+    """Predict tracking noise, risk of a wrong lock, and chance of detection from the picture alone.
+
+    The noise is the Cramer-Rao bound of the eight parameters of a homography from all
+    pixels; the risk is the autocorrelation of the picture away from zero shift.
+    """
+    import cv2
+
+    from .warp import velocity_fields
+
+    image = template.image
+    scale = 200.0 / max(image.shape)
+    small = cv2.resize(
+        image,
+        (max(MIN_SIDE_PX, round(image.shape[1] * scale)), max(MIN_SIDE_PX, round(image.shape[0] * scale))),
+        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC,
+    ).astype(np.float64)
+    gy, gx = np.gradient(small)
+    rows, columns = small.shape
+    unit = max(rows, columns) / 2
+    y, x = np.mgrid[:rows, :columns]
+    points = np.stack([(x - (columns - 1) / 2) / unit, (y - (rows - 1) / 2) / unit], -1).reshape(-1, 2)
+    fields = velocity_fields(points)
+    jacobian = gx.reshape(-1, 1) * fields[:, 0] + gy.reshape(-1, 1) * fields[:, 1]
+    jacobian = np.column_stack([jacobian * unit, small.ravel(), np.ones(small.size)])
+    corners = velocity_fields(points[[0, columns - 1, -1, -columns]]).reshape(8, 8) * unit
+    covariance = 25.0 * np.linalg.pinv(jacobian.T @ jacobian)[:8, :8]
+    sigma = float(np.sqrt(max(np.trace(corners @ covariance @ corners.T) / 4, 0.0)))
+
+    ambiguity = _resemblance(
+        cv2.resize(small.astype(np.float32), None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    )
+
+    features = len(template.keypoints)
+    parts = {
+        # 0.02 px is an ordinary photo; ten times that is hardly trackable.
+        "noise": 1.0 / (1.0 + (sigma / 0.1) ** 2),
+        "ambiguity": float(np.clip((1.0 - ambiguity) / 0.3, 0, 1)),
+        "features": 1.0 if template.tag_id is not None else float(np.clip(features / 60.0, 0, 1)),
+    }
+    problems = []
+    if parts["noise"] < 0.5:
+        problems.append(
+            f"too little texture: corner noise {sigma:.2f} px; add contrast and detail everywhere"
+        )
+    if parts["ambiguity"] < 0.5:
+        problems.append(
+            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use a picture without pattern"
+        )
+    if parts["features"] < 0.5:
+        problems.append(f"only {features} SIFT features, 60 wanted; add corners and blobs, or use a tag")
+    return TemplateQuality(min(parts.values()), sigma, ambiguity, features, tuple(problems))
+
+
+def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
+    """How well the four quarters of a picture fit elsewhere in it: mean of the best correlations, 0..1."""
+    import cv2
+
+    rows, columns = image.shape[0] // 2, image.shape[1] // 2
+    best = []
+    for top in (0, image.shape[0] - rows):
+        for left in (0, image.shape[1] - columns):
+            part = image[top : top + rows, left : left + columns]
+            if part.std() < 1.0:
+                continue
+            match = cv2.matchTemplate(image, part, cv2.TM_CCOEFF_NORMED)
+            v, u = np.mgrid[: match.shape[0], : match.shape[1]]
+            away = np.hypot(u - left, v - top) >= max(3.0, 0.16 * max(rows, columns))
+            # Only peaks: the flank of the own place is no second place.
+            peaks = match >= cv2.dilate(match, np.ones((3, 3), np.uint8))
+            best.append(float(np.clip(match[away & peaks].max(initial=0.0), 0, 1)))
+    return float(np.mean(best)) if best else 1.0

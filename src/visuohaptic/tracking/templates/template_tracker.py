@@ -1,0 +1,417 @@
+"""Many templates in a stream of frames: found, tracked at frame rate, lost, and found again.
+
+Alt 2016, Sec. 2.3.4. Tracking runs on every frame, with the original template, so that
+nothing drifts. Detection runs beside it in a thread of its own and only while a template is
+lost: first where the template was seen last, then everywhere.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Float32, UInt8
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.camera.pose import Pose
+from ...core.errors import InputError
+from ...core.measurement import Reason
+from ...core.resources import Closing
+from ..points.homography import apply_homography, estimate_homography
+from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
+from .detector import Detection, DetectorSettings, detect_templates
+from .esm import Alignment, align
+from .esm_blur import matching_blur
+from .esm_pyramid import EsmSettings
+from .template import Template
+from .warp import is_proper
+
+__all__ = ["TemplatePose", "TemplateTracker", "TrackerSettings"]
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings:
+    """Settings of the parts, and when a lost template is looked for everywhere."""
+
+    esm: EsmSettings = field(default_factory=EsmSettings)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
+    ncc_found: float = 0.7  #: a template is taken as found again only above this correlation
+    region_tries: int = 3  #: detections near the last place before the whole image is searched
+    blur_frames: int = 30  #: after so many frames it is measured again how soft the image is
+    flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the other tilt is believed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TemplatePose:
+    """Where one template is in one frame."""
+
+    name: str
+    t_s: float
+    valid: bool
+    reason: Reason
+    detail: str  #: why it is not valid, in words; empty when valid
+    T_camera_template: Pose | None  #: None when not valid
+    #: of (x, y, z, rx, ry, rz) [m, rad], rotation about the camera's axes; NaN when not valid
+    covariance: Float[np.ndarray, "6 6"]
+    ambiguous: bool  #: a second tilt explains the view as well; the covariance spans both
+    #: misfit of the pose with 2 degrees of freedom; a large one says that the calibration of the
+    #: camera or the flatness of the print is worse than the noise of the image
+    chi2: float
+    alignment: Alignment | None  #: homography, correlation, noise; None when there was nothing to align
+
+
+@dataclass(slots=True)
+class _Track:
+    """What is known of one template between frames."""
+
+    template: Template
+    homography: np.ndarray | None = None  #: newest estimate; None while lost
+    before: np.ndarray | None = None  #: corners one frame earlier, for the prediction
+    last_seen: np.ndarray | None = None  #: homography when it was seen last
+    pose: Pose | None = None
+    advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
+    min_chi2: float = 0.0  #: what the best start left when the last pose was none
+    lens: Float32[np.ndarray, "17 17 2"] | None = None  #: what the lens adds to the homography [px]
+    offset: Float32[np.ndarray, "2 R C"] | None = None  #: the same at every pixel
+    tries: int = 0  #: detections since it was lost
+    blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
+    blur_age: int = 0  #: frames since that was measured
+    blur_scale: float = 0.0  #: size in the image when that was measured [px]
+
+
+#: A lost template, the region to look in (None: everywhere), and its last homography.
+_Place = tuple[Template, tuple[int, int, int, int] | None, np.ndarray | None]
+
+
+class TemplateTracker(Closing):
+    """Tracks templates through frames; one call of :meth:`update` per frame.
+
+    Parameters
+    ----------
+    templates
+        With different names.
+    camera
+        Intrinsics and distortion.
+    settings
+        Thresholds and effort.
+    threaded
+        Detect in a thread of its own, so that a frame never waits for it (live use). Without
+        it every frame with a lost template is searched at once: slower, and repeatable.
+    """
+
+    def __init__(
+        self,
+        templates: Sequence[Template],
+        camera: Camera,
+        settings: TrackerSettings | None = None,
+        *,
+        threaded: bool = True,
+    ) -> None:
+        names = [template.name for template in templates]
+        if not names or len(set(names)) != len(names):
+            raise InputError(
+                "TemplateTracker", f"found the names {names}, expected one or more, all different"
+            )
+        self.camera = camera
+        self.settings = settings or TrackerSettings()
+        self._tracks = {template.name: _Track(template) for template in templates}
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="detector") if threaded else None
+        self._pending: Future[dict[str, Detection]] | None = None
+        self._last_t_s = -np.inf
+
+    def close(self) -> None:
+        """End the detector's thread; harmless when repeated."""
+        if self._worker is not None:
+            self._worker.shutdown(wait=True, cancel_futures=True)
+            self._worker = None
+
+    def update(self, frame: Frame) -> tuple[TemplatePose, ...]:
+        """Poses of all templates in a frame, in the order in which they were given.
+
+        Frames that are not newer than the one before give ``Reason.STALE``.
+        """
+        if not frame.t_s > self._last_t_s:
+            return tuple(
+                _no_pose(name, frame.t_s, Reason.STALE, "the frame is not newer than the one before", None)
+                for name in self._tracks
+            )
+        self._last_t_s = frame.t_s
+        grey = frame.grey
+        if (grey.shape[1], grey.shape[0]) != (self.camera.width, self.camera.height):
+            raise InputError(
+                "TemplateTracker",
+                f"found a frame of {grey.shape[1]} x {grey.shape[0]} px, "
+                f"expected {self.camera.width} x {self.camera.height} as the camera's model says",
+            )
+        self._collect()
+        results = {name: self._follow(track, grey, frame.t_s) for name, track in self._tracks.items()}
+        lost = [track for track in self._tracks.values() if track.homography is None]
+        if lost:
+            found = self._search(lost, grey)
+            for name, detection in found.items():
+                self._tracks[name].homography = detection.homography
+                results[name] = self._follow(self._tracks[name], grey, frame.t_s)
+        return tuple(results.values())
+
+    # -- detection ---------------------------------------------------------------------
+
+    def _collect(self) -> None:
+        """Take what the detector's thread has found in an earlier frame."""
+        if self._pending is None or not self._pending.done():
+            return
+        found, self._pending = self._pending.result(), None
+        for name, detection in found.items():
+            if self._tracks[name].homography is None:
+                self._tracks[name].homography = detection.homography
+
+    def _search(self, lost: list[_Track], grey: UInt8[np.ndarray, "height width"]) -> dict[str, Detection]:
+        """Look for lost templates: at once, or in the thread, which then answers in a later frame."""
+        if self._pending is not None:
+            return {}
+        places: list[_Place] = []
+        for track in lost:
+            track.tries += 1
+            region = None
+            if track.last_seen is not None and track.tries <= self.settings.region_tries:
+                region = _region(track.last_seen, track.template)
+            places.append((track.template, region, track.last_seen))
+        if self._worker is None:
+            return _detect(places, grey, self.settings.detector)
+        # The thread gets copies only: nothing that it reads changes meanwhile.
+        self._pending = self._worker.submit(_detect, places, grey.copy(), self.settings.detector)
+        return {}
+
+    # -- tracking ----------------------------------------------------------------------
+
+    def _follow(self, track: _Track, grey: UInt8[np.ndarray, "height width"], t_s: float) -> TemplatePose:
+        """Align one template with a frame, from its prediction or from where it was seen last."""
+        name = track.template.name
+        was_lost = track.pose is None
+        start = self._prediction(track)
+        if start is None:
+            return _no_pose(name, t_s, Reason.LOST, "not found yet", None)
+        alignment = self._align(track, grey, start)
+        if not alignment.valid and track.homography is not None and start is not track.homography:
+            # The motion was not continued: try without it.
+            alignment = self._align(track, grey, track.homography)
+        if alignment.valid and was_lost and alignment.ncc < self.settings.ncc_found:
+            return self._loose(
+                track, t_s, f"correlation {alignment.ncc:.2f} is too low to begin with", alignment
+            )
+        if not alignment.valid:
+            return self._loose(track, t_s, alignment.reason, alignment)
+        alignment = self._with_blur(track, grey, alignment)
+        poses = self._poses(track, alignment)
+        if poses and self.camera.distortion.any():
+            alignment, poses = self._with_distortion(track, grey, alignment, poses)
+        if not poses:
+            return self._loose(track, t_s, "no pose has the template in front of the camera", alignment)
+        chosen, ambiguous, covariance = self._choose(track, poses)
+        track.before = None if was_lost or track.last_seen is None else _corners(track, track.last_seen)
+        track.homography = track.last_seen = alignment.homography
+        track.pose = chosen.T_camera_template
+        track.tries = 0
+        return TemplatePose(
+            name=name,
+            t_s=t_s,
+            valid=True,
+            reason=Reason.OK,
+            detail="",
+            T_camera_template=chosen.T_camera_template,
+            covariance=covariance,
+            ambiguous=ambiguous,
+            chi2=chosen.chi2,
+            alignment=alignment,
+        )
+
+    def _align(self, track: _Track, grey: UInt8[np.ndarray, "height width"], start: np.ndarray) -> Alignment:
+        return align(track.template.esm, grey, start, self.settings.esm, offset=track.offset, blur=track.blur)
+
+    def _with_blur(
+        self, track: _Track, grey: UInt8[np.ndarray, "height width"], alignment: Alignment
+    ) -> Alignment:
+        """Look now and then how soft the image is, and align once more if that changed."""
+        size = float(np.linalg.norm(alignment.corners[2] - alignment.corners[0]))
+        track.blur_age += 1
+        if abs(size / max(track.blur_scale, 1e-9) - 1) < 0.05 and track.blur_age < self.settings.blur_frames:
+            return alignment
+        track.blur_age, track.blur_scale = 0, size
+        # A template of the wrong blur is aligned badly, which in turn misleads the next look.
+        for _ in range(3):
+            blur = matching_blur(
+                track.template.esm, grey, alignment, self.settings.esm, offset=track.offset, start=track.blur
+            )
+            if blur == track.blur:
+                break
+            track.blur = blur
+            again = self._align(track, grey, alignment.homography)
+            if again.valid:
+                alignment = again
+        return alignment
+
+    def _prediction(self, track: _Track) -> np.ndarray | None:
+        """Corners continued with their last motion; the last place while lost."""
+        if track.homography is None:
+            return track.last_seen
+        if track.before is None:
+            return track.homography
+        now = _corners(track, track.homography)
+        step = now - track.before
+        if np.abs(step).max() < 2.0:  # the tracker bridges that without a prediction
+            return track.homography
+        try:
+            predicted = estimate_homography(track.template.esm.corners, now + step)
+        except InputError:
+            return track.homography
+        return predicted if is_proper(predicted, track.template.esm.corners) else track.homography
+
+    def _loose(self, track: _Track, t_s: float, detail: str, alignment: Alignment | None) -> TemplatePose:
+        if track.pose is not None:
+            _log.info("%s lost at %.3f s: %s", track.template.name, t_s, detail)
+        track.homography, track.before, track.pose = None, None, None
+        track.advantage = track.min_chi2 = 0.0
+        return _no_pose(track.template.name, t_s, Reason.LOST, detail, alignment)
+
+    # -- pose --------------------------------------------------------------------------
+
+    def _poses(self, track: _Track, alignment: Alignment) -> tuple[PlanePose, ...]:
+        points = track.template.points_m(track.template.esm.corners)
+        starts: tuple[Pose, ...] = ()
+        if track.pose is not None:
+            starts = (track.pose,)
+            if track.advantage < 50.0 or _slant(track.pose) < np.deg2rad(20.0):
+                starts = (track.pose, tilted_back(track.pose))
+        found = estimate_plane_poses(
+            self.camera, points, alignment.corners, alignment.corner_covariance, starts=starts
+        )
+        if starts and (not found or found[0].chi2 > max(100.0, 2.0 * track.min_chi2)):
+            # The last pose was no start: begin with the decomposition.
+            found += estimate_plane_poses(self.camera, points, alignment.corners, alignment.corner_covariance)
+            found = tuple(sorted(found, key=lambda pose: pose.chi2))[:2]
+            # What is left then (a print that is not flat, a bad calibration) is left in the next frame, too.
+            track.min_chi2 = found[0].chi2 if found else 0.0
+        return found
+
+    def _with_distortion(
+        self,
+        track: _Track,
+        grey: UInt8[np.ndarray, "height width"],
+        alignment: Alignment,
+        poses: tuple[PlanePose, ...],
+    ) -> tuple[Alignment, tuple[PlanePose, ...]]:
+        """Bend the template as the lens does, and align once more if that changed."""
+        samples = _lens_samples(self.camera, track.template, poses[0].T_camera_template)
+        old = np.zeros_like(samples) if track.lens is None else track.lens
+        # Below a two-hundredth of a pixel the change is far inside the noise.
+        if np.abs(samples - old).max() < 0.005:
+            return alignment, poses
+        track.lens, track.offset = samples, _lens_offset(samples, track.template)
+        again = self._align(track, grey, alignment.homography)
+        if not again.valid:
+            return alignment, poses
+        return again, self._poses(track, again)
+
+    def _choose(
+        self, track: _Track, poses: tuple[PlanePose, ...]
+    ) -> tuple[PlanePose, bool, Float[np.ndarray, "6 6"]]:
+        """Keep one of two tilts; evidence is added up over frames, so that a noisy frame cannot flip it."""
+        if len(poses) == 1:
+            return poses[0], False, poses[0].covariance
+        current, other = poses
+        if track.pose is not None:
+            kept = track.pose.rotation
+            turn = [np.trace(kept.T @ pose.T_camera_template.rotation) for pose in poses]
+            if turn[1] > turn[0]:
+                current, other = other, current
+        apart = pose_difference(current.T_camera_template, other.T_camera_template)
+        if apart @ np.linalg.solve(current.covariance, apart) < 25.0:
+            # Seen straight on, the two meet: what was known of them before no longer counts.
+            track.advantage *= 0.5
+            return current, False, current.covariance
+        # One frame says little where the model is not exact; its say is bounded.
+        gain = float(np.clip(other.chi2 - current.chi2, -20.0, 20.0))
+        track.advantage = float(np.clip(track.advantage + gain, -100.0, 100.0))
+        if track.advantage < -self.settings.flip_chi2:
+            _log.info("%s: the other tilt explains the frames better", track.template.name)
+            current, other = other, current
+            track.advantage = -track.advantage
+        ambiguous = track.advantage < self.settings.flip_chi2
+        if not ambiguous:
+            return current, False, current.covariance
+        # Mixture of both: the weight of the other is its likelihood ratio.
+        weight = 1.0 / (1.0 + np.exp(min(0.5 * track.advantage, 50.0)))
+        apart = pose_difference(current.T_camera_template, other.T_camera_template)
+        return current, True, current.covariance + weight * np.outer(apart, apart)
+
+
+def _detect(
+    places: list[_Place],
+    grey: UInt8[np.ndarray, "height width"],
+    settings: DetectorSettings,
+) -> dict[str, Detection]:
+    """Templates with a region are looked for there, the others in the whole image, all in one go."""
+    found: dict[str, Detection] = {}
+    for template, region, last_seen in places:
+        if region is not None:
+            hints = {} if last_seen is None else {template.name: last_seen}
+            found |= detect_templates((template,), grey, settings, region=region, last_seen=hints)
+    everywhere = tuple(template for template, region, _ in places if region is None)
+    if everywhere:
+        found |= detect_templates(everywhere, grey, settings)
+    return found
+
+
+def _no_pose(name: str, t_s: float, reason: Reason, detail: str, alignment: Alignment | None) -> TemplatePose:
+    nothing = np.full((6, 6), np.nan)
+    return TemplatePose(name, t_s, False, reason, detail, None, nothing, False, np.nan, alignment)
+
+
+def _corners(track: _Track, homography: np.ndarray) -> np.ndarray:
+    return apply_homography(homography, track.template.esm.corners)
+
+
+def _slant(pose: Pose) -> float:
+    """Angle between the normal of a template and the line of sight [rad]."""
+    sight = pose.translation_m / np.linalg.norm(pose.translation_m)
+    return float(np.arccos(np.clip(pose.rotation[:, 2] @ sight, -1.0, 1.0)))
+
+
+def _region(homography: np.ndarray, template: Template) -> tuple[int, int, int, int]:
+    """Box around the last place, half its size larger on every side."""
+    corners = apply_homography(homography, template.esm.corners)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    margin = np.maximum(0.5 * (high - low), 40.0)
+    box = np.concatenate([low - margin, high + margin])
+    return int(box[0]), int(box[1]), int(box[2]) + 1, int(box[3]) + 1
+
+
+def _lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:
+    """What projection with the lens adds to the homography through the four corners [px], at 17 x 17 points."""
+    rows, columns = template.image.shape
+    x, y = np.meshgrid(np.linspace(0, columns - 1, 17), np.linspace(0, rows - 1, 17))
+    pixels = np.stack([x, y], axis=-1)
+    seen = camera.project(pose.apply(template.points_m(pixels)))
+    corners = camera.project(pose.apply(template.points_m(template.esm.corners)))
+    homography = estimate_homography(template.esm.corners, corners)
+    return np.nan_to_num((seen - apply_homography(homography, pixels)).astype(np.float32))
+
+
+def _lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> Float32[np.ndarray, "2 R C"]:
+    """The same at every pixel of the template.
+
+    It is smooth: 17 x 17 exact points and a cubic interpolation leave less than 1e-3 px.
+    """
+    import cv2
+
+    rows, columns = template.image.shape
+    # The first and last sample lie on the first and last pixel: scale by samples - 1, not by size.
+    sample_x = np.tile(np.linspace(0, 16, columns, dtype=np.float32), (rows, 1))
+    sample_y = np.repeat(np.linspace(0, 16, rows, dtype=np.float32)[:, None], columns, axis=1)
+    spread = cv2.remap(samples, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.ascontiguousarray(spread.transpose(2, 0, 1))

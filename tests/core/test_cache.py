@@ -1,0 +1,370 @@
+"""The cache of machine code never gives a process the code of other sources, other types or another user."""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import os
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba.core import caching, compiler, dispatcher
+from numba.core.event import install_recorder
+
+from visuohaptic.core import KernelCache, cache_folder, code_digest, kernel, kernels, remove_stale
+
+#: Prints the value of ``pack.top.answer(1)`` and how many signatures were compiled for it.
+CALL = """
+from numba.core.event import install_recorder
+with install_recorder("numba:compile") as events:
+    from pack.top import answer
+    value = answer(1)
+print(value, len(events.buffer) // 2)
+"""
+
+PACK = {
+    "__init__": "",
+    "settings": "FACTOR = 10\nNUMBERS = (1, 2)\n",
+    "bottom": """
+        from visuohaptic.core.kernels import kernel
+        from .settings import FACTOR, NUMBERS
+
+        @kernel
+        def scaled(x):
+            return x * FACTOR + NUMBERS[0]
+        """,
+    "top": """
+        from visuohaptic.core.kernels import kernel
+        from .bottom import scaled
+
+        @kernel(error_model="numpy")
+        def answer(x):
+            return scaled(x) + 1000
+        """,
+}
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty cache of this test."""
+    monkeypatch.setenv("VISUOHAPTIC_CACHE_DIR", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def pack(tmp_path, folder):
+    """A package of three modules, one below the other; called in processes of their own."""
+    for name, text in PACK.items():
+        _write(tmp_path, name, text)
+    return tmp_path
+
+
+def _write(root: Path, name: str, text: str) -> None:
+    path = root / "pack" / f"{name}.py"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(textwrap.dedent(text))
+
+
+def _call(root: Path, **environment: str | None) -> tuple[int, int]:
+    """(value, compiled signatures) in a new process; None takes a variable away."""
+    # Python itself trusts a byte code file when time stamp [s] and size of its source are the same.
+    changed = {"PYTHONDONTWRITEBYTECODE": "1", **environment}
+    kept = {**os.environ, **{name: value for name, value in changed.items() if value is not None}}
+    for name in (name for name, value in changed.items() if value is None):
+        kept.pop(name, None)
+    done = subprocess.run(
+        [sys.executable, "-c", CALL], cwd=root, env=kept, check=True, capture_output=True, text=True
+    )
+    value, compiled = done.stdout.split()
+    return int(value), int(compiled)
+
+
+def _entries(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def test_a_second_process_compiles_nothing(pack):
+    assert _call(pack) == (1011, 2)
+    assert _call(pack) == (1011, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "value"),
+    [
+        ("bottom", "x * FACTOR", "x * FACTOR * 2", 1021),  # a callee in another file
+        ("settings", "FACTOR = 10", "FACTOR = 30", 1031),  # a constant that the callee imports
+        ("settings", "(1, 2)", "(5, 2)", 1015),
+        ("top", "+ 1000", "+ 2000", 2011),
+        ("settings", "FACTOR = 10", "import math\nFACTOR = int(math.sqrt(16))", 1005),  # a computed one
+    ],
+)
+def test_a_change_anywhere_below_is_seen(pack, name, old, new, value):
+    assert _call(pack) == (1011, 2)
+    text = textwrap.dedent(PACK[name])
+    assert old in text
+    _write(pack, name, text.replace(old, new))
+    assert _call(pack)[0] == value
+    _write(pack, name, text)
+    assert _call(pack) == (1011, 0)  # the entries of before are still there
+
+
+def test_an_edit_while_the_process_runs_does_not_reach_the_cache(pack):
+    """The process has the old function in memory: its code must not be kept under the new text."""
+    edit = "import pack.top, pathlib; p = pathlib.Path('pack/settings.py')\n"
+    edit += "p.write_text(p.read_text().replace('10', '30'))\nassert pack.top.answer(1) == 1011"
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    subprocess.run([sys.executable, "-c", edit], cwd=pack, env=environment, check=True)
+    assert _call(pack) == (1031, 2)
+
+
+def test_an_edit_of_one_kernel_leaves_the_others(pack):
+    _call(pack)
+    _write(pack, "top", PACK["top"].replace("1000", "2000"))
+    assert _call(pack) == (2011, 1)
+
+
+@pytest.mark.parametrize("damage", [b"", b"garbage", None])
+def test_a_damaged_entry_is_compiled_anew(pack, folder, damage):
+    _call(pack)
+    for path in _entries(folder):
+        content = path.read_bytes()
+        path.write_bytes(content[: len(content) // 2] if damage is None else damage)
+    assert _call(pack) == (1011, 2)
+    assert _call(pack) == (1011, 0)
+
+
+def test_without_a_place_to_write_it_compiles(pack, tmp_path):
+    file = tmp_path / "file"
+    file.touch()
+    assert _call(pack, VISUOHAPTIC_CACHE_DIR=str(file)) == (1011, 2)
+    nowhere = {"VISUOHAPTIC_CACHE_DIR": None, "NUMBA_CACHE_DIR": None, "XDG_CACHE_HOME": None}
+    assert _call(pack, **nowhere, HOME=str(file)) == (1011, 2)
+
+
+@pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user"
+)
+def test_a_user_without_a_name_or_home_compiles(pack, folder):
+    """As in a container that is run with a number for a user."""
+    script = f"import os; os.setgid(54321); os.setuid(54321)\n{CALL}"
+    environment = {
+        **os.environ,
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONPATH": os.pathsep.join(map(str, sys.path)),
+    }
+    for name in ("HOME", "VISUOHAPTIC_CACHE_DIR", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
+        environment.pop(name, None)
+    # The other user cannot enter the test's folder: the modules are imported before the user changes.
+    # So are the parts of numba and of Python that the first compilation imports.
+    loaded = f"import sys; sys.path.insert(0, {str(pack)!r}); import numba, pack.top; numba.njit(lambda x: x + 1)(1)"
+    script = f"{loaded}\n{script}"
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True)
+    assert done.stdout.split() == ["1011", "2"], done.stderr
+    assert not folder.exists()
+
+
+def test_without_any_home_there_is_no_folder(monkeypatch):
+    for name in ("VISUOHAPTIC_CACHE_DIR", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME", "LOCALAPPDATA"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as Python does for an unknown user
+    assert cache_folder() is None
+
+
+def test_the_folder_is_the_first_that_is_named(monkeypatch, tmp_path):
+    names = ("VISUOHAPTIC_CACHE_DIR", "NUMBA_CACHE_DIR")
+    for name in names:
+        monkeypatch.setenv(name, str(tmp_path / name))
+    for name in names:
+        assert cache_folder().parents[1] == tmp_path / name
+        monkeypatch.delenv(name)
+
+
+def test_the_folder_tells_settings_of_the_compiler_apart(monkeypatch, folder):
+    before = cache_folder()
+    monkeypatch.setenv("NUMBA_NUM_THREADS", "1")
+    assert cache_folder() == before
+    monkeypatch.setenv("NUMBA_BOUNDSCHECK", "1")
+    assert cache_folder() != before
+
+
+def _seven():
+    """A new dispatcher of one function, as a new process has it."""
+
+    @kernel
+    def seven(x):
+        return x / 2 + 7
+
+    kernels.KERNELS.remove(seven)
+    return seven
+
+
+def test_entries_are_private_and_those_of_others_are_not_loaded(folder, monkeypatch):
+    _seven()(1.0)
+    (entry,) = _entries(folder)
+    if os.name == "posix":
+        assert entry.stat().st_mode & 0o777 == 0o600
+        assert entry.parent.stat().st_mode & 0o777 == 0o700
+        assert folder.joinpath("visuohaptic").stat().st_mode & 0o777 == 0o700
+        for path in (entry, entry.parent):
+            mode = path.stat().st_mode
+            path.chmod(mode | 0o020)
+            assert _compiles(_seven(), 1.0)
+            path.chmod(mode)
+        assert not _compiles(_seven(), 1.0)
+        monkeypatch.setattr(os, "geteuid", lambda: entry.stat().st_uid + 1)
+        assert _compiles(_seven(), 1.0)
+
+
+def _compiles(function, *arguments) -> bool:
+    with install_recorder("numba:compile") as events:
+        assert function(*arguments) == arguments[0] / 2 + 7
+    return bool(events.buffer)
+
+
+def test_an_entry_under_the_name_of_another_is_not_loaded(folder):
+    _seven()(1.0)
+    (first,) = _entries(folder)
+    _seven()(np.float32(1.0))
+    (second,) = (path for path in _entries(folder) if path != first)
+    first.write_bytes(second.read_bytes())
+    assert _compiles(_seven(), 1.0)
+
+
+def test_every_interleaving_of_two_writers_leaves_right_code(folder, monkeypatch):
+    """Two processes save two signatures, or the same: after each step a reader finds the right code or none."""
+    types = (1.0, 3)
+    results = [next(iter(_compiled(value).overloads.values())) for value in types]
+    signatures = [tuple(result.signature.args) for result in results]
+    rounds = 0
+    for pair in itertools.product(range(2), repeat=2):
+        for order in set(itertools.permutations("aaabbb")):
+            for path in _entries(folder):
+                path.unlink()
+            writers = {
+                name: _steps(KernelCache(_seven()), signatures[which], results[which], monkeypatch)
+                for name, which in zip("ab", pair, strict=True)
+            }
+            for name in order:
+                next(writers[name])
+                for value, signature in zip(types, signatures, strict=True):
+                    _check_reader(value, signature)
+            assert len(_entries(folder)) == len(set(pair))
+            rounds += 1
+    assert rounds == 4 * 20
+
+
+def _compiled(value):
+    function = _seven()
+    function(value)
+    return function
+
+
+def _steps(cache, signature, result, monkeypatch):
+    """Save in three steps: before the first file is made, before it is renamed, after."""
+    written = []
+    with monkeypatch.context() as patch:
+        patch.setattr(kernels, "_write", lambda path, payload: written.append((path, payload)))
+        cache.save_overload(signature, result)
+    ((path, payload),) = written
+    yield
+    waiting = []
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", lambda *names: waiting.append(names))
+        kernels._write(path, payload)
+    yield
+    os.replace(*waiting[0])
+    yield
+
+
+def _check_reader(value, signature):
+    function = _seven()
+    found = function._cache.load_overload(signature, function.targetctx)
+    if found is not None:
+        assert tuple(found.signature.args) == signature
+        assert found.entry_point(value) == value / 2 + 7
+
+
+def test_remove_stale_keeps_what_can_be_loaded(folder, monkeypatch):
+    function = _seven()
+    function(1.0)
+    (entry,) = _entries(folder)
+    stem, _, types = entry.name.split("-")
+    for name in (f"{stem}-0123-{types}", "visuohaptic.gone.old.kernel-0123-4567", "tmpabc"):
+        (entry.parent / name).touch()
+    unknown = entry.parent / "this.kernel-0123-4567"  # of a module that exists and was not imported
+    unknown.touch()
+    monkeypatch.setattr(kernels, "KERNELS", [function])
+    assert remove_stale() == 3
+    assert _entries(folder) == sorted([entry, unknown])
+
+
+def test_a_function_that_uses_an_object_is_compiled_but_not_cached(folder, caplog):
+    holder = type("Holder", (), {"__module__": "somewhere"})()
+
+    @kernel
+    def uses_an_object(x):
+        if x > 1e300:
+            return holder.value
+        return x
+
+    kernels.KERNELS.remove(uses_an_object)
+    with caplog.at_level(logging.DEBUG, "visuohaptic.core.kernels"):
+        assert code_digest(uses_an_object) is None
+    assert "uses_an_object is not cached" in caplog.text
+
+
+def test_a_function_as_argument_is_not_cached(folder):
+    """The type of such an argument does not say what the function computes."""
+
+    @kernel
+    def applied(function, x):
+        return function(x)
+
+    kernels.KERNELS.remove(applied)
+    assert applied(_seven(), 1.0) == pytest.approx(7.5)
+    assert [path.name for path in _entries(folder) if "applied" in path.name] == []
+
+
+def test_the_digest_has_every_ingredient():
+    """Each change below changes the machine code, so it must change the digest."""
+
+    ones = np.ones(2)
+
+    def made(constant=2.0, factor=ones, **options):
+        def function(x):
+            return x * constant + factor[0]
+
+        dispatcher = kernel(**options)(function)
+        kernels.KERNELS.remove(dispatcher)
+        return code_digest(dispatcher)
+
+    digests = [
+        made(), made(constant=3.0), made(constant=2), made(factor=np.zeros(2)),
+        made(factor=np.ones(2, np.float32)), made(fastmath=True), made(fastmath={"nsz"}),
+        made(boundscheck=True), made(error_model="numpy"), made(nogil=True), made(parallel=True),
+    ]  # fmt: skip
+    assert None not in digests
+    assert len(set(digests)) == len(digests)
+    assert made() == digests[0]
+
+
+def test_a_signature_is_refused():
+    with pytest.raises(TypeError, match=r"found the signature 'f8\(f8\)', expected @kernel"):
+        kernel("f8(f8)")
+
+
+def test_numba_still_has_what_the_cache_uses():
+    """Private names of numba: when this fails, look at numba.core.caching before the cache is mended."""
+    assert {"load_overload", "save_overload", "flush", "cache_path"} <= set(dir(KernelCache))
+    assert set(caching._Cache.__abstractmethods__) == {
+        "cache_path", "load_overload", "save_overload", "enable", "disable", "flush",
+    }  # fmt: skip
+    assert {"_reduce", "_rebuild"} <= set(dir(compiler.CompileResult))
+    assert isinstance(_seven()._cache, KernelCache)
+    source = Path(dispatcher.__file__).read_text()
+    assert "self._cache.load_overload(sig, self.targetctx)" in source
+    assert "self._cache.save_overload(sig, cres)" in source

@@ -1,0 +1,218 @@
+"""What is stored comes back, is whole, and is found again."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("sqlalchemy")
+pytest.importorskip("pyarrow")
+
+from benchmarks.objects_faults import make_object
+
+from benchmarks import objects_faults
+from visuohaptic.core import DatabaseError, Estimate, Evidence, InputError, Sighting, VisuoHapticObject, codec
+from visuohaptic.database import (
+    ByteIndex,
+    ObjectDatabase,
+    PlainIndex,
+    add_evidence,
+    export_object,
+    import_object,
+    import_objects,
+    index_of,
+    open_database,
+    schema,
+    synchronise,
+)
+
+from .servers import postgres_url
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    yield from postgres_url(tmp_path_factory)
+
+
+def _text(obj: VisuoHapticObject) -> str:
+    card, arrays = codec.encode(obj)
+    return codec.card_text(card) + codec.arrays_digest(arrays)
+
+
+def _round_trip(db: ObjectDatabase) -> None:
+    stored = db.add(make_object(1))
+    assert _text(db.get(stored.id)) == _text(stored)
+    refined = db.add(
+        add_evidence(VisuoHapticObject(stored.id), Evidence("material.youngs_modulus_Pa", Estimate(3e9, 1e6)))
+    )
+    assert refined.material is not None
+    assert refined.material.youngs_modulus_Pa is not None
+    assert refined.material.youngs_modulus_Pa.value == pytest.approx(3e9, rel=1e-3)
+    assert refined.stiffness is not None  # what was known stays
+    assert [one.id for one in db.summaries(visual_class="class 1")] == [stored.id]
+    assert db.check().problems == ()
+    db.remove(stored.id)
+    assert stored.id not in db
+    with pytest.raises(InputError, match="no object"):
+        db.get(stored.id)
+    db.add(make_object(1))
+    assert stored.id in db
+
+
+def test_file_round_trip(tmp_path: Path) -> None:
+    with open_database(tmp_path / "db") as db:
+        _round_trip(db)
+
+
+def test_server_round_trip(server: str) -> None:
+    with open_database(server) as db:
+        _round_trip(db)
+
+
+def test_replaced_arrays_leave_no_files(tmp_path: Path) -> None:
+    with open_database(tmp_path) as db:
+        for number in range(3):
+            db.add(replace(make_object(number), id="one"))
+        assert len(list((tmp_path / "shards").iterdir())) == 1
+    (tmp_path / "shards" / ".left.part.parquet").write_bytes(b"half")
+    with open_database(tmp_path) as db:
+        db.add(make_object(5))  # the first write tidies
+        assert len(list((tmp_path / "shards").iterdir())) == 2
+
+
+def test_damage_is_found(tmp_path: Path) -> None:
+    with open_database(tmp_path) as db:
+        db.add(make_object(1))
+    (path,) = (tmp_path / "shards").iterdir()
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(data)
+    with open_database(tmp_path) as db:
+        assert any("another hash" in problem for problem in db.check().problems)
+        with pytest.raises(DatabaseError):
+            db.get("o0000001")
+
+
+def test_old_schema_is_brought_up_to_date(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from sqlalchemy import create_engine
+
+    engine = create_engine(f"sqlite:///{tmp_path / 'objects.sqlite'}")
+    with engine.begin() as connection:
+        schema.migrate(connection, "old", upto=1)
+        assert schema.version_of(connection) == 1
+    engine.dispose()
+    with open_database(tmp_path) as db:
+        db.add(make_object(1))
+        assert len(db) == 1
+    monkeypatch.setattr(schema, "VERSION", 1)
+    with pytest.raises(DatabaseError, match="update visuohaptic"):
+        open_database(tmp_path)
+
+
+def _both_ways(one: ObjectDatabase, two: ObjectDatabase, shared: ObjectDatabase) -> None:
+    one.add(replace(make_object(1), seen=Sighting((1.0, 2.0, 0.0), 0.1, 5.0)))
+    two.add(make_object(2))
+    place = "tag.stiffness_N_per_m"
+    one.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(10.0, 1.0))))
+    two.add(add_evidence(VisuoHapticObject("cup"), Evidence(place, Estimate(12.0, 1.0))))
+    assert synchronise(one, shared).received == 0  # the shared one was empty: what comes back was sent there
+    # The other robot's object, and the cup with what the other has felt of it.
+    assert synchronise(two, shared).received == 2
+    assert synchronise(one, shared).received == 2
+    assert synchronise(two, shared).received == 0
+    texts = {_text(db.get("cup")) for db in (one, two, shared)}
+    assert len(texts) == 1
+    assert len(shared.get("cup").evidence) == 2
+    assert two.get("o0000001").seen is None  # where it stands is the first robot's knowledge
+    assert one.get("o0000001").seen is not None
+    one.remove("o0000002", t_s=1e10)
+    for robot in (one, two):
+        synchronise(robot, shared)
+    assert "o0000002" not in two
+    changes = shared.changed(0)[1]
+    synchronise(one, shared)
+    assert not shared.changed(changes)[0]  # nothing new is nothing written
+
+
+def test_two_robots_share_a_folder(tmp_path: Path) -> None:
+    with (
+        open_database(tmp_path / "a") as one,
+        open_database(tmp_path / "b") as two,
+        open_database(tmp_path / "s") as shared,
+    ):
+        _both_ways(one, two, shared)
+
+
+def test_two_robots_share_a_server(tmp_path: Path, server: str) -> None:
+    with (
+        open_database(tmp_path / "a") as one,
+        open_database(tmp_path / "b") as two,
+        open_database(server) as shared,
+    ):
+        _both_ways(one, two, shared)
+
+
+def test_plain_files(tmp_path: Path) -> None:
+    pytest.importorskip("trimesh")
+    obj = make_object(4)
+    with pytest.raises(InputError, match="licence"):
+        export_object(obj, tmp_path)
+    folder = export_object(obj, tmp_path, licence="CC0-1.0")
+    assert _text(import_object(folder)) == _text(replace(obj, licence="CC0-1.0"))
+    assert [one.id for one in import_objects(tmp_path)] == [obj.id]
+    data = folder / "arrays.parquet"
+    data.write_bytes(data.read_bytes()[:-1] + b"x")
+    with pytest.raises(InputError, match="not the file"):
+        import_object(folder)
+
+
+@pytest.mark.parametrize("known_fraction", [1.0, 0.2])
+def test_search_is_exact(known_fraction: float) -> None:
+    rng = np.random.default_rng(0)
+    vectors = rng.standard_t(2, size=(3000, 40))  # heavy tails: many are clipped
+    vectors[7] = vectors[8]
+    ids = [str(i) for i in range(len(vectors))]
+    fast, plain = ByteIndex(ids, vectors), PlainIndex(ids, vectors)
+    for _ in range(20):
+        query = rng.standard_t(2, size=40)
+        query[rng.random(40) > known_fraction] = np.nan
+        query[0] = 0.0
+        found = fast.nearest(query, 7)
+        assert found == plain.nearest(query, 7)
+        by_hand = np.sort(np.sqrt(np.nansum((vectors - query) ** 2, axis=1)))[:7]
+        np.testing.assert_allclose([m.distance for m in found], by_hand, rtol=1e-12)
+    assert [m.id for m in fast.nearest(vectors[7], 2)] == ["7", "8"]
+
+
+def test_search_in_a_database(tmp_path: Path) -> None:
+    with open_database(tmp_path) as db:
+        db.add_many(make_object(number) for number in range(20))
+        (found,) = index_of(db, "stiffness").nearest(make_object(3).features["stiffness"].values)
+        assert (found.id, found.distance) == ("o0000003", 0.0)
+
+
+def test_killed_writers(tmp_path: Path) -> None:
+    found = objects_faults.kills(tmp_path / "db", 4, random.Random(1))
+    # Every other writer is killed only after its first transaction, of eight objects.
+    assert found["acknowledged"] >= 2 * 8
+    assert (found["lost"], found["problems"], found["half-written"]) == (0, 0, 0)
+
+
+def test_eight_writers(tmp_path: Path) -> None:
+    found = objects_faults.writers(tmp_path / "db", objects=4)
+    with open_database(tmp_path / "db") as db:
+        assert len(db) == 8 * 4 + 1
+    assert (found["lost"], found["problems"]) == (0, 0)
+
+
+def test_full_disk() -> None:
+    found = objects_faults.full_disk(2, random.Random(1))
+    if found is None:
+        pytest.skip("no right to mount a small disk")
+    assert found["acknowledged"] > 0
+    assert (found["lost"], found["problems"]) == (0, 0)

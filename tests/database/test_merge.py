@@ -1,0 +1,110 @@
+"""Merging is a law: any order, any number of times, one result."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from visuohaptic.core import (
+    Estimate,
+    Evidence,
+    FeatureVector,
+    InputError,
+    Material,
+    ObjectPart,
+    Provenance,
+    Sighting,
+    StiffnessMap,
+    VisuoHapticObject,
+    codec,
+)
+from visuohaptic.database import add_evidence, combine, merge_objects, merge_stiffness
+
+
+def _text(obj: VisuoHapticObject) -> str:
+    card, arrays = codec.encode(obj)
+    return codec.card_text(card) + codec.arrays_digest(arrays)
+
+
+def test_measurement_refines_simulation() -> None:
+    both = combine([Estimate(1000.0, 200.0), Estimate(1100.0, 20.0)])
+    # By hand: weights 1/200^2 and 1/20^2.
+    assert both.value == pytest.approx((1000 / 4e4 + 1100 / 400) / (1 / 4e4 + 1 / 400))
+    assert both.sigma == pytest.approx((1 / 4e4 + 1 / 400) ** -0.5)
+    assert both.samples == 2
+    assert both.spread == 0
+
+
+def test_contradiction_is_less_certain() -> None:
+    both = combine([Estimate(5.0, 0.1), Estimate(7.0, 0.1)])
+    assert both.value == pytest.approx(6.0)
+    assert both.sigma == pytest.approx(1.0)  # the standard error of two values 2 apart
+    assert both.spread == pytest.approx(np.sqrt(2 * (1 - 0.01)))  # their scatter less the noise
+
+
+def test_declared_sigma_is_true() -> None:
+    rng = np.random.default_rng(3)
+    off = []
+    for _ in range(400):
+        sigmas = rng.uniform(0.5, 2.0, 6)
+        both = combine(Estimate(float(rng.normal(3, s)), float(s)) for s in sigmas)
+        off.append((both.value - 3) / both.sigma)
+    # At most 1 (the Birge factor only widens), and 4 standard errors of a deviation over 400 draws.
+    assert 0.7 < np.std(off) < 1 + 4 / np.sqrt(800)
+
+
+_versions = st.builds(
+    lambda name, t, lid, wall, fill, seen: VisuoHapticObject(
+        "cup",
+        name=name,
+        material=None if wall is None else Material(name or "x", wall_thickness_m=Estimate(wall, 1e-4)),
+        parts={} if lid is None else {"lid": ObjectPart(material=Material(lid))},
+        state={} if fill is None else {"fill": fill},
+        features={"f": FeatureVector(np.full(3, t))},
+        provenance={"name": Provenance("a", t), "parts": Provenance(lid or "b", t)},
+        seen=None if seen is None else Sighting((seen, 0.0, 0.0), 0.1, t),
+    ),
+    st.sampled_from(["", "a", "b"]),
+    st.sampled_from([1.0, 2.0, float("nan")]),
+    st.sampled_from([None, "pet", "steel"]),
+    st.sampled_from([None, 1e-3, 2e-3]),
+    st.sampled_from([None, 0.0, "half"]),
+    st.sampled_from([None, 1.0, 2.0]),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(_versions, _versions, _versions)
+def test_any_order_any_number(a: VisuoHapticObject, b: VisuoHapticObject, c: VisuoHapticObject) -> None:
+    results = {_text(merge_objects(merge_objects(x, y), z)) for x, y, z in itertools.permutations((a, b, c))}
+    once = merge_objects(merge_objects(a, b), c)
+    results |= {_text(merge_objects(a, merge_objects(b, c))), _text(merge_objects(once, b))}
+    assert len(results) == 1
+
+
+def test_evidence_counts_once_and_makes_its_place() -> None:
+    one = Evidence("parts.lid.tag.stiffness_N_per_m", Estimate(10.0, 1.0))
+    cup = add_evidence(add_evidence(VisuoHapticObject("cup"), one), one)
+    assert cup.parts["lid"].tag is not None
+    assert cup.parts["lid"].tag.stiffness_N_per_m == Estimate(10.0, 1.0)
+    for place in ("tag", "tag.fixed", "colour", "material.name", "parts.lid", "tag.drift.value"):
+        with pytest.raises(InputError):
+            add_evidence(cup, Evidence(place, Estimate(1.0, 1.0)))
+
+
+def test_maps_merge_by_point() -> None:
+    v, f = np.zeros((3, 3)), np.array([[0, 1, 2]])
+    known = StiffnessMap(v, f, np.array([100.0, 100.0, np.nan]), np.array([10.0, 10.0, np.nan]))
+    felt = replace(
+        known, stiffness_N_per_m=np.array([110.0, np.nan, 7.0]), stiffness_sigma_N_per_m=np.full(3, 10.0)
+    )
+    both = merge_stiffness(known, felt)
+    np.testing.assert_allclose(both.stiffness_N_per_m, [105, 100, 7])
+    np.testing.assert_allclose(both.stiffness_sigma_N_per_m, [10 / np.sqrt(2), 10, 10])
+    with pytest.raises(InputError, match="different meshes"):
+        merge_stiffness(known, replace(felt, vertices_m=v + 1))

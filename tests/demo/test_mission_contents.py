@@ -1,0 +1,67 @@
+"""What a firm squeeze of the mission's own bottle says of its contents."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.demo import STATES, TableBottle, contained, table_bottle
+from visuohaptic.recognition.touch import FORCES_N, ContentsModel, ContentsState, SqueezeSamples
+
+
+def model_of(bottle: TableBottle) -> ContentsModel:
+    states = {name: ContentsState(*one) for name, one in STATES.items()}
+    return ContentsModel(bottle.outline_m, bottle.wall_m, states)
+
+
+def felt(
+    bottle: TableBottle, state: str, scale: float, rng: np.random.Generator, height_m: float
+) -> SqueezeSamples:
+    """A squeeze of a bottle whose wall is stiffer by a factor than the model's, with the finger's noise."""
+    d = np.linspace(0.0, 0.007, 400)
+    wall, whole = (
+        np.array([contained(bottle.outline_m, bottle.wall_m, one).force_at(height_m, float(x)) for x in d])
+        for one in ("open", state)
+    )
+    force = whole + (scale - 1.0) * wall
+    levels = np.array([level for level in FORCES_N if level <= force[-1]])
+    count = len(levels)
+    read = levels + 0.025 * rng.standard_normal(count)
+    return SqueezeSamples(height_m, np.interp(levels, force, d) + 1.5e-5 * rng.standard_normal(count), read)
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("scale", [0.75, 1.0, 1.3])
+def test_the_state_is_told_whatever_the_wall(state: str, scale: float) -> None:
+    """The likelihood leaves the linear part open, so a wall that is off by a quarter changes no answer."""
+    rng = np.random.default_rng(3)
+    bottle = table_bottle(np.random.default_rng(20))
+    model = model_of(bottle)
+    curves = [felt(bottle, state, scale, rng, z) for z in model.heights_m()[:2]]
+    mass = contained(bottle.outline_m, bottle.wall_m, state).mass_kg
+    told = model.probabilities(curves, (mass, 0.002))
+    assert sum(told.values()) == pytest.approx(1.0)
+    assert max(told, key=lambda name: told[name]) == state
+    assert told[state] > 0.9
+
+
+def test_places_are_where_the_states_differ_most_and_apart() -> None:
+    model = model_of(table_bottle(np.random.default_rng(21)))
+    heights = model.heights_m()
+    assert len(heights) >= 2
+    assert np.diff(np.sort(heights)).min() > 1.5 * model.height_m / 16
+    # The soft waist allows the deepest squeeze; the firmest place allows the least.
+    soft, firm = (model.force_N("open", z, np.array([1e-3]))[0] for z in (heights[0], heights[-1]))
+    assert soft < firm
+
+
+def test_the_model_feels_like_the_bottle_on_the_table() -> None:
+    """Two ways to the same physics: the table's curves between 25 depths, the robot's formula; 1 % is theirs."""
+    bottle = table_bottle(np.random.default_rng(22))
+    model = model_of(bottle)
+    z = 0.4 * bottle.height_m
+    true = contained(bottle.outline_m, bottle.wall_m, bottle.state)
+    assert model.force_N(bottle.state, z, np.array([0.003]))[0] == pytest.approx(
+        true.force_at(z, 0.003), rel=0.01
+    )
+    assert model.mass_kg(bottle.state)[0] == pytest.approx(true.mass_kg, rel=0.01)

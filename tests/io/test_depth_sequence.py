@@ -1,0 +1,292 @@
+"""Depth sequences: what is written comes back, what is damaged is left out and counted."""
+
+from __future__ import annotations
+
+import itertools
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from visuohaptic.cli.main import main
+from visuohaptic.core import InputError
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.core.files import save_yaml
+from visuohaptic.io.depth import (
+    DepthEncoding,
+    DepthFrame,
+    DepthSequence,
+    StampedPose,
+    import_sequence,
+    interpolate_pose,
+    read_depth,
+    read_poses,
+    write_depth,
+    write_poses,
+)
+from visuohaptic.io.depth._exr import decode_exr
+
+
+def make_sequence(folder, count=4, rng=None, names="{:06d}.png", **fields):
+    """A small sequence; returns its depth pictures and poses."""
+    rng = rng or np.random.default_rng(3)
+    (folder / "depth").mkdir(parents=True)
+    (folder / "color").mkdir()
+    camera = Camera.simple(40, 30, 35.0)
+    camera.save(folder / "camera.yaml")
+    depths, poses = [], []
+    for k in range(count):
+        depth = np.rint(rng.uniform(400, 2000, (30, 40))) * 1e-3
+        depth[rng.random((30, 40)) < 0.1] = np.nan
+        name = names.format(k)
+        write_depth(folder / "depth" / name, depth)
+        cv2.imwrite(str(folder / "color" / name), np.full((30, 40, 3), k, np.uint8))
+        depths.append(depth.astype(np.float32))
+        poses.append((0.1 * k, Pose.from_rotation_vector(rng.normal(0, 0.3, 3), rng.normal(0, 0.02, 3))))
+    write_poses(folder / "poses.txt", poses)
+    save_yaml(folder / "sequence.yaml", {"sensor": "test", "depth_scale_m": 0.001, **fields})
+    return depths, poses
+
+
+def test_a_sequence_comes_back_as_it_was_written(tmp_path):
+    depths, poses = make_sequence(tmp_path / "s")
+    sequence = DepthSequence(tmp_path / "s")
+    frames = list(sequence)
+    assert len(sequence) == len(frames) == 4
+    assert not sequence.skipped
+    for k, frame in enumerate(frames):
+        np.testing.assert_allclose(frame.depth_m, depths[k], rtol=1e-6)
+        np.testing.assert_allclose(frame.T_world_camera.matrix, poses[k][1].matrix, atol=1e-8)
+        assert frame.t_s == pytest.approx(0.1 * k)
+        assert frame.color is not None
+        assert (frame.color == k).all()
+        assert (frame.camera.width, frame.index) == (40, k)
+
+
+@given(st.integers(0, 15), st.integers(0, 2**32 - 1))
+@settings(max_examples=20, deadline=None)
+def test_rotated_bits_are_turned_back(tmp_path_factory, turn, seed):
+    folder = tmp_path_factory.mktemp("bits")
+    words = np.random.default_rng(seed).integers(1000, 30000, (7, 9)).astype(np.uint16)
+    rotated = ((words.astype(np.uint32) << turn) | (words.astype(np.uint32) >> (16 - turn))).astype(np.uint16)
+    cv2.imwrite(str(folder / "d.png"), rotated)
+    depth = read_depth(folder / "d.png", DepthEncoding(1e-4, bit_rotation=turn))
+    np.testing.assert_allclose(depth, words * 1e-4, rtol=1e-6)
+
+
+def exr(values, compression):
+    """A scan-line OpenEXR file with channels A (half, junk) and Z (float), written apart from the reader."""
+    height, width = values.shape
+
+    def attribute(name, kind, body):
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<I", len(body)) + body
+
+    channels = b"".join(
+        name + b"\0" + struct.pack("<iIii", kind, 0, 1, 1) for name, kind in ((b"A", 1), (b"Z", 2))
+    )
+    box = struct.pack("<4i", 0, 5, width - 1, height + 4)
+    head = b"v/1\x01" + struct.pack("<I", 2) + attribute("channels", "chlist", channels + b"\0")
+    head += attribute("compression", "compression", bytes([compression]))
+    head += attribute("dataWindow", "box2i", box) + b"\0"
+    rows_per_block = 16 if compression == 3 else 1
+    blocks = []
+    for top in range(0, height, rows_per_block):
+        rows = values[top : top + rows_per_block]
+        raw = b"".join(np.arange(width, dtype="<f2").tobytes() + row.astype("<f4").tobytes() for row in rows)
+        if compression:
+            split = raw[0::2] + raw[1::2]
+            steps = bytes([split[0]] + [(b - a + 128) % 256 for a, b in itertools.pairwise(split)])
+            packed = zlib.compress(steps)
+            raw = packed if len(packed) < len(raw) else raw
+        blocks.append(struct.pack("<iI", top + 5, len(raw)) + raw)
+    table, place = b"", len(head) + 8 * len(blocks)
+    for block in blocks:
+        table += struct.pack("<Q", place)
+        place += len(block)
+    return head + table + b"".join(blocks)
+
+
+@pytest.mark.parametrize("compression", [0, 2, 3])
+def test_exr_files_are_read(compression, tmp_path):
+    values = np.linspace(0.3, 2.0, 37 * 21).reshape(37, 21).astype(np.float32)
+    data = exr(values, compression)
+    np.testing.assert_array_equal(decode_exr(data, "x"), values)
+    (tmp_path / "d.exr").write_bytes(data)
+    np.testing.assert_array_equal(read_depth(tmp_path / "d.exr", DepthEncoding(1.0)), values)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_damaged_exr_files_give_input_errors_or_numbers(seed):
+    rng = np.random.default_rng(seed)
+    data = bytearray(exr(rng.uniform(0.3, 2, (20, 11)).astype(np.float32), 3))
+    if rng.random() < 0.5:
+        data = data[: rng.integers(len(data))]
+    for _ in range(3):
+        if data:
+            data[rng.integers(len(data))] = rng.integers(256)
+    try:
+        found = decode_exr(bytes(data), "x")
+    except InputError:
+        return
+    assert found.ndim == 2
+
+
+@pytest.mark.parametrize("text", ["rows", "blocks", "numbered", "redwood", "kitti"])
+def test_matrices_as_text_are_read(tmp_path, text):
+    rng = np.random.default_rng(1)
+    poses = [Pose.from_rotation_vector(rng.normal(0, 1, 3), rng.normal(0, 1, 3)) for _ in range(3)]
+    lines = ["# made here"]
+    for k, pose in enumerate(poses):
+        numbers = [f"{value:.9g}" for value in pose.matrix.ravel()]
+        if text == "kitti":
+            lines.append(" ".join(numbers[:12]))
+        elif text in ("rows", "numbered"):
+            lines.append(" ".join(([str(k)] if text == "numbered" else []) + numbers))
+        else:
+            if text == "redwood":
+                lines.append(f"{k} {k} {k + 1}")
+            lines += [" ".join(numbers[4 * row : 4 * row + 4]) for row in range(4)] + [""]
+    (tmp_path / "poses.txt").write_text("\n".join(lines))
+    found = read_poses(tmp_path / "poses.txt")
+    assert len(found) == 3
+    for stamped, pose in zip(found, poses, strict=True):
+        assert stamped.pose is not None
+        np.testing.assert_allclose(stamped.pose.matrix, pose.matrix, atol=1e-7)
+
+
+def test_poses_between_times_lie_on_the_arc():
+    turn = np.array([0.0, 0.0, 0.4])
+    ends = [StampedPose(t, Pose.from_rotation_vector(turn * t, [t, 0, 0])) for t in (0.0, 1.0)]
+    pose, problem = interpolate_pose(ends, 0.25, max_gap_s=2.0)
+    assert problem == ""
+    np.testing.assert_allclose(
+        pose.matrix, Pose.from_rotation_vector(turn * 0.25, [0.25, 0, 0]).matrix, atol=1e-12
+    )
+    assert interpolate_pose(ends, 0.25, max_gap_s=0.5)[0] is None
+    assert interpolate_pose(ends, 1.5)[0] is None
+
+
+def test_pictures_named_by_time_find_their_pose(tmp_path):
+    _, poses = make_sequence(tmp_path / "s", names="{}.050000.png")
+    write_poses(tmp_path / "s" / "poses.txt", [(k + 0.05, poses[k][1]) for k in (0, 1, 3)])
+    sequence = DepthSequence(tmp_path / "s")
+    frames = list(sequence)
+    assert [frame.index for frame in frames] == [0, 1, 3]
+    assert sequence.skipped == {"no pose": 1}
+
+
+def test_a_lost_picture_is_counted_and_the_others_keep_their_pose(tmp_path):
+    _, poses = make_sequence(tmp_path / "s")
+    (tmp_path / "s" / "depth" / "000001.png").unlink()
+    sequence = DepthSequence(tmp_path / "s")
+    frames = list(sequence)
+    assert sequence.missing == 1
+    np.testing.assert_allclose(frames[1].T_world_camera.matrix, poses[2][1].matrix, atol=1e-8)
+    (tmp_path / "s" / "depth" / "000003.png").unlink()  # the last: nobody knows which one it was
+    with pytest.raises(InputError, match=r"2 depth pictures and 4 poses, expected one pose for each"):
+        DepthSequence(tmp_path / "s")
+
+
+def test_unusable_frames_are_left_out_and_counted(tmp_path):
+    make_sequence(tmp_path / "s", count=6)
+    depth = tmp_path / "s" / "depth"
+    whole = (depth / "000000.png").read_bytes()
+    (depth / "000000.png").write_bytes(whole[: len(whole) // 2])
+    write_depth(depth / "000001.png", np.full((20, 40), 1.0))
+    write_depth(depth / "000002.png", np.full((30, 40), np.nan))
+    cv2.imwrite(str(depth / "000003.png"), np.full((30, 40), 60000, np.uint16))  # 60 m
+    text = (tmp_path / "s" / "poses.txt").read_text().splitlines()
+    text[5] = "0.4 nan 0 0 0 0 0 1"
+    (tmp_path / "s" / "poses.txt").write_text("\n".join(text))
+    sequence = DepthSequence(tmp_path / "s")
+    assert [frame.index for frame in sequence] == [5]
+    assert sequence.skipped == {"unreadable": 2, "wrong size": 1, "empty": 1, "no pose": 1}
+    assert all("\n" not in problem for problem in sequence.problems)
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [(1.0, "check depth_scale_m"), (1e-6, "check depth_scale_m")],
+)
+def test_a_scale_off_by_a_thousand_is_refused(tmp_path, scale, said):
+    make_sequence(tmp_path / "s", depth_scale_m=scale)
+    with pytest.raises(InputError, match=said):
+        list(DepthSequence(tmp_path / "s"))
+
+
+def test_poses_in_millimetres_are_refused(tmp_path):
+    _, poses = make_sequence(tmp_path / "s")
+    moved = [(t, Pose(pose.rotation, 1000 * pose.translation_m)) for t, pose in poses]
+    write_poses(tmp_path / "s" / "poses.txt", moved)
+    with pytest.raises(InputError, match="poses are in metres"):
+        DepthSequence(tmp_path / "s")
+
+
+@pytest.mark.parametrize("name", ["../outside.yaml", "/etc/passwd", "a\0b"])
+def test_the_description_cannot_lead_out_of_its_folder(tmp_path, name):
+    make_sequence(tmp_path / "s", camera=name)
+    with pytest.raises(InputError):
+        DepthSequence(tmp_path / "s")
+
+
+def test_a_frame_checks_its_shapes():
+    camera = Camera.simple(4, 3, 5.0)
+    with pytest.raises(InputError, match=r"expected float32 \(3, 4\)"):
+        DepthFrame(0.0, np.ones((3, 4)), None, Pose.identity(), camera)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize(
+    ("layout", "frames", "median_m"),
+    [
+        ("d435i_robot_arm", 32, (0.3, 0.7)),
+        ("apc_f200_shelf", 10, (0.5, 0.6)),
+        ("cleargrasp_d435", 3, (0.5, 0.7)),
+    ],
+)
+def test_published_layouts_are_imported(data, tmp_path, layout, frames, median_m, capsys):
+    source = tmp_path / "source"
+    # Links, so that only a part of the long sequence is decoded.
+    real = data / "geometry" / "dev" / layout
+    source.mkdir()
+    for path in real.iterdir():
+        if path.name != "depth":
+            (source / path.name).symlink_to(path)
+    if (real / "depth").is_dir():
+        (source / "depth").mkdir()
+        for k in range(1, 6):
+            (source / "depth" / f"{k}.png").symlink_to(real / "depth" / f"{k}.png")
+        frames = 5
+    assert main(["recording", "import", str(source), "--out", str(tmp_path / "out"), "--json"]) == 0
+    assert f'"frames": {frames}' in capsys.readouterr().out
+    sequence = DepthSequence(tmp_path / "out")
+    found = list(sequence)
+    assert len(found) == frames
+    assert median_m[0] < np.nanmedian(found[0].depth_m) < median_m[1]
+    assert found[0].color is not None
+    with pytest.raises(InputError, match="not empty"):
+        import_sequence(source, tmp_path / "out")
+
+
+@pytest.mark.data
+def test_neighbouring_real_views_agree_in_the_world(data, tmp_path):
+    """The poses' direction: clouds of two views 2-18 mm apart must lie on each other (2 mm by the source)."""
+    from scipy.spatial import cKDTree
+
+    imported = import_sequence(data / "geometry" / "dev" / "apc_f200_shelf", tmp_path / "out")
+    assert imported.frames == 10
+    clouds = []
+    for frame in list(DepthSequence(imported.folder))[:2]:
+        rows, columns = np.nonzero(np.isfinite(frame.depth_m))
+        chosen = np.random.default_rng(0).permutation(len(rows))[:4000]
+        pixels = np.column_stack([columns, rows])[chosen].astype(float)
+        points = frame.camera.rays(pixels) * frame.depth_m[rows[chosen], columns[chosen], None]
+        clouds.append(frame.T_world_camera.apply(points))
+    distances, _ = cKDTree(clouds[0]).query(clouds[1])
+    # Views are 6-8 cm apart and the samples 5 mm; with a wrong direction the clouds are decimetres apart.
+    assert np.median(distances) < 0.01

@@ -1,0 +1,120 @@
+"""Scans from MCAP (written by rosbags' definitions) and CSV, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.cli.main import main
+from visuohaptic.core import InputError, LaserScan
+from visuohaptic.io import read_scans, write_scans
+from visuohaptic.io.maps import OccupancyMap
+from visuohaptic.io.ros import header
+from visuohaptic.io.sinks import MeasurementWriter
+
+
+def room_scan(t_s: float, x: float) -> LaserScan:
+    """In a room of 6 m x 4 m, at (x, 0), exact."""
+    angles = -np.pi + np.pi / 180 * np.arange(360)
+    c, s = np.cos(angles), np.sin(angles)
+    with np.errstate(divide="ignore"):
+        ranges = np.minimum(np.where(c > 0, (3 - x) / c, (-3 - x) / c), np.abs(2 / s))
+    ranges[7], ranges[9] = math.nan, math.inf
+    return LaserScan(t_s, ranges, -np.pi, np.pi / 180, 0.05, 20.0)
+
+
+def scan_message(scan: LaserScan) -> dict[str, object]:
+    return {
+        "header": header(scan.t_s, "laser"),
+        "angle_min": scan.angle_min_rad,
+        "angle_max": -scan.angle_min_rad,
+        "angle_increment": scan.angle_step_rad,
+        "time_increment": 0.0,
+        "scan_time": 0.1,
+        "range_min": scan.range_min_m,
+        "range_max": scan.range_max_m,
+        "ranges": [float(r) for r in scan.ranges_m],
+        "intensities": [],
+    }
+
+
+def odometry_message(t_s: float, x: float, yaw: float) -> dict[str, object]:
+    zero = {"x": 0.0, "y": 0.0, "z": 0.0}
+    turn = {"x": 0.0, "y": 0.0, "z": math.sin(yaw / 2), "w": math.cos(yaw / 2)}
+    return {
+        "header": header(t_s, "odom"),
+        "child_frame_id": "base",
+        "pose": {"pose": {"position": {**zero, "x": x}, "orientation": turn}, "covariance": [0.0] * 36},
+        "twist": {"twist": {"linear": zero, "angular": zero}, "covariance": [0.0] * 36},
+    }
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "run.mcap"
+    with MeasurementWriter(path) as writer:
+        for number in range(12):
+            t_s = 5.0 + 0.1 * number
+            scan = room_scan(t_s, 0.05 * number)
+            writer.write("/scan", "sensor_msgs/msg/LaserScan", t_s, scan_message(scan))
+            # Odometry at other times than the scans, and across the jump of the angle.
+            writer.write(
+                "/odom",
+                "nav_msgs/msg/Odometry",
+                t_s + 0.05,
+                odometry_message(t_s + 0.05, 0.05 * number + 0.025, 0.0),
+            )
+    return path
+
+
+def test_mcap_with_interpolated_odometry(recording: Path) -> None:
+    scans = read_scans(recording)
+    assert len(scans) == 12
+    for number, (scan, odometry) in enumerate(scans[1:], start=1):
+        np.testing.assert_allclose(scan.ranges_m, room_scan(0.0, 0.05 * number).ranges_m, rtol=1e-6)
+        assert odometry == pytest.approx((0.05 * number, 0.0, 0.0), abs=1e-6)
+    with pytest.raises(InputError, match="has no sensor_msgs/msg/LaserScan on /other"):
+        read_scans(recording, scan_topic="/other")
+
+
+def test_csv_comes_back(tmp_path: Path) -> None:
+    scans = [(room_scan(0.1 * n, 0.1 * n), (0.1 * n, 0.2, 3.0)) for n in range(4)]
+    write_scans(tmp_path / "s.csv", scans)
+    for (scan, pose), (back, back_pose) in zip(scans, read_scans(tmp_path / "s.csv"), strict=True):
+        np.testing.assert_array_equal(scan.ranges_m, back.ranges_m)
+        assert (pose, scan.t_s, scan.angle_step_rad) == (back_pose, back.t_s, back.angle_step_rad)
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda t: t.replace("angle_min_rad", "angle"), "expected t_s, x_m"),
+        (lambda t: t.replace("0.2,3.0", "0.2,nan", 1), "line 2: found a pose"),
+        (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2: has a field that is no number"),
+        (lambda t: "\n".join(t.splitlines()[:1]), "has no scan"),
+        (lambda t: t[:-200], "fields, expected"),
+    ],
+)
+def test_bad_csv(tmp_path: Path, change: object, problem: str) -> None:
+    write_scans(tmp_path / "s.csv", [(room_scan(0.0, 0.0), (0.1, 0.2, 3.0))])
+    path = tmp_path / "bad.csv"
+    path.write_text(change((tmp_path / "s.csv").read_text()))
+    with pytest.raises(InputError, match=problem):
+        read_scans(path)
+    with pytest.raises(InputError, match=r"expected \.mcap or \.csv"):
+        read_scans(tmp_path / "s.txt")
+
+
+def test_the_verb_builds_a_map(recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    verbs = {"map build": ("visuohaptic.cli.verbs.planning.map_build", "build a map from laser scans")}
+    assert main(["map", "build", str(recording), "--out", str(tmp_path / "m.yaml"), "--json"], verbs) == 0
+    assert '"refused": 0' in capsys.readouterr().out
+    grid = OccupancyMap.load(tmp_path / "m.yaml")
+    # The room is 6 m x 4 m about the first pose; walls are one or two cells.
+    assert grid.value_at(np.array([[0.0, 0.3], [2.9, 0.3], [-2.9, 0.3]])).tolist() == [0, 0, 0]
+    assert grid.value_at(np.array([[3.01, 0.1], [2.99, 0.1]])).max() == 100
+    walls = grid.world_from_cell(np.argwhere(grid.occupied))
+    np.testing.assert_allclose([walls.min(axis=0), walls.max(axis=0)], [[-3, -2], [3, 2]], atol=0.06)

@@ -1,0 +1,186 @@
+"""Live cameras with a driver that fails on command."""
+
+from __future__ import annotations
+
+import queue
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from visuohaptic.core import DeviceError, FrameSource, InputError, StaleFrameError
+from visuohaptic.core.camera import Camera
+from visuohaptic.io.frames import CameraSettings, FoundCamera, LiveSource, _camera_drivers
+from visuohaptic.io.frames._camera_drivers import OpenCvBackend, UvcBackend
+from visuohaptic.io.frames.live import time_s
+
+
+class FakeBackend:
+    """Delivers what the test puts into its queue."""
+
+    def __init__(self, missing: int = 0) -> None:
+        self.queue: queue.Queue[Any] = queue.Queue()
+        self.opened = 0
+        self.missing = missing  #: attempts that find no device after the first one
+
+    def open(self) -> None:
+        if self.opened and self.missing:
+            self.missing -= 1
+            raise DeviceError("not there")
+        self.opened += 1
+
+    def read(self) -> tuple[np.ndarray, float]:
+        try:
+            item = self.queue.get(timeout=0.2)
+        except queue.Empty:
+            raise DeviceError("silent") from None
+        if isinstance(item, Exception):
+            raise item
+        return np.full((4, 6), item, np.uint8), time_s()
+
+    def close(self) -> None:
+        pass
+
+
+def settled(source: LiveSource, index: int) -> None:
+    until = time.monotonic() + 5
+    while (source._frame is None or source._frame.index < index) and time.monotonic() < until:
+        time.sleep(0.002)
+
+
+def test_newest_frame_and_gaps() -> None:
+    backend = FakeBackend()
+    with LiveSource(backend) as source:
+        assert isinstance(source, FrameSource)
+        assert source.frame_count is None
+        with pytest.raises(StaleFrameError, match="no frame yet"):
+            source.read_latest()
+        for value in range(5):
+            backend.queue.put(value)
+        settled(source, 4)
+        assert source.read_latest(1000.0).index == 4
+        frame = source.read()
+        assert (frame.index, frame.image[0, 0]) == (4, 4), "the newest, the four before are a gap"
+        backend.queue.put(9)
+        assert source.read().index == 5
+        time.sleep(0.06)
+        with pytest.raises(StaleFrameError, match=r"is \d+ ms old, allowed are 50 ms"):
+            source.read_latest(50.0)
+    with pytest.raises(DeviceError, match="is closed"):
+        source.read()
+    source.close()
+
+
+def test_reconnects_and_leaves_a_gap() -> None:
+    backend = FakeBackend(missing=2)
+    with LiveSource(backend, reconnect_s=5.0) as source:
+        backend.queue.put(1)
+        assert source.read().index == 0
+        backend.queue.put(DeviceError("cable pulled"))
+        backend.queue.put(2)
+        assert source.read().index == 2
+        assert source.reconnections == 1
+        assert backend.opened == 2
+
+
+def test_gives_up_with_the_reason() -> None:
+    backend = FakeBackend(missing=10**6)
+    with LiveSource(backend, reconnect_s=0.1) as source:
+        backend.queue.put(DeviceError("cable pulled"))
+        with pytest.raises(DeviceError, match="not there"):
+            source.read(5.0)
+        with pytest.raises(DeviceError, match="not there"):
+            source.read_latest()
+
+
+def test_silence_is_an_error_in_time() -> None:
+    """The reader does not wait for the next attempt to connect, which is minutes away."""
+    with LiveSource(FakeBackend(missing=10**6), reconnect_s=120.0) as source:
+        deadline_s = time.monotonic() + 60.0
+        with pytest.raises(DeviceError, match=r"no frame for 0.1 s"):
+            source.read(0.1)
+        assert time.monotonic() < deadline_s
+
+
+def test_wrong_size_reaches_the_reader() -> None:
+    backend = FakeBackend()
+    with LiveSource(backend, camera=Camera.simple(640, 480, 500.0)) as source:
+        backend.queue.put(1)
+        with pytest.raises(DeviceError, match="found images of 6 x 4, expected 640 x 480") as caught:
+            source.read()
+        assert isinstance(caught.value.__cause__, InputError)
+
+
+def test_iteration_ends_when_closed() -> None:
+    backend = FakeBackend()
+    source = LiveSource(backend)
+    for value in range(3):
+        backend.queue.put(value)
+    for frame in source:
+        if frame.index >= 2:
+            source.close()
+    assert frame.index == 2
+
+
+class FakeUvc:
+    """The part of pupil-labs-uvc that is used."""
+
+    def __init__(self) -> None:
+        names = ("Auto Exposure Mode", "Absolute Exposure Time", "Auto Focus", "Absolute Focus")
+        self.controls = [SimpleNamespace(display_name=name, value=8) for name in names]
+        self.available_modes = [
+            SimpleNamespace(width=w, height=h, fps=f) for w, h, f in ((640, 480, 30), (640, 480, 60))
+        ]
+        self.frame_mode: Any = None
+
+    def device_list(self) -> list[dict[str, str]]:
+        return [{"name": "Wide Cam", "uid": "1:2"}]
+
+    def Capture(self, uid: str) -> FakeUvc:
+        assert uid == "1:2"
+        return self
+
+    def get_frame(self, timeout: float) -> Any:
+        return SimpleNamespace(gray=np.zeros((480, 640), np.uint8), timestamp=100.0)
+
+    def close(self) -> None:
+        pass
+
+
+def test_uvc_driver_fixes_focus_and_exposure() -> None:
+    uvc = FakeUvc()
+    settings = CameraSettings(640, 480, 60.0, exposure_s=0.005, focus=30, grey=True)
+    backend = UvcBackend(uvc, "wide", settings)
+    before_s = time_s()
+    backend.open()
+    assert {c.display_name: c.value for c in uvc.controls} == {
+        "Auto Exposure Mode": 1,
+        "Absolute Exposure Time": 50,
+        "Auto Focus": 0,
+        "Absolute Focus": 30,
+    }
+    assert uvc.frame_mode.fps == 60
+    image, t_s = backend.read()
+    assert image.shape == (480, 640)
+    assert before_s <= t_s <= time_s()
+    backend.close()
+    with pytest.raises(DeviceError, match=r"no mode 320 x 240; it has 640 x 480 @ 30"):
+        UvcBackend(uvc, "0", CameraSettings(320, 240)).open()
+    with pytest.raises(DeviceError, match="no camera uvc:nothing; found: uvc:0 'Wide Cam'"):
+        UvcBackend(uvc, "nothing", settings).open()
+
+
+def test_a_camera_that_is_not_there_lists_those_that_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The message needs nothing of Python to go on: it names what ``--source`` takes."""
+    closed = SimpleNamespace(isOpened=lambda: False, release=lambda: None)
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: closed)
+    there = [FoundCamera("camera:2", "Wide Cam", "/sys/video2")]
+    monkeypatch.setattr(_camera_drivers, "find", lambda: there)
+    with pytest.raises(DeviceError, match=r"^no camera camera:0; found: camera:2 'Wide Cam'$"):
+        OpenCvBackend(0, CameraSettings()).open()
+    there.clear()
+    with pytest.raises(DeviceError, match=r"^no camera camera:0; found: none$"):
+        OpenCvBackend(0, CameraSettings()).open()

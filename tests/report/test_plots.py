@@ -1,0 +1,126 @@
+"""The plots show the numbers that they were given."""
+
+from __future__ import annotations
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+
+from visuohaptic import report as experiments
+from visuohaptic.core import (
+    Contact,
+    ErrorBudget,
+    Estimate,
+    Event,
+    EventKind,
+    ForceProfile,
+    HapticTag,
+    InputError,
+    Reason,
+)
+
+
+def texts(figure):
+    return [text.get_text() for axes in figure.axes for text in axes.texts]
+
+
+def labels(axes):
+    return [text.get_text() for text in axes.get_legend().get_texts()]
+
+
+@pytest.fixture
+def profile():
+    s_m = np.linspace(-0.1, 0.1, 41)
+    delta_m = 5e-3 * np.exp(-((s_m / 0.02) ** 2))
+    valid = np.ones(41, bool)
+    valid[3] = False
+    budget = ErrorBudget(0.003, 0.02, 0.03, 0.004)
+    contact = Contact(-0.04, 0.04, 2.5, budget, True, Reason.OK, np.zeros((3, 2)), np.zeros(3), np.ones(3))
+    ones = np.ones(41)
+    return ForceProfile(
+        1.5,
+        True,
+        Reason.OK,
+        2.5,
+        budget,
+        s_m,
+        delta_m,
+        1e-5 * ones,
+        4e5 * delta_m,
+        50 * ones,
+        valid,
+        (contact,),
+    )
+
+
+def test_force_against_truth_tells_the_error_of_each_run():
+    truth_N = np.linspace(0, 10, 50)
+    run = experiments.ForceRun("plate", truth_N, truth_N + 0.2)
+    upper, lower = experiments.force_against_truth([run]).axes
+    assert labels(upper) == ["plate, rms error 0.200 N", "ideal"]
+    np.testing.assert_allclose(lower.lines[0].get_ydata(), 0.2)
+
+
+def test_samples_that_are_not_valid_do_not_count():
+    truth_N, valid = np.linspace(0, 10, 50), np.ones(50, bool)
+    measured_N = truth_N.copy()
+    measured_N[20], valid[20] = 99.0, False
+    figure = experiments.force_against_truth([experiments.ForceRun("plate", truth_N, measured_N, valid)])
+    assert labels(figure.axes[0])[0] == "plate, rms error 0.000 N"
+
+
+def test_force_over_time_marks_events_and_reasons():
+    t_s = np.arange(0, 3, 0.1)
+    valid = np.ones(30, bool)
+    valid[10:12] = False
+    reasons = [Reason.OK if good else Reason.OCCLUDED for good in valid]
+    figure = experiments.force_over_time(
+        t_s,
+        t_s,
+        0.1 + 0 * t_s,
+        truth_N=t_s,
+        valid=valid,
+        reasons=reasons,
+        events=[Event(EventKind.CONTACT, 1.0)],
+    )
+    assert "not valid: occluded" in labels(figure.axes[0])
+    assert texts(figure) == ["contact"]
+    measured = next(line for line in figure.axes[0].lines if line.get_label() == "measured")
+    np.testing.assert_array_equal(np.isnan(measured.get_ydata()), ~valid)
+
+
+def test_arrays_that_do_not_belong_together_are_refused():
+    with pytest.raises(InputError, match="expected one length for all"):
+        experiments.force_over_time(np.arange(3.0), np.arange(4.0), np.arange(3.0))
+
+
+def test_the_profile_is_in_millimetres_and_kilopascals(profile):
+    upper, lower = experiments.pressure_profile(profile).axes
+    assert np.nanmax(upper.lines[0].get_ydata()) == pytest.approx(5.0)
+    assert np.nanmax(lower.lines[0].get_ydata()) == pytest.approx(2.0)
+    assert texts(upper.figure) == [f"2.50 ± {profile.contacts[0].force_sigma_N:.2f} N"]
+
+
+def test_the_budget_ends_with_its_total():
+    budget = ErrorBudget(0.003, 0.02, 0.03, 0.004)
+    assert texts(experiments.error_budget({"box": budget})) == [f"{1e3 * budget.total_N:.3g}"]
+
+
+def test_the_map_names_every_object():
+    tag = HapticTag(dynamic_friction_N=Estimate(3.2, 0.04, spread=0.6), fixed=False)
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
+    figure = experiments.floor_map(
+        np.zeros((40, 60), np.int8),
+        0.05,
+        (-1.0, 0.0),
+        path_world_m=np.array([[0, 0], [1, 1.0]]),
+        objects=[experiments.MapObject("box", square, tag), experiments.MapObject("unknown", square)],
+    )
+    assert texts(figure) == ["box\nfriction 3.20 ± 0.04 N", "unknown"]
+    assert figure.axes[0].get_xlim() == (-1.0, 2.0)
+
+
+def test_the_style_of_others_is_left_alone(profile):
+    before = dict(mpl.rcParams)
+    experiments.pressure_profile(profile)
+    assert dict(mpl.rcParams) == before
