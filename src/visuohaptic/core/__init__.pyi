@@ -67,6 +67,12 @@ from .objects import Sighting as Sighting
 from .objects import StateModel as StateModel
 from .objects import StiffnessMap as StiffnessMap
 from .objects import VisuoHapticObject as VisuoHapticObject
+from .ranges import NON_NEGATIVE as NON_NEGATIVE
+from .ranges import POSITIVE as POSITIVE
+from .ranges import above as above
+from .ranges import at_least as at_least
+from .ranges import check_ranges as check_ranges
+from .ranges import within as within
 from .resources import Closing as Closing
 from .robots import BaseState as BaseState
 from .robots import ClockWatch as ClockWatch

@@ -1,0 +1,97 @@
+"""Ranges of numbers, declared in the metadata of dataclass fields and checked in one place.
+
+Examples
+--------
+>>> from dataclasses import dataclass, field
+>>> @dataclass(frozen=True)
+... class Grip:
+...     force_N: float = field(default=2.0, metadata=POSITIVE)
+...     friction: float = field(default=0.5, metadata=within(0, 2))
+...     __post_init__ = check_ranges
+>>> Grip(friction=3.0)
+Traceback (most recent call last):
+visuohaptic.core.errors.InputError: Grip: friction: found 3.0, expected 0 to 2
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from .errors import InputError, brief
+
+__all__ = ["NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_ranges", "within"]
+
+_KEY = "visuohaptic range"
+
+
+@dataclass(frozen=True, slots=True)
+class _Range:
+    low: float
+    high: float
+    strict: bool  #: the lower bound itself is outside
+
+    @property
+    def text(self) -> str:
+        if math.isfinite(self.high):
+            return f"{self.low:g} to {self.high:g}"
+        if math.isfinite(self.low):
+            return f"more than {self.low:g}" if self.strict else f"at least {self.low:g}"
+        return "a finite number"
+
+    def holds(self, value: Any) -> bool:
+        try:
+            number = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            return False
+        inside = (number > self.low if self.strict else number >= self.low) & (number <= self.high)
+        return bool((inside & np.isfinite(number)).all())
+
+
+def above(low: float) -> Mapping[str, Any]:
+    """Metadata of a field that is finite and more than ``low``."""
+    return {_KEY: _Range(low, math.inf, True)}
+
+
+def at_least(low: float) -> Mapping[str, Any]:
+    """Metadata of a field that is finite and not less than ``low``."""
+    return {_KEY: _Range(low, math.inf, False)}
+
+
+def within(low: float, high: float) -> Mapping[str, Any]:
+    """Metadata of a field from ``low`` to ``high``, both included."""
+    return {_KEY: _Range(low, high, False)}
+
+
+POSITIVE = above(0.0)
+NON_NEGATIVE = at_least(0.0)
+
+
+def check_ranges(instance: Any) -> None:
+    """Check every field of a dataclass that declares a range; to be used as ``__post_init__``.
+
+    A field whose value is ``None``, as its default, is not given and passes. Of an array every element is checked.
+
+    Parameters
+    ----------
+    instance
+        The dataclass instance.
+
+    Raises
+    ------
+    InputError
+        A value is not a finite number in its range; names class and field, what was found and expected.
+    """
+    for one in fields(instance):
+        limits = one.metadata.get(_KEY)
+        value = getattr(instance, one.name)
+        if limits is None or (value is None and one.default is None):
+            continue
+        if not limits.holds(value):
+            raise InputError(
+                type(instance).__name__, f"found {brief(value)}, expected {limits.text}", field=one.name
+            )
