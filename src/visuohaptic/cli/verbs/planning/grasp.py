@@ -48,12 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     hand.add_argument(
         "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
     )
-    hand.add_argument("--most-force", type=float, default=60.0, help="of one finger [N] (60)")
+    hand.add_argument("--max-force", type=float, default=60.0, help="of one finger [N] (60)")
     limits = parser.add_argument_group("limits")
     limits.add_argument(
-        "--most-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
+        "--max-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
     )
-    limits.add_argument("--least-score", type=float, default=0.5, help="of a grasp (0.5)")
+    limits.add_argument("--min-score", type=float, default=0.5, help="of a grasp (0.5)")
     limits.add_argument("--mass", type=float, metavar="KG", help="instead of that of wall and liquid")
 
 
