@@ -37,6 +37,16 @@ from .files.yaml_text import load_yaml as load_yaml
 from .files.yaml_text import load_yaml_model as load_yaml_model
 from .files.yaml_text import parse_yaml as parse_yaml
 from .files.yaml_text import save_yaml as save_yaml
+from .geometry import area_vectors as area_vectors
+from .geometry import hat as hat
+from .geometry import polygon_area as polygon_area
+from .geometry import polygon_centroid as polygon_centroid
+from .geometry import polygon_second_moments as polygon_second_moments
+from .geometry import rotation_2d as rotation_2d
+from .geometry import so3_exp as so3_exp
+from .geometry import so3_log as so3_log
+from .geometry import vertex_normals as vertex_normals
+from .geometry import wrap_angle as wrap_angle
 from .kernels import KERNELS as KERNELS
 from .kernels import KernelCache as KernelCache
 from .kernels import cache_folder as cache_folder

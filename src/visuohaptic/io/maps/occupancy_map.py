@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from ...core.errors import InputError
 from ...core.files import MAX_PIXELS
+from ...core.geometry import rotation_2d
 from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_picture, read_picture
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
@@ -79,8 +80,7 @@ class OccupancyMap:
         return self.cells == UNKNOWN
 
     def _rotation(self) -> Float[np.ndarray, "2 2"]:
-        c, s = np.cos(self.origin[2]), np.sin(self.origin[2])
-        return np.array([[c, -s], [s, c]])
+        return rotation_2d(self.origin[2])
 
     def world_from_cell(self, cells: Int[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Centres (x, y) [m] of cells (row, column) in the map frame."""
