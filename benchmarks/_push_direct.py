@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from visuohaptic.core.geometry import polygon_centroid
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.pushing import (
     PushModel,
-    area_and_centroid,
     line_path,
     push_contacts,
     simulate_push,
@@ -39,7 +39,7 @@ def random_direct(rng: np.random.Generator) -> DirectCase:
         corners = int(rng.integers(4, 7))
         angle = (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) * (2 * math.pi / corners)
         outline = np.column_stack([np.cos(angle), np.sin(angle)]) * rng.uniform(0.15, 0.3, 2)
-        outline = outline - area_and_centroid(outline)[1]
+        outline = outline - polygon_centroid(outline)
         contacts = push_contacts(outline, np.zeros(2), RADIUS_M)
         if contacts:
             break

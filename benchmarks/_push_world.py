@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from visuohaptic.navigation.pushing import PushModel, arc_path, area_and_centroid, load_of_feet, patch_points
+from visuohaptic.core.geometry import polygon_centroid
+from visuohaptic.navigation.pushing import PushModel, arc_path, load_of_feet, patch_points
 from visuohaptic.simulation.floor import FloorPush, FloorThing, FloorTrace
 
 RADIUS_M = 0.17
@@ -47,7 +48,7 @@ def random_case(rng: np.random.Generator, index: int) -> PushCase:
         a, b = rng.uniform(0.25, 0.5, 2)
         c, d = rng.uniform(0.08, 0.6) * a, rng.uniform(0.08, 0.6) * b
         outline = np.array([[0, 0], [a, 0], [a, d], [c, d], [c, b], [0, b]], dtype=float)
-        outline = outline - area_and_centroid(outline)[1]
+        outline = outline - polygon_centroid(outline)
     feet = _feet(rng, kind, outline, round_m, flat)
     push_height = float(rng.uniform(0.02, 0.05))
     floor = float(rng.uniform(0.2, 0.5))
@@ -110,4 +111,4 @@ def _random_polygon(rng: np.random.Generator) -> Float[np.ndarray, "m 2"]:
         hull = shapely.MultiPoint(ring).convex_hull
         if hull.geom_type == "Polygon" and hull.area > 0.015 and hull.minimum_clearance > 0.05:
             corners = np.array(shapely.geometry.polygon.orient(hull).exterior.coords)[:-1]
-            return corners - area_and_centroid(corners)[1]
+            return corners - polygon_centroid(corners)

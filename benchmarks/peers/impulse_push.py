@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from visuohaptic.core import InputError
-from visuohaptic.navigation.pushing import PushModel, PushTrace, area_and_centroid, check_path, polar_moment
+from visuohaptic.core.geometry import polygon_centroid, polygon_second_moments
+from visuohaptic.navigation.pushing import PushModel, PushTrace, check_path
 from visuohaptic.navigation.pushing.quasi_static import DROP_M, rest_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
@@ -63,4 +64,4 @@ def _even_mass(model: PushModel) -> tuple[Float[np.ndarray, "2"], float]:
     p, r = model.outline_m, model.round_m
     if len(p) < 3:
         return p.mean(axis=0), 0.5 * max(r, 1e-3) ** 2
-    return area_and_centroid(p)[1], polar_moment(p)
+    return polygon_centroid(p), float(np.trace(polygon_second_moments(p)))

@@ -13,9 +13,9 @@ import pytest
 
 from visuohaptic.core import DeviceError, FrameSource, InputError, StaleFrameError
 from visuohaptic.core.camera import Camera
+from visuohaptic.io import time_s
 from visuohaptic.io.frames import CameraSettings, FoundCamera, LiveSource, _camera_drivers
 from visuohaptic.io.frames._camera_drivers import OpenCvBackend, UvcBackend
-from visuohaptic.io.frames.live import time_s
 
 
 class FakeBackend:

@@ -64,9 +64,9 @@ def thing(**changes):
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        ([], "found list, expected a mapping"),
+        ([], "found [], expected a mapping of fields"),
         ({}, "objects: is missing"),
-        ({"objects": {}}, "objects: found dict, expected a list"),
+        ({"objects": {}}, "objects: found {}, expected a list of entries"),
         ({"objects": [], "robots": 1}, "robots: is unknown"),
         (thing(colour="red"), "objects[0].colour: is unknown"),
         (thing(id=None), "objects[0].id: is missing"),
@@ -78,19 +78,22 @@ def thing(**changes):
             "objects[0].footprint_m: found an outline without area",
         ),
         (thing(footprint_m=[[0, 0], [1, 1], [1, 0], [0, 1]]), "objects[0].footprint_m: found an outline"),
-        (thing(footprint_m=[[0, 0, 1], [1, 1], [1, 0]]), "objects[0].footprint_m: expected a list"),
+        (
+            thing(footprint_m=[[0, 0, 1], [1, 1], [1, 0]]),
+            "objects[0].footprint_m: found [[0, 0, 1], [1, 1], [1, 0]], expected an array of numbers",
+        ),
         (thing(footprint_m=[[0, float("nan")], [1, 1], [1, 0]]), "objects[0].footprint_m: found nan"),
         (thing(footprint_m=[[0, "x"], [1, 1], [1, 0]]), "objects[0].footprint_m: found 'x'"),
         (
             thing(footprint_m=[[0, 0], [1e300, 0], [0, 1e300]]),
             "expected finite [x, y] corners within 1e+09 m",
         ),
-        (thing(haptic_tag=3), "objects[0].haptic_tag: found int"),
+        (thing(haptic_tag=3), "objects[0].haptic_tag: found 3, expected a mapping of fields"),
         (thing(haptic_tag={"friction": 3}), "objects[0].haptic_tag.friction: is unknown"),
         (thing(haptic_tag={"fixed": "yes"}), "objects[0].haptic_tag.fixed: found 'yes'"),
         (thing(haptic_tag={"explored": -1}), "objects[0].haptic_tag.explored: found -1"),
         (thing(haptic_tag={"failed": True}), "objects[0].haptic_tag.failed: found True"),
-        (thing(haptic_tag={"drift": "inf"}), "objects[0].haptic_tag.drift: found inf"),
+        (thing(haptic_tag={"drift": "inf"}), "objects[0].haptic_tag.drift: found value inf"),
         (thing(haptic_tag={"static_friction_N": -1}), "objects[0].haptic_tag.static_friction_N: found -1"),
         (thing(haptic_tag={"drift": {"sigma": 1}}), "objects[0].haptic_tag.drift.value: is missing"),
         (

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from tests.navigation.plan_check import faults
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
-
 from visuohaptic.navigation.planning import SearchLimits, make_plan
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 

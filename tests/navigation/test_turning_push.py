@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 
+from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.core import InputError
 from visuohaptic.navigation.planning import after_push, make_plan, plan_turning_pushes, without_pushing
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem

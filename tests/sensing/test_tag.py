@@ -8,18 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
-from visuohaptic.core import Estimate, Event, EventKind, HapticTag, InputError, Primitive, PrimitiveKind
+from visuohaptic.core import Estimate, Event, EventKind, HapticTag
 from visuohaptic.database import merge_tags
 from visuohaptic.sensing.push import (
     StopLimits,
     StopReason,
     predictive_interval,
     stop_reason,
-    tag_from_dict,
     tag_from_push,
-    tag_to_dict,
 )
 
 
@@ -202,49 +199,3 @@ def test_real_pushes_spread_and_the_tag_carries_it(data: Path) -> None:
     assert min(spreads) > 0.12
     assert max(spreads) < 0.49
     assert 0.85 <= np.mean(hits) <= 0.95
-
-
-def test_plain_numbers_and_full_forms_are_read() -> None:
-    text = """
-    {static_friction_N: 8.1, dynamic_friction_N: {value: 7.5, sigma: 0.2, spread: 1.1, samples: 3},
-    drift: 0.03, rotation_rad_per_m: 0.0, deformability: 1e-3, deceleration_s: null, fixed: false,
-    falls: false, explored: 1, failed: 0}
-    """
-    tag = tag_from_dict(yaml.safe_load(text))
-    assert tag.static_friction_N == Estimate(8.1, 0.0)
-    assert tag.dynamic_friction_N == Estimate(7.5, 0.2, 1.1, 3)
-    assert tag.deformability == Estimate(1e-3, 0.0)
-    assert tag.deceleration_s is None
-    assert tag.rotation_rad_per_m == Estimate(0.0, 0.0)
-
-
-def test_a_tag_survives_the_round_trip() -> None:
-    tag = HapticTag(
-        static_friction_N=Estimate(8.1, 0.1, 0.5, 2),
-        primitive=Primitive(PrimitiveKind.CIRCLE, np.array([0.1, 0.0, 0.05]), 1e-8 * np.eye(3), 0.97),
-        deformation_shape_m=np.array([[0.018, -0.01], [0.016, 0.0]]),
-        fixed=False,
-        explored=2,
-    )
-    data = tag_to_dict(tag)
-    again = tag_from_dict(yaml.safe_load(yaml.safe_dump(data)))
-    assert tag_to_dict(again) == data
-    assert again.falls is None
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        ({"static_fricton_N": 1}, "haptic_tag: static_fricton_N: is unknown"),
-        ({"drift": "much"}, "haptic_tag: drift: found None, expected a finite number"),
-        ({"drift": {"sigma": 1}}, "haptic_tag: drift.value: is missing"),
-        ({"drift": {"value": 1, "sigma": -1}}, "expected >= 0"),
-        ({"fixed": "no"}, "found 'no', expected true, false or null"),
-        ({"explored": -1}, "expected a count >= 0"),
-        ({"primitive": {"kind": "star"}}, "kind one of line, segment, corner, circle"),
-        ([], "found list, expected a mapping"),
-    ],
-)
-def test_bad_tags_are_refused_by_name(data, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        tag_from_dict(data)

@@ -21,7 +21,9 @@ from visuohaptic.core import (
     InputError,
     MobileBase,
     ProbeArm,
+    from_dict,
     require_members,
+    to_dict,
 )
 from visuohaptic.database import merge_tags
 from visuohaptic.navigation.planning import FollowLimits, PathFollower, drive_path
@@ -33,7 +35,6 @@ from visuohaptic.navigation.problem import (
     objects_from_data,
 )
 from visuohaptic.navigation.pushing import PushLimits
-from visuohaptic.sensing.push import tag_from_dict, tag_to_dict
 from visuohaptic.tasks.framework import Machine, Rule
 from visuohaptic.tasks.mobile import ForceGuard, GuardState, PushEnd, PushSettings, SteeredPush
 from visuohaptic.tasks.mobile.travel import TravelOutcome, TravelSenses, TravelSettings, travel
@@ -123,9 +124,9 @@ def test_the_planner_believes_the_bound_and_files_keep_it():
     assert not manipulability(tag, ROBOT).possible
     assert "more than 20.0 N" in manipulability(tag, ROBOT).reason
     assert failure_probability(tag, 0.1, PushLimits(0.17)) == 1.0
-    assert tag_from_dict(tag_to_dict(tag)).min_static_friction_N == 20.0
+    assert from_dict(HapticTag, to_dict(tag)).min_static_friction_N == 20.0
     read = objects_from_data(
-        {"objects": [{"id": "a", "footprint_m": box(0, 0, 1).tolist(), "haptic_tag": tag_to_dict(tag)}]}
+        {"objects": [{"id": "a", "footprint_m": box(0, 0, 1).tolist(), "haptic_tag": to_dict(tag)}]}
     )
     assert read[0].tag.needs_more_than(20.0)
     assert not read[0].tag.needs_more_than(25.0)

@@ -1,64 +1,109 @@
-"""Objects as plain data: a card of texts and numbers, and arrays by name; back again with every field checked.
+"""Dataclasses as plain data and back, with every field checked: for YAML, JSON, cards and traces.
 
-The card mirrors the data classes field by field and leaves out what is not known. An array is ``{"array":
-name}`` in the card and stands apart under that name; a NaN or infinity is the text ``"nan"``, ``"inf"`` or
-``"-inf"``, so that the card is strict JSON.
+Plain data are mappings, lists, texts, numbers, truth values and null. A NaN or infinity is the text ``"nan"``,
+``"inf"`` or ``"-inf"``, so that the text is strict JSON. :func:`to_dict` writes all fields, arrays as nested
+lists; :func:`from_dict` reads any dataclass by the annotations of its fields:
+
+- a field that is null or left out has its default; without a default it is missing
+- a field that the dataclass does not have is refused, and so is a value of another type
+- a number may be a text, as YAML 1.1 reads ``1e-3``; a whole number may be written ``2.0``
+- a dataclass with a class method ``from_number`` may be a number alone
+- a dataclass with a method ``check_read`` is checked by it; it raises :class:`.InputError` with the field
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
+import contextlib
 import math
+import sys
 import types
 import typing
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
-from enum import StrEnum
-from functools import cache
-from typing import Any, cast
+from enum import Enum
+from functools import cache, partial
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from .errors import InputError, brief
-from .objects import Estimate, Geometry, HapticTag, Provenance, Sighting, StiffnessMap, VisuoHapticObject
 
-__all__ = ["Arrays", "arrays_digest", "card_text", "decode", "digest_of", "encode", "order_of"]
+__all__ = ["from_dict", "to_dict"]
 
 #: Arrays by name, of plain number types.
 Arrays = dict[str, np.ndarray]
+
+RecordT = TypeVar("RecordT")
 
 #: Number types that arrays may have.
 DTYPES = frozenset(
     {"bool", "uint8", "int8", "int16", "uint16", "int32", "uint32", "int64", "uint64", "float32", "float64"}
 )
-#: Of a haptic tag, what has no sign.
-_MAGNITUDES = (
-    "static_friction_N",
-    "dynamic_friction_N",
-    "deceleration_s",
-    "deformability",
-    "stiffness_N_per_m",
-)
-#: Noise brings a magnitude below zero by more than this many standard deviations once in 10^9.
-_MAX_NOISE = 6.0
-#: A contour is what a platform touches at once; farther than any building is long are no coordinates of it.
-_MAX_CONTOUR_M = 1e3
+_MAX_FLOAT = sys.float_info.max
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 
 
-def encode(obj: VisuoHapticObject) -> tuple[dict[str, Any], Arrays]:
-    """Card and arrays of an object."""
-    arrays: Arrays = {}
-    return _encode(obj, "", arrays), arrays
+def to_dict(record: Any) -> dict[str, Any]:
+    """Plain data of a dataclass instance or mapping: all of its fields, arrays as nested lists.
+
+    Parameters
+    ----------
+    record
+        Mapping, or instance of a dataclass, whose fields are numbers, texts, enumerations, arrays of numbers, tuples,
+        mappings with texts as keys, and such dataclasses.
+
+    Raises
+    ------
+    InputError
+        A field holds something else; names the field.
+    """
+    return cast("dict[str, Any]", _encode(record, "", None))
 
 
-def _encode(value: Any, place: str, arrays: Arrays) -> Any:
+def from_dict(kind: type[RecordT], data: Any, *, where: object = "", place: str = "") -> RecordT:
+    """A dataclass instance of plain data; the reader of what :func:`to_dict` writes.
+
+    Parameters
+    ----------
+    kind
+        The dataclass.
+    data
+        Mapping of its fields, as a YAML or JSON file gives them.
+    where
+        File or argument that the data come from, for messages; by default the dataclass.
+    place
+        Field of it that ``data`` is, for messages; empty for the whole.
+
+    Raises
+    ------
+    InputError
+        A field is unknown, missing, of another type or outside of its range: one line with its place.
+    """
+    return read_record(kind, data, {}, where or kind.__name__, place)
+
+
+def encode_record(record: Any, arrays: Arrays, place: str = "") -> Any:
+    """Plain data of what is not a default, its arrays put apart under their place."""
+    return _encode(record, place, arrays)
+
+
+def read_record(
+    kind: type[RecordT], data: Any, arrays: Mapping[str, np.ndarray], where: object, place: str = ""
+) -> RecordT:
+    """As :func:`from_dict`, with arrays that stand apart."""
+    reader = _reader(cast("Hashable", kind))
+    return cast(RecordT, reader(data, _Context(arrays, where), place))
+
+
+def _encode(value: Any, place: str, arrays: Arrays | None) -> Any:
+    """Plain data of a value; without ``arrays`` all fields are written, and arrays as lists."""
     kind: type = type(value)
     if kind is str or kind is int or kind is bool:
         return value  # most values: asked for by name, an import is a tenth faster
     if value is None or isinstance(value, (bool, np.bool_)):
         return value if value is None else bool(value)
+    if isinstance(value, Enum):
+        return _encode(value.value, place, arrays)
     if isinstance(value, (int, np.integer)):
         return int(value)
     if isinstance(value, (float, np.floating)):
@@ -69,25 +114,31 @@ def _encode(value: Any, place: str, arrays: Arrays) -> Any:
         array = np.frombuffer(value, np.uint8) if isinstance(value, bytes) else np.ascontiguousarray(value)
         if _name_of(array.dtype) not in DTYPES:
             raise InputError(place, f"found an array of {array.dtype}, expected numbers")
+        if arrays is None:
+            return _encode(array.tolist(), place, arrays)
         arrays[place] = array.astype(array.dtype.newbyteorder("<"), copy=False)
         return {"array": place}
+    inside = f"{place}." if place else ""
     if kind is dict or isinstance(value, Mapping):
-        inside = f"{place}." if place else ""
-        return {str(name): _encode(item, f"{inside}{name}", arrays) for name, item in sorted(value.items())}
+        items = value.items() if arrays is None else sorted(value.items())
+        return {str(name): _encode(item, f"{inside}{name}", arrays) for name, item in items}
     if isinstance(value, (tuple, list)):
         return [_encode(item, f"{place}.{index}", arrays) for index, item in enumerate(value)]
     if is_dataclass(value) and not isinstance(value, type):
-        inside = f"{place}." if place else ""
         found = {}
         for name, default in _defaults(cast("Hashable", kind)):
             item = getattr(value, name)
-            if item is default or (
-                isinstance(item, (dict, tuple, Mapping)) and not item and default is not MISSING
+            if arrays is not None and (
+                item is default
+                or (isinstance(item, (dict, tuple, Mapping)) and not item and default is not MISSING)
             ):
                 continue
             found[name] = _encode(item, f"{inside}{name}", arrays)
         return found
-    raise InputError(place, f"found {type(value).__name__}, which cannot be stored")
+    raise InputError(
+        place or "to_dict",
+        f"found {kind.__name__}, expected numbers, texts, arrays, tuples, mappings and dataclasses",
+    )
 
 
 @cache
@@ -99,17 +150,6 @@ def _name_of(kind: np.dtype) -> str:
 @cache
 def _defaults(kind: Any) -> tuple[tuple[str, Any], ...]:
     return tuple((f.name, f.default if f.default_factory is MISSING else ()) for f in fields(kind))
-
-
-def decode(card: Any, arrays: Mapping[str, np.ndarray], where: object = "object") -> VisuoHapticObject:
-    """The object of a card.
-
-    Raises
-    ------
-    InputError
-        A field is unknown, missing or of the wrong kind or shape.
-    """
-    return typing.cast(VisuoHapticObject, _reader(VisuoHapticObject)(card, _Context(arrays, where), ""))
 
 
 class _Context:
@@ -132,6 +172,8 @@ _Reader = Callable[[Any, _Context, str], Any]
 def _reader(hint: Any) -> _Reader:
     """A function that reads a value of this type."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if hint is Any:
+        return lambda value, context, place: value
     if origin in (typing.Union, types.UnionType):
         return _read_union(tuple(part for part in inner if part is not type(None)), type(None) in inner)
     if origin is not None and isinstance(origin, type) and issubclass(origin, Mapping):
@@ -140,7 +182,7 @@ def _reader(hint: Any) -> _Reader:
         return _read_tuple(inner)
     if isinstance(hint, type) and is_dataclass(hint):
         return _read_dataclass(hint)
-    if isinstance(hint, type) and issubclass(hint, StrEnum):
+    if isinstance(hint, type) and issubclass(hint, Enum):
         return _read_enum(hint)
     if hint in (str, bool, int, float, bytes):
         return _SCALARS[hint]
@@ -148,18 +190,20 @@ def _reader(hint: Any) -> _Reader:
 
 
 def _read_union(parts: tuple[Any, ...], optional: bool) -> _Reader:
-    if set(parts) == {str, float}:  # a state: a word or a number
+    readers = [_reader(part) for part in parts]
 
-        def read_word(value: Any, context: _Context, place: str) -> Any:
-            return value if isinstance(value, str) else _read_float(value, context, place)
+    def read_union(value: Any, context: _Context, place: str) -> Any:
+        """The first alternative that reads the value; of a state, a word before a number."""
+        if value is None and optional:
+            return None
+        for read in readers[:-1]:
+            try:
+                return read(value, context, place)
+            except InputError:
+                continue
+        return readers[-1](value, context, place)
 
-        return read_word
-    read = _reader(parts[0])
-
-    def read_optional(value: Any, context: _Context, place: str) -> Any:
-        return None if value is None and optional else read(value, context, place)
-
-    return read_optional
+    return read_union
 
 
 def _read_mapping(read: _Reader) -> _Reader:
@@ -179,44 +223,66 @@ def _read_tuple(inner: tuple[Any, ...]) -> _Reader:
         if not isinstance(value, (list, tuple)) or (count is not None and len(value) != count):
             raise context.refuse(place, value, f"a list of {count if count is not None else 'entries'}")
         return tuple(
-            readers[index if count is not None else 0](item, context, f"{place}.{index}")
+            readers[index if count is not None else 0](item, context, f"{place}[{index}]")
             for index, item in enumerate(value)
         )
 
     return read_tuple
 
 
-def _read_enum(kind: type[StrEnum]) -> _Reader:
+def _read_enum(kind: type[Enum]) -> _Reader:
     def read_enum(value: Any, context: _Context, place: str) -> Any:
         try:
             return kind(value)
         except ValueError:
-            raise context.refuse(place, value, f"one of {', '.join(kind)}") from None
+            raise context.refuse(
+                place, value, f"one of {', '.join(str(one.value) for one in kind)}"
+            ) from None
 
     return read_enum
 
 
-def _read_dataclass(kind: type) -> _Reader:
+def _read_dataclass(kind: Any) -> _Reader:
     hints = typing.get_type_hints(kind)
-    readers = {f.name: _reader(hints[f.name]) for f in fields(kind)}
-    needed = {f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING}
+    readers = {f.name: _reader(hints[f.name]) for f in fields(kind) if f.init}
+    needed = [f.name for f in fields(kind) if f.default is MISSING and f.default_factory is MISSING]
+    nullable = {name for name in readers if hints[name] is Any or type(None) in typing.get_args(hints[name])}
+    from_number = getattr(kind, "from_number", None)
+    check = getattr(kind, "check_read", None)
+
+    def read_fields(value: Any, context: _Context, place: str) -> dict[str, Any]:
+        if not isinstance(value, Mapping):
+            raise context.refuse(place, value, "a mapping of fields")
+        inside = f"{place}." if place else ""
+        for name in value:
+            if name not in readers:
+                raise InputError(
+                    context.where,
+                    f"is unknown, expected one of {', '.join(readers)}",
+                    field=f"{inside}{name}",
+                    remedy="it may come from a newer version",
+                )
+        for name in needed:
+            if name not in value or (value[name] is None and name not in nullable):
+                raise InputError(context.where, "is missing", field=f"{inside}{name}")
+        return {
+            name: readers[name](item, context, f"{inside}{name}")
+            for name, item in value.items()
+            if item is not None or name in nullable
+        }
 
     def read_dataclass(value: Any, context: _Context, place: str) -> Any:
-        if not isinstance(value, dict):
-            raise context.refuse(place, value, "a mapping of fields")
-        if unknown := sorted(str(name) for name in value.keys() - readers.keys()):
-            raise InputError(
-                context.where,
-                f"unknown field {brief(unknown[0])}",
-                field=place,
-                remedy="it may come from a newer version",
-            )
-        if missing := sorted(needed - value.keys()):
-            raise InputError(context.where, f"the field {missing[0]!r} is missing", field=place)
-        inside = f"{place}." if place else ""
-        made = kind(**{name: readers[name](item, context, f"{inside}{name}") for name, item in value.items()})
-        if kind in _CHECKS:
-            _CHECKS[kind](made, context, place)
+        if from_number is not None and isinstance(value, (int, float, str)):
+            make = partial(from_number, _read_float(value, context, place))
+        else:
+            make = partial(kind, **read_fields(value, context, place))
+        try:
+            made = make()
+            if check is not None:
+                check(made)
+        except InputError as error:
+            field = ".".join(part for part in (place, error.field) if part)
+            raise InputError(context.where, error.problem, field=field, remedy=error.remedy) from error
         return made
 
     return read_dataclass
@@ -224,12 +290,34 @@ def _read_dataclass(kind: type) -> _Reader:
 
 def _read_array(hint: Any) -> _Reader:
     def read_array(value: Any, context: _Context, place: str) -> Any:
+        if isinstance(value, (list, tuple)):
+            return read_list(value, context, place)
         name = value.get("array") if isinstance(value, dict) and len(value) == 1 else None
         if not isinstance(name, str):
-            raise context.refuse(place, value, "an array")
+            raise context.refuse(place, value, "an array of numbers")
         if name not in context.arrays:
             raise InputError(context.where, f"the array {name!r} is missing", field=place)
-        array = context.arrays[name]
+        return checked(context.arrays[name], context, place)
+
+    read_entry = _read_float if "float64" in hint.dtypes else _read_int
+
+    def read_list(value: Any, context: _Context, place: str) -> Any:
+        def numbers(entry: Any) -> Any:
+            return (
+                [numbers(one) for one in entry]
+                if isinstance(entry, (list, tuple))
+                else read_entry(entry, context, place)
+            )
+
+        try:
+            array = np.array(numbers(value), dtype=np.float64 if read_entry is _read_float else np.int64)
+        except InputError:
+            raise
+        except (ValueError, OverflowError, RecursionError) as error:  # ragged, too large or too deep
+            raise context.refuse(place, value, "an array of numbers") from error
+        return checked(array, context, place)
+
+    def checked(array: np.ndarray, context: _Context, place: str) -> np.ndarray:
         if not isinstance(array, hint):
             raise InputError(
                 context.where,
@@ -243,18 +331,21 @@ def _read_array(hint: Any) -> _Reader:
 
 
 def _read_float(value: Any, context: _Context, place: str) -> float:
-    if isinstance(value, str) and value in _NOT_FINITE:
-        return _NOT_FINITE[value]
+    if isinstance(value, str):
+        if value in _NOT_FINITE:
+            return _NOT_FINITE[value]
+        with contextlib.suppress(ValueError):
+            value = float(value)  # YAML 1.1 reads 1e-3 as a text
     # A card says "nan" where something is not known; a bare .nan is what a broken program writes.
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= _MAX_FLOAT:
         raise context.refuse(place, value, "a finite number")
     return float(value)
 
 
 def _read_int(value: Any, context: _Context, place: str) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
         raise context.refuse(place, value, "a whole number")
-    return value
+    return int(value)
 
 
 def _read_bool(value: Any, context: _Context, place: str) -> bool:
@@ -283,96 +374,3 @@ _SCALARS: dict[Any, _Reader] = {
     float: _read_float,
     bytes: _read_bytes,
 }
-
-
-def _check_mesh(mesh: Geometry | StiffnessMap, context: _Context, place: str) -> None:
-    count = 0 if mesh.vertices_m is None else len(mesh.vertices_m)
-    if (
-        mesh.faces is not None
-        and mesh.faces.size
-        and not (mesh.faces.min() >= 0 and mesh.faces.max() < count)
-    ):
-        raise InputError(
-            context.where, f"faces name vertices outside of 0..{count - 1}", field=f"{place}.faces"
-        )
-    if isinstance(mesh, StiffnessMap) and not (
-        len(mesh.stiffness_N_per_m) == len(mesh.stiffness_sigma_N_per_m) == count
-    ):
-        raise InputError(context.where, f"expected one stiffness and sigma for {count} vertices", field=place)
-
-
-def _check_tag(tag: HapticTag, context: _Context, place: str) -> None:
-    """Magnitudes are not negative, but for their noise; a contour fits into a building."""
-    for name in _MAGNITUDES:
-        found: Estimate | None = getattr(tag, name)
-        if found is not None and found.value < -_MAX_NOISE * found.predictive_sigma:
-            raise InputError(
-                context.where, f"found {found.value:g}, expected >= 0", field=f"{place}.{name}.value"
-            )
-    contour = tag.deformation_shape_m
-    if contour is not None and not (np.abs(contour) <= _MAX_CONTOUR_M).all():
-        raise InputError(
-            context.where,
-            f"expected coordinates within {_MAX_CONTOUR_M:g} m",
-            field=f"{place}.deformation_shape_m",
-        )
-
-
-def _check_sighting(seen: Sighting, context: _Context, place: str) -> None:
-    numbers = (*seen.position_m, seen.sigma_m, seen.t_s)
-    if not all(map(math.isfinite, numbers)) or seen.sigma_m < 0:
-        raise InputError(context.where, "expected finite position_m, sigma_m >= 0 and t_s", field=place)
-
-
-def _check_provenance(origin: Provenance, context: _Context, place: str) -> None:
-    if math.isinf(origin.t_s):  # it would win every merge
-        raise context.refuse(f"{place}.t_s", origin.t_s, "a finite number")
-
-
-_CHECKS: dict[type, Callable[[Any, _Context, str], None]] = {
-    Geometry: _check_mesh,
-    StiffnessMap: _check_mesh,
-    HapticTag: _check_tag,
-    Provenance: _check_provenance,
-    Sighting: _check_sighting,
-}
-
-
-def card_text(card: Any) -> str:
-    """The card as JSON, always the same for the same contents."""
-    return json.dumps(card, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
-
-
-def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 of arrays with names, types and shapes."""
-    digest = hashlib.sha256()
-    for name in sorted(arrays):
-        array = arrays[name]
-        digest.update(f"{name}\0{_name_of(array.dtype)}\0{array.shape}\0".encode())
-        digest.update(np.ascontiguousarray(array).data if array.size else b"")
-    return digest.hexdigest()
-
-
-def digest_of(text: str, arrays_sha256: str) -> str:
-    """SHA-256 of a whole object, from its card's text and its arrays."""
-    return hashlib.sha256(f"{text}\0{arrays_sha256}".encode()).hexdigest()
-
-
-def order_of(value: Any) -> str:
-    """A key that puts different contents into a fixed order; estimates are left out of it."""
-    arrays: Arrays = {}
-    card = _encode(_without_estimates(value), "v", arrays)
-    return card_text(card) + arrays_digest(arrays)
-
-
-def _without_estimates(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {name: _without_estimates(item) for name, item in value.items()}
-    if is_dataclass(value) and not isinstance(value, type):
-        names = (f.name for f in fields(value))
-        return {
-            name: _without_estimates(item)
-            for name in names
-            if (item := getattr(value, name)) is not None and not isinstance(item, Estimate)
-        }
-    return value

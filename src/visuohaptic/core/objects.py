@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -31,12 +32,27 @@ __all__ = [
 ]
 
 
+#: Of a haptic tag, what has no sign.
+_MAGNITUDES = (
+    "static_friction_N",
+    "dynamic_friction_N",
+    "deceleration_s",
+    "deformability",
+    "stiffness_N_per_m",
+)
+#: Noise brings a magnitude below zero by more than this many standard deviations once in 10^9.
+_MAX_NOISE = 6.0
+#: A contour is what a platform touches at once; farther than any building is long are no coordinates of it.
+_MAX_CONTOUR_M = 1e3
+
+
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """A measured property. "Not observed" is ``None`` in its place, never an estimate of zero."""
 
     value: float  #: best estimate
-    sigma: float  #: standard deviation of ``value`` as measured at this contact
+    #: standard deviation of ``value`` as measured at this contact; 0 where a file does not state it
+    sigma: float = 0.0
     spread: float = 0.0  #: standard deviation of the property over contact points and repetitions
     samples: int = 1  #: how many observations are in it
 
@@ -48,6 +64,17 @@ class Estimate:
                 f"samples {self.samples}; "
                 "expected a finite value, sigma and spread >= 0, samples >= 1",
             )
+
+    @classmethod
+    def from_number(cls, value: float) -> Estimate:
+        """An estimate whose uncertainty is not stated.
+
+        Parameters
+        ----------
+        value
+            The property, in its unit.
+        """
+        return cls(value)
 
     @property
     def predictive_sigma(self) -> float:
@@ -62,6 +89,15 @@ class PrimitiveKind(StrEnum):
     SEGMENT = "segment"
     CORNER = "corner"
     CIRCLE = "circle"
+
+
+#: How many parameters a primitive has, by kind.
+_PARAMETERS = {
+    PrimitiveKind.LINE: 3,
+    PrimitiveKind.SEGMENT: 4,
+    PrimitiveKind.CORNER: 4,
+    PrimitiveKind.CIRCLE: 3,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +116,18 @@ class Primitive:
     parameters: Float[np.ndarray, "p"]
     covariance: Float[np.ndarray, "p p"]
     score: float  #: S_p of Eq. (3.11), 0..1
+
+    def check_read(self) -> None:
+        """Refuse what no file may hold: other than the kind's number of parameters, or numbers that are not finite."""
+        count = _PARAMETERS[self.kind]
+        if self.parameters.shape != (count,) or self.covariance.shape != (count, count):
+            raise InputError(
+                "Primitive",
+                f"found {len(self.parameters)} parameters and a covariance of shape {self.covariance.shape}, "
+                f"expected {count} of a {self.kind}",
+            )
+        if not (np.isfinite(self.parameters).all() and np.isfinite(self.covariance).all()):
+            raise InputError("Primitive", "found a number that is not finite")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +151,39 @@ class HapticTag:
     #: lower bound of the static friction [N]: a push with this force did not move it
     min_static_friction_N: float | None = None
 
+    def check_read(self) -> None:
+        """Refuse what no file may hold.
+
+        Magnitudes are not negative but for their noise, counts not at all; a bound is finite, and a contour fits
+        into a building.
+        """
+        for name in _MAGNITUDES:
+            found: Estimate | None = getattr(self, name)
+            if found is not None and found.value < -_MAX_NOISE * found.predictive_sigma:
+                raise InputError("HapticTag", f"found {found.value:g}, expected >= 0", field=name)
+        for name in ("explored", "failed"):
+            if getattr(self, name) < 0:
+                raise InputError(
+                    "HapticTag", f"found {getattr(self, name)}, expected a count >= 0", field=name
+                )
+        bound, contour = self.min_static_friction_N, self.deformation_shape_m
+        if bound is not None and not math.isfinite(bound):
+            raise InputError(
+                "HapticTag", f"found {bound}, expected a finite number", field="min_static_friction_N"
+            )
+        if contour is not None and not (np.abs(contour) <= _MAX_CONTOUR_M).all():
+            raise InputError(
+                "HapticTag", f"expected coordinates within {_MAX_CONTOUR_M:g} m", field="deformation_shape_m"
+            )
+
     def needs_more_than(self, force_N: float) -> bool:
-        """Whether a push with this force [N] is known not to move it, or its friction is measured above."""
+        """Whether a push is known not to move the object, or its friction is measured above the push.
+
+        Parameters
+        ----------
+        force_N
+            Force of the push [N].
+        """
         bound = self.min_static_friction_N
         if bound is not None and bound >= force_N:
             return True
@@ -112,7 +191,13 @@ class HapticTag:
         return any(friction is not None and friction.value > force_N for friction in measured)
 
     def updated(self, **changes: Any) -> HapticTag:
-        """A copy with some fields replaced."""
+        """A copy with some fields replaced.
+
+        Parameters
+        ----------
+        changes
+            New values by field name.
+        """
         return replace(self, **changes)
 
 
@@ -123,6 +208,10 @@ class Geometry:
     vertices_m: Float[np.ndarray, "v 3"] | None = None
     faces: Int[np.ndarray, "f 3"] | None = None
     footprint_m: Float[np.ndarray, "p 2"] | None = None  #: outline on the floor, counter-clockwise
+
+    def check_read(self) -> None:
+        """Refuse faces of vertices that are not there."""
+        _check_faces(self.faces, 0 if self.vertices_m is None else len(self.vertices_m))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +243,18 @@ class StiffnessMap:
     stiffness_N_per_m: Float[np.ndarray, "v"]
     stiffness_sigma_N_per_m: Float[np.ndarray, "v"]
 
+    def check_read(self) -> None:
+        """Refuse faces of vertices that are not there, and other than one stiffness and sigma for each."""
+        count = len(self.vertices_m)
+        _check_faces(self.faces, count)
+        if not len(self.stiffness_N_per_m) == len(self.stiffness_sigma_N_per_m) == count:
+            raise InputError("StiffnessMap", f"expected one stiffness and sigma for {count} vertices")
+
+
+def _check_faces(faces: Int[np.ndarray, "f 3"] | None, count: int) -> None:
+    if faces is not None and faces.size and not (faces.min() >= 0 and faces.max() < count):
+        raise InputError("faces", f"faces name vertices outside of 0..{count - 1}", field="faces")
+
 
 @dataclass(frozen=True, slots=True)
 class Provenance:
@@ -163,6 +264,11 @@ class Provenance:
     t_s: float = float("nan")  #: when it was obtained, seconds since the epoch
     version: str = ""  #: version of the library that wrote it
     note: str = ""
+
+    def check_read(self) -> None:
+        """Refuse an infinite time: it would win every merge."""
+        if math.isinf(self.t_s):
+            raise InputError("Provenance", f"found {self.t_s}, expected a finite number", field="t_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,6 +316,11 @@ class Sighting:
     t_s: float  #: seconds since the epoch
     frame: str = "map"
     context: tuple[str, ...] = ()  #: room, furniture and neighbours, as ("kitchen", "sink")
+
+    def check_read(self) -> None:
+        """Refuse a place or time that is not finite."""
+        if not all(map(math.isfinite, (*self.position_m, self.sigma_m, self.t_s))) or self.sigma_m < 0:
+            raise InputError("Sighting", "expected finite position_m, sigma_m >= 0 and t_s")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from sqlalchemy import Connection, func, select
 from sqlalchemy.exc import DBAPIError
 
-from ..core import codec
+from ..core import cards
 from ..core.errors import DatabaseError, InputError
 from ..core.objects import VisuoHapticObject
 from ..core.resources import Closing
@@ -291,19 +291,19 @@ class ObjectDatabase(Closing):
                 if old is not None:
                     obj, gone_s = joined(old.obj, old.deleted_s, obj, gone_s, asked=deletions is None)
                 latest[one], dead[one] = obj, gone_s
-                card, arrays = codec.encode(obj)
+                card, arrays = cards.encode(obj)
                 row = {
                     "id": one,
                     "name": obj.name,
                     "visual_class": obj.visual_class,
                     "change": change,
-                    "card": codec.card_text(card),
-                    "arrays_sha256": codec.arrays_digest(arrays) if arrays else "",
+                    "card": cards.card_text(card),
+                    "arrays_sha256": cards.arrays_digest(arrays) if arrays else "",
                     "deleted_s": gone_s,
                     "shard": None,
                     "row_group": None,
                 }
-                row["digest"] = codec.digest_of(str(row["card"]), str(row["arrays_sha256"]))
+                row["digest"] = cards.digest_of(str(row["card"]), str(row["arrays_sha256"]))
                 if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], gone_s):
                     continue  # nothing new
                 if old is not None and old.row.arrays_sha256 == row["arrays_sha256"]:
@@ -319,7 +319,7 @@ class ObjectDatabase(Closing):
         self._last_deleted = dead
         return [latest[obj.id] for obj in objects]
 
-    def _store_arrays(self, connection: Connection, blobs: list[tuple[dict[str, Any], codec.Arrays]]) -> None:
+    def _store_arrays(self, connection: Connection, blobs: list[tuple[dict[str, Any], cards.Arrays]]) -> None:
         """Arrays into shards, before the rows that name them."""
         if not blobs:
             return
@@ -368,7 +368,7 @@ class ObjectDatabase(Closing):
 
     def _decode(self, row: Any, connection: Connection) -> VisuoHapticObject:
         where = f"{self.where}, object {row.id}"
-        arrays: codec.Arrays = {}
+        arrays: cards.Arrays = {}
         try:
             if row.shard is not None and self._folder is not None:
                 arrays = self._folder.read(row.shard, row.row_group)
@@ -377,9 +377,9 @@ class ObjectDatabase(Closing):
 
                 data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
                 arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), row.row_group, where)
-            if row.shard is not None and codec.arrays_digest(arrays) != row.arrays_sha256:
+            if row.shard is not None and cards.arrays_digest(arrays) != row.arrays_sha256:
                 raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
-            return codec.decode(json.loads(row.card), arrays, where)
+            return cards.decode(json.loads(row.card), arrays, where)
         except (InputError, ValueError) as error:
             raise DatabaseError(f"{where}: is damaged: {error}") from error
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..core.codec import decode, encode
+from ..core.cards import decode, encode
 from ..core.errors import InputError, MissingExtraError
 from ..core.files import atomic_path, load_yaml_model, save_yaml
 from ..core.objects import Geometry, VisuoHapticObject

@@ -8,7 +8,7 @@ from typing import Any
 
 from sqlalchemy import Connection, select, text
 
-from ..core import codec
+from ..core import cards
 from ..core.errors import DatabaseError, InputError
 from .schema import object_, shard
 from .shards import ShardFolder, file_sha256
@@ -50,6 +50,6 @@ def check_all(
             decode(row, connection)
         except (DatabaseError, InputError, FileNotFoundError) as error:
             problems.append(f"object {row.id}: {error}")
-        if codec.digest_of(row.card, row.arrays_sha256) != row.digest:
+        if cards.digest_of(row.card, row.arrays_sha256) != row.digest:
             problems.append(f"object {row.id} has another hash")
     return Check(count, len(shards), tuple(problems))

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core import codec
+from ..core import cards
 from ..core.errors import InputError
 from ..core.objects import (
     Estimate,
@@ -268,7 +268,7 @@ def _newer(
     for value, obj in there:
         origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])
         # The contents are only compared where the times cannot tell: that takes their hash.
-        contents = codec.order_of(value) if len(there) > 1 and mine is not yours else ""
+        contents = cards.order_of(value) if len(there) > 1 and mine is not yours else ""
         ranked.append((_time(origin), contents, repr(origin), value, origin))
     *_, value, origin = max(ranked, key=lambda entry: entry[:3])
     if origin is not None:

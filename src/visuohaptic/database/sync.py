@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 from sqlalchemy import select
 
-from ..core import codec
+from ..core import cards
 from ..core.objects import VisuoHapticObject
 from .database import BATCH, ObjectDatabase
 from .schema import peer
@@ -71,8 +71,8 @@ def synchronise(
 
 
 def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float | None]:
-    card, arrays = codec.encode(pair[0])
-    return codec.card_text(card), codec.arrays_digest(arrays) if arrays else "", pair[1]
+    card, arrays = cards.encode(pair[0])
+    return cards.card_text(card), cards.arrays_digest(arrays) if arrays else "", pair[1]
 
 
 def _known(local: ObjectDatabase, peer_id: str) -> tuple[int, int]:

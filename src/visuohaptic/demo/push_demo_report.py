@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ..core.camera.plane import PlaneView
+from ..core.geometry import rotation_2d
 from ..core.measurement import EventKind
 from ..report.annotation import FrameNotes, annotated_frame, primitive_outline
 from ..report.charts import (
@@ -238,8 +239,7 @@ def _map(result: DemoResult) -> Any:
 
     def aligned(points_m: np.ndarray) -> np.ndarray:
         """World to the axes of the map's picture, which may be turned."""
-        c, s = np.cos(yaw), np.sin(yaw)
-        return (points_m - [x, y]) @ np.array([[c, -s], [s, c]])
+        return (points_m - [x, y]) @ rotation_2d(yaw)
 
     objects = []
     for one in result.objects:

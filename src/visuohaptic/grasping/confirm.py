@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
+from ..core.geometry import vertex_normals
 from ..deformation.nonlinear.contents import Contents, contained_curve
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel, enclosed_volume
 from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, opposing_points
-from .score import vertex_normals
 
 __all__ = ["Confirmation", "confirm_grasp", "pinch_at"]
 

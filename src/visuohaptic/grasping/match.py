@@ -16,11 +16,11 @@ from jaxtyping import Bool, Float, Int
 
 from ..core.camera.pose import Pose
 from ..core.errors import InputError
+from ..core.geometry import so3_exp, vertex_normals
 from ..core.objects import Estimate
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, pinch_load
 from ..deformation.shapes.mesher import ShellObject
 from .confirm import pinch_at
-from .score import vertex_normals
 
 __all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
 
@@ -159,7 +159,7 @@ def match_shape(
         # Where the cloud does not see the deformation at all the amplitude stays what it was.
         normal_matrix[6, 6] += 1e-12
         step = np.linalg.solve(normal_matrix, right)
-        turn = _turn(step[:3])
+        turn = so3_exp(step[:3])
         # x -> turn (x - middle) + middle + step, for points in the object's frame.
         rotation = rotation @ turn.T
         shift = shift + rotation @ (turn @ middle - middle - step[3:6])
@@ -249,10 +249,3 @@ def _barycentric(
     low = np.maximum(ee * ff - ef * ef, 1e-300)
     v, w = (ff * ge - ef * gf) / low, (ee * gf - ef * ge) / low
     return np.column_stack([1 - v - w, v, w])
-
-
-def _turn(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation matrix of a rotation vector (Rodrigues)."""
-    import cv2
-
-    return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=float))[0])

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.errors import InputError
+from ..core.geometry import vertex_normals
 from ..core.objects import StiffnessMap
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
@@ -153,19 +154,6 @@ def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
     away = (a + b + c) / 3 - 0.5 * (used.min(axis=0) + used.max(axis=0))
     flux = float(np.einsum("fi,fi->", np.cross(b - a, c - a)[:, :2], away[:, :2]))
     return faces if flux >= 0 else faces[:, ::-1].copy()
-
-
-def vertex_normals(
-    points_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> Float[np.ndarray, "v 3"]:
-    """Outward unit normals, weighted by area; zero where nothing is."""
-    a, b, c = (points_m[faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    out = np.zeros_like(points_m)
-    for k in range(3):
-        np.add.at(out, faces[:, k], area)
-    length = np.linalg.norm(out, axis=1, keepdims=True)
-    return out / np.maximum(length, 1e-300)
 
 
 def _contact(

@@ -8,10 +8,11 @@ from .depth.depth_sequence import DepthSequence as DepthSequence
 from .depth.poses import StampedPose as StampedPose
 from .depth.poses import read_poses as read_poses
 from .depth.poses import write_poses as write_poses
+from .frames.camera_backend import CameraBackend as CameraBackend
+from .frames.camera_backend import CameraSettings as CameraSettings
+from .frames.camera_backend import FoundCamera as FoundCamera
+from .frames.camera_backend import time_s as time_s
 from .frames.frames import open_source as open_source
-from .frames.live import CameraBackend as CameraBackend
-from .frames.live import CameraSettings as CameraSettings
-from .frames.live import FoundCamera as FoundCamera
 from .frames.live import LiveSource as LiveSource
 from .frames.live import find_cameras as find_cameras
 from .frames.live import open_camera as open_camera

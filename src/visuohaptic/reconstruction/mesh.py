@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import InputError
+from ..core.geometry import area_vectors, vertex_normals
 from ..io.meshes.ply import PlyMesh, read_ply, write_ply
 
 __all__ = ["SurfaceMesh"]
@@ -59,28 +60,19 @@ class SurfaceMesh:
     @property
     def face_normals(self) -> Float[np.ndarray, "f 3"]:
         """Unit normals; zero for triangles without area."""
-        normals = self._face_vectors()
+        normals = area_vectors(self.vertices_m, self.faces)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
 
     @property
     def face_areas_m2(self) -> Float[np.ndarray, "f"]:
         """Area of each triangle."""
-        return 0.5 * np.linalg.norm(self._face_vectors(), axis=1)
-
-    def _face_vectors(self) -> Float[np.ndarray, "f 3"]:
-        a, b, c = (self.vertices_m[self.faces[:, corner]] for corner in range(3))
-        return np.cross(b - a, c - a)
+        return np.linalg.norm(area_vectors(self.vertices_m, self.faces), axis=1)
 
     @property
     def vertex_normals(self) -> Float[np.ndarray, "v 3"]:
         """Unit normals, weighted by area; zero where there is no triangle."""
-        sums = np.zeros_like(self.vertices_m)
-        vectors = self._face_vectors()
-        for corner in range(3):
-            np.add.at(sums, self.faces[:, corner], vectors)
-        lengths = np.linalg.norm(sums, axis=1, keepdims=True)
-        return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
+        return vertex_normals(self.vertices_m, self.faces)
 
     def welded(self, tolerance_m: float = 1e-7) -> SurfaceMesh:
         """Vertices at the same place joined; triangles that collapse are dropped."""

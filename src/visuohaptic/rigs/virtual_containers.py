@@ -15,6 +15,7 @@ import numpy as np
 
 from ..core.errors import InputError
 from ..core.files import parse_yaml
+from ..core.geometry import so3_exp, vertex_normals
 from ..deformation.shapes.container import ContainerDescription, load_container
 from ..deformation.shapes.mesher import STIFF_CAP_M, mesh_container
 from ..deformation.shells.shell_material import IsotropicMaterial
@@ -178,7 +179,7 @@ def real_object(
     a, b = row * around + column, row * around + (column + 1) % around
     quads = np.stack([a, b, b + around, a + around], axis=1)
     vertices, parts = wall, []
-    normals = _normals(wall, quads)
+    normals = vertex_normals(wall, quads)
     for band in np.unique(thickness):
         some = np.repeat(thickness, around) == band
         parts.append((quads[some], mitc4_stiffness(wall, quads[some], normals, float(band), plastic)))
@@ -249,10 +250,9 @@ def _felt(
     rng: np.random.Generator,
 ) -> RealObject:
     from scipy.sparse import coo_array
-    from scipy.spatial.transform import Rotation
 
     offset = rng.normal(0, POSE_m, 3)
-    turn = Rotation.from_rotvec(rng.normal(0, POSE_rad, 3)).as_matrix()
+    turn = so3_exp(rng.normal(0, POSE_rad, 3))
     triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
     rows, columns, values = [], [], []
     width = np.zeros((HEIGHTS, 2))
@@ -295,13 +295,3 @@ def _hit(local: np.ndarray, triangles: np.ndarray, sign: float) -> tuple[np.ndar
         return np.ones(1), np.array([corner]), float(sign * local[corner, 2])
     best = int(np.argmax(np.where(inside, out, -np.inf)))
     return fraction[best], triangles[best], float(out[best])
-
-
-def _normals(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    cross = np.cross(
-        vertices[quads[:, 2]] - vertices[quads[:, 0]], vertices[quads[:, 3]] - vertices[quads[:, 1]]
-    )
-    out = np.zeros_like(vertices)
-    for k in range(4):
-        np.add.at(out, quads[:, k], cross)
-    return out / np.linalg.norm(out, axis=1, keepdims=True)

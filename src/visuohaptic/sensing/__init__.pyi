@@ -23,8 +23,6 @@ from .push.push_record import stop_reason as stop_reason
 from .push.tag import TagSettings as TagSettings
 from .push.tag import predictive_interval as predictive_interval
 from .push.tag import tag_from_push as tag_from_push
-from .push.tag_file import tag_from_dict as tag_from_dict
-from .push.tag_file import tag_to_dict as tag_to_dict
 from .scene.ego_motion import EgoMotionFilter as EgoMotionFilter
 from .scene.ego_motion import EgoMotionSettings as EgoMotionSettings
 from .scene.floor_motion import FloorTracker as FloorTracker

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..core.errors import InputError
+from ..core.geometry import polygon_area
 
 __all__ = ["columns", "pressure_colours", "prism"]
 
@@ -31,9 +32,7 @@ def prism(
         raise InputError(
             "prism", f"found shape {outline.shape}, expected at least 3 finite points", field="outline_m"
         )
-    following = np.roll(outline, -1, axis=0)
-    doubled_area = float(np.sum(outline[:, 0] * following[:, 1] - following[:, 0] * outline[:, 1]))
-    if doubled_area < 0:
+    if polygon_area(outline) < 0:
         outline = outline[::-1]
     count = len(outline)
     lower = np.column_stack([outline, np.zeros(count)])

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import DeviceError, MissingExtraError
+from ..core.geometry import so3_log
 from ..core.resources import Closing
 
 if TYPE_CHECKING:
@@ -98,9 +99,7 @@ def _start(port: int, title: str) -> viser.ViserServer:
 
 def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z) of a rotation matrix."""
-    import cv2
-
-    vector = cv2.Rodrigues(np.ascontiguousarray(rotation, dtype=np.float64))[0].ravel()
+    vector = so3_log(rotation)
     angle = float(np.linalg.norm(vector))
     axis = vector / angle if angle > 0 else vector
     x, y, z = np.sin(0.5 * angle) * axis

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from ..errors import CalibrationError, InputError
+from ..geometry import so3_exp
 from .model import Camera
 
 __all__ = ["Board", "BoardView", "CalibrationLimits", "CameraCalibration", "calibrate_camera", "detect_board"]
@@ -259,7 +260,7 @@ def _fit(views: list[BoardView], board: Board, size: tuple[int, int]) -> _Fit:
         )
     except cv2.error as error:
         raise CalibrationError("camera", f"the views cannot be fitted ({error.err})") from error
-    normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
+    normals = so3_exp(np.reshape(turns, (-1, 3)))[..., 2]
     tilt = np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0)))
     return _Fit(
         np.asarray(matrix, dtype=np.float64),

@@ -136,16 +136,38 @@ class Camera:
         from ._camera_info import CameraInfoFile
 
         info = load_yaml_model(path, CameraInfoFile)
+        coefficients = info.distortion_coefficients
         try:
-            return info.to_camera()
+            return cls(
+                info.image_width,
+                info.image_height,
+                info.camera_matrix.array("camera_matrix", (3, 3)),
+                np.zeros(5)
+                if coefficients is None
+                else coefficients.array("distortion_coefficients").ravel(),
+                info.row_delay_s,
+                info.camera_name,
+            )
         except InputError as error:
             raise InputError(path, error.problem, field=error.field) from error
 
     def save(self, path: Path | str) -> None:
         """Write a ROS ``camera_info`` YAML file."""
-        from ._camera_info import camera_info_dict
-
-        save_yaml(path, camera_info_dict(self))
+        distortion = self.distortion if self.distortion.size else np.zeros(5)
+        save_yaml(
+            path,
+            {
+                "image_width": self.width,
+                "image_height": self.height,
+                "camera_name": self.name,
+                "camera_matrix": _matrix_dict(self.matrix),
+                "distortion_model": _DISTORTION_MODELS[distortion.size],
+                "distortion_coefficients": _matrix_dict(distortion),
+                "rectification_matrix": _matrix_dict(np.eye(3)),
+                "projection_matrix": _matrix_dict(np.hstack([self.matrix, np.zeros((3, 1))])),
+                "row_delay_s": float(self.row_delay_s),
+            },
+        )
 
     @staticmethod
     def pose_of_view(eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
@@ -155,3 +177,9 @@ class Camera:
         right = np.cross(forward, np.asarray(up, dtype=np.float64))
         right /= np.linalg.norm(right)
         return Pose(np.column_stack([right, np.cross(forward, right), forward]), eye)
+
+
+def _matrix_dict(values: np.ndarray) -> dict[str, Any]:
+    """A matrix as ``camera_info`` writes it; one row of a vector."""
+    rows, columns = np.atleast_2d(values).shape
+    return {"rows": rows, "cols": columns, "data": [float(value) for value in values.ravel()]}

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..errors import InputError
+from ..geometry import so3_exp
 
 __all__ = ["Pose"]
 
@@ -60,10 +61,8 @@ class Pose:
     @classmethod
     def from_rotation_vector(cls, rotation_vector_rad: object, translation_m: object) -> Pose:
         """Pose from an axis-angle vector [rad]."""
-        from scipy.spatial.transform import Rotation
-
         vector = np.asarray(rotation_vector_rad, dtype=np.float64)
-        return cls(Rotation.from_rotvec(vector).as_matrix(), np.asarray(translation_m, dtype=np.float64))
+        return cls(so3_exp(vector), np.asarray(translation_m, dtype=np.float64))
 
     @classmethod
     def from_matrix(cls, matrix: Float[np.ndarray, "4 4"]) -> Pose:

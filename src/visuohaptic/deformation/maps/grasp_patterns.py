@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import area_vectors
 from ..shells.shell import ShellModel
 from ..shells.stiffness_map import DualTips, tip_loads
 
@@ -108,8 +109,8 @@ def own_compliance(
 
 def _vertex_area(model: ShellModel) -> Float[np.ndarray, "v"]:
     mesh = model.mesh
-    a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
-    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6 * np.asarray(mesh.fraction)
+    area = np.linalg.norm(area_vectors(mesh.vertices_m, mesh.faces), axis=1)
+    third = area / 3 * np.asarray(mesh.fraction)
     return np.bincount(mesh.faces.ravel(), np.repeat(third, 3), minlength=model.nodes)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import area_vectors
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
@@ -189,8 +190,7 @@ def hydrostatic_load(
     mesh = thing.mesh
     above_foot = mesh.vertices_m[:, 2] - mesh.vertices_m[:, 2].min()
     depth = np.maximum(liquid_level_m(thing, fill) - above_foot, 0.0)
-    a, b, c = (mesh.vertices_m[mesh.faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a) / 2 * np.asarray(mesh.fraction)[:, None]
+    area = area_vectors(mesh.vertices_m, mesh.faces) * np.asarray(mesh.fraction)[:, None]
     corner = depth[mesh.faces]
     out = np.zeros((len(mesh.vertices_m), 6))
     for k in range(3):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import area_vectors, vertex_normals
 from ..shapes.mesher import ShellObject
 from ..shells.stiffness_map import DualTips, opposing_points
 
@@ -90,14 +91,9 @@ class TouchGuard:
     ) -> np.ndarray:
         from . import _touch_kernels as kernels
 
-        a, b, c = (points_m[self.faces[:, k]] for k in range(3))
-        normal = np.cross(b - a, c - a)
-        around = np.zeros_like(points_m)
-        for k in range(3):
-            np.add.at(around, self.faces[:, k], normal)
-        first, second = around[vertex], normal[face]
-        size = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
-        cosine = np.einsum("pi,pi->p", first, second) / np.maximum(size, 1e-300)
+        second = area_vectors(points_m, self.faces[face])
+        cosine = np.einsum("pi,pi->p", vertex_normals(points_m, self.faces)[vertex], second)
+        cosine /= np.maximum(np.linalg.norm(second, axis=1), 1e-300)
         before = kernels.distances(np.ascontiguousarray(self.rest_m), self.faces, vertex, face)
         limit = np.minimum(np.minimum(self.wall_m[face], TOUCH_m), REST_SHARE * before)
         out: np.ndarray = (cosine < FACING) & (distance < limit)

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from .container import ContainerDescription
 
 __all__ = ["Profile", "unit_section"]
@@ -277,7 +278,7 @@ def _dent(
 ) -> np.ndarray:
     radius = np.hypot(points[..., 0], points[..., 1])
     turn = np.arctan2(points[..., 1], points[..., 0]) - angle
-    along = radius * np.abs((turn + np.pi) % (2 * np.pi) - np.pi)
+    along = radius * np.abs(wrap_angle(turn))
     return depth / radius * _window(along / width) * _window((z_m - z) / height)[:, None]
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.geometry import area_vectors
 from ...core.objects import Material
 from .factor import Factor, factorise, sparse_matrix
 from .ordering import FrontTree, front_tree
@@ -242,8 +243,7 @@ def volume_gradient(
     The exact gradient of the enclosed volume of a closed mesh. At the rim of an open one it is
     the load of a pressure on the wall alone.
     """
-    a, b, c = (vertices_m[faces[:, k]] for k in range(3))
-    third = np.cross(b - a, c - a) / 6 * np.broadcast_to(fraction, len(faces))[:, None]
+    third = area_vectors(vertices_m, faces) / 3 * np.broadcast_to(fraction, len(faces))[:, None]
     out = np.zeros_like(vertices_m)
     for k in range(3):
         np.add.at(out, faces[:, k], third)

@@ -1,7 +1,8 @@
+from .camera_backend import CameraBackend as CameraBackend
+from .camera_backend import CameraSettings as CameraSettings
+from .camera_backend import FoundCamera as FoundCamera
+from .camera_backend import time_s as time_s
 from .frames import open_source as open_source
-from .live import CameraBackend as CameraBackend
-from .live import CameraSettings as CameraSettings
-from .live import FoundCamera as FoundCamera
 from .live import LiveSource as LiveSource
 from .live import find_cameras as find_cameras
 from .live import open_camera as open_camera

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from ...core.errors import DeviceError
-from .live import CameraBackend, CameraSettings, FoundCamera, time_s
+from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
 _log = logging.getLogger(__name__)
 

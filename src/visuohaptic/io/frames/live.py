@@ -6,8 +6,6 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from jaxtyping import UInt8
@@ -16,44 +14,11 @@ from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import DeviceError, InputError, StaleFrameError
 from ...core.resources import Closing
+from .camera_backend import CameraBackend, CameraSettings, FoundCamera, time_s
 
-__all__ = ["CameraBackend", "CameraSettings", "FoundCamera", "LiveSource", "find_cameras", "open_camera"]
+__all__ = ["LiveSource", "find_cameras", "open_camera"]
 
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class CameraSettings:
-    """What is asked of a live camera; ``None`` leaves a property as it is."""
-
-    width: int | None = None  #: [px]
-    height: int | None = None  #: [px]
-    rate_Hz: float | None = None
-    exposure_s: float | None = None  #: fixed exposure time; automatic exposure is switched off
-    focus: float | None = None  #: fixed focus in the camera's own steps; autofocus is switched off
-    grey: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class FoundCamera:
-    """A camera that is connected."""
-
-    address: str  #: what :func:`visuohaptic.io.frames.open_source` takes
-    name: str
-    uid: str
-
-
-class CameraBackend(Protocol):
-    """What a driver must offer."""
-
-    def open(self) -> None:
-        """Open the device and set its properties; :class:`DeviceError` if it is not there."""
-
-    def read(self) -> tuple[UInt8[np.ndarray, "rows columns *colour"], float]:
-        """Wait for the next image; returns it with its time [s]. :class:`DeviceError` when it is lost."""
-
-    def close(self) -> None:
-        """Release the device; harmless when repeated."""
 
 
 class LiveSource(Closing):
@@ -229,14 +194,6 @@ class LiveSource(Closing):
         with self._new:
             self._problem = problem
             self._new.notify_all()
-
-
-def time_s() -> float:
-    """Seconds since the epoch that never jump: the steady clock, set once by the wall clock."""
-    return _EPOCH_S + time.monotonic()
-
-
-_EPOCH_S = time.time() - time.monotonic()
 
 
 def find_cameras() -> list[FoundCamera]:

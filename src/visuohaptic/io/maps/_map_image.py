@@ -10,12 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, UInt
+from jaxtyping import Bool, Int8, UInt
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, MAX_PIXELS, decode_image, image_size, read_bytes
 
-__all__ = ["Picture", "read_picture"]
+__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "Picture", "cells_from_picture", "read_picture"]
+
+UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
 #: Bytes of text that are turned into numbers at a time.
 _TEXT_BLOCK = 1 << 20
@@ -48,6 +50,36 @@ def read_picture(path: Path) -> Picture:
         raise InputError(path, f"is damaged: {found[1]} x {found[0]}, header {width} x {height}")
     opaque = None if picture.opaque is None else picture.opaque[::-1]
     return Picture(picture.level[::-1], picture.top, opaque)
+
+
+def cells_from_picture(
+    picture: Picture, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
+) -> Int8[np.ndarray, "rows columns"]:
+    """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
+
+    Nav2 averages the transparency of a trinary map into its grey level, by which
+    the unknown cells of a picture with an opaque alpha channel become free;
+    here the alpha channel means the same in every mode. ``negate`` has no
+    meaning in mode raw.
+    """
+    # A picture has few levels and many pixels: the rules are worked out once per level.
+    shade = np.arange(picture.top + 1) / picture.top
+    if mode == "raw":
+        value = np.rint(shade * 255)
+        table = np.where(value <= OCCUPIED, value, UNKNOWN)
+    else:
+        occupancy = shade if negate else 1.0 - shade
+        if mode == "scale":
+            part = (occupancy - free_thresh) / (occupied_thresh - free_thresh)
+            table = np.rint(100 * np.clip(part, 0.0, 1.0))
+        else:
+            table = np.full(shade.shape, float(UNKNOWN))
+        table = np.where(occupancy < free_thresh, FREE, table)
+        table = np.where(occupancy > occupied_thresh, OCCUPIED, table)
+    cells = table.astype(np.int8)[picture.level]
+    if picture.opaque is not None:
+        cells[~picture.opaque] = UNKNOWN
+    return cells
 
 
 def _read_netpbm(path: Path, data: bytes) -> Picture:

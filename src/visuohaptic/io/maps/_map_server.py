@@ -12,8 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, load_yaml_model, save_yaml
-from ._map_image import Picture, read_picture
-from .occupancy_map import FREE, OCCUPIED, UNKNOWN, OccupancyMap
+from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_picture, read_picture
 
 _log = logging.getLogger(__name__)
 
@@ -47,8 +46,8 @@ class MapFile(BaseModel):
     free_thresh: Annotated[_Number, Field(ge=0, le=1)]
 
 
-def load(path: Path) -> OccupancyMap:
-    """Read a YAML file and its image."""
+def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[float, float, float]]:
+    """Cells, resolution [m] and origin (x, y, yaw) [m, m, rad] of a YAML file with its image."""
     info = load_yaml_model(path, MapFile)
     if info.mode != "raw" and not info.free_thresh < info.occupied_thresh:
         raise InputError(
@@ -59,7 +58,7 @@ def load(path: Path) -> OccupancyMap:
     picture = read_picture(_image_beside(path, info.image))
     cells = cells_from_picture(picture, info.mode, info.negate, info.occupied_thresh, info.free_thresh)
     x, y, yaw = info.origin
-    return OccupancyMap(cells, info.resolution, (x, y, yaw))
+    return cells, info.resolution, (x, y, yaw)
 
 
 def _image_beside(path: Path, name: str) -> Path:
@@ -95,47 +94,22 @@ def _image_beside(path: Path, name: str) -> Path:
     raise InputError(path, f"found {name[:80]!r}, which is not there", field="image")
 
 
-def cells_from_picture(
-    picture: Picture, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
-) -> Int8[np.ndarray, "rows columns"]:
-    """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
-
-    Nav2 averages the transparency of a trinary map into its grey level, by which
-    the unknown cells of a picture with an opaque alpha channel become free;
-    here the alpha channel means the same in every mode. ``negate`` has no
-    meaning in mode raw.
-    """
-    # A picture has few levels and many pixels: the rules are worked out once per level.
-    shade = np.arange(picture.top + 1) / picture.top
-    if mode == "raw":
-        value = np.rint(shade * 255)
-        table = np.where(value <= OCCUPIED, value, UNKNOWN)
-    else:
-        occupancy = shade if negate else 1.0 - shade
-        if mode == "scale":
-            part = (occupancy - free_thresh) / (occupied_thresh - free_thresh)
-            table = np.rint(100 * np.clip(part, 0.0, 1.0))
-        else:
-            table = np.full(shade.shape, float(UNKNOWN))
-        table = np.where(occupancy < free_thresh, FREE, table)
-        table = np.where(occupancy > occupied_thresh, OCCUPIED, table)
-    cells = table.astype(np.int8)[picture.level]
-    if picture.opaque is not None:
-        cells[~picture.opaque] = UNKNOWN
-    return cells
-
-
-def save(grid: OccupancyMap, path: Path) -> None:
+def save(
+    path: Path,
+    cells: Int8[np.ndarray, "rows columns"],
+    resolution_m: float,
+    origin: tuple[float, float, float],
+) -> None:
     """Write YAML and PGM, the picture first: a YAML file never names a picture that is not there."""
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(path, "expected a name that ends in .yaml")
-    trinary = bool(np.isin(grid.cells, (UNKNOWN, FREE, OCCUPIED)).all())
+    trinary = bool(np.isin(cells, (UNKNOWN, FREE, OCCUPIED)).all())
     if trinary:
         # The grey levels of map_saver.
-        pixels = np.select([grid.occupied, grid.free], [0, 254], 205).astype(np.uint8)
+        pixels = np.select([cells == OCCUPIED, cells == FREE], [0, 254], 205).astype(np.uint8)
     else:
-        pixels = np.where(grid.unknown, 255, grid.cells).astype(np.uint8)
-    rows, columns = grid.shape
+        pixels = np.where(cells == UNKNOWN, 255, cells).astype(np.uint8)
+    rows, columns = cells.shape
     picture = path.with_suffix(".pgm")
     with atomic_path(picture) as temporary, temporary.open("wb") as stream:
         stream.write(f"P5\n{columns} {rows}\n255\n".encode())
@@ -145,8 +119,8 @@ def save(grid: OccupancyMap, path: Path) -> None:
         {
             "image": picture.name,
             "mode": "trinary" if trinary else "raw",
-            "resolution": float(grid.resolution_m),
-            "origin": [float(value) for value in grid.origin],
+            "resolution": float(resolution_m),
+            "origin": [float(value) for value in origin],
             "negate": 0,
             "occupied_thresh": 0.65,
             "free_thresh": 0.196,

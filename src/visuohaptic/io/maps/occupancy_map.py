@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float, Int, Int8
 
 from ...core.errors import InputError
 from ...core.files import MAX_PIXELS
+from ...core.geometry import rotation_2d
+from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_picture, read_picture
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
-
-UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,8 +80,7 @@ class OccupancyMap:
         return self.cells == UNKNOWN
 
     def _rotation(self) -> Float[np.ndarray, "2 2"]:
-        c, s = np.cos(self.origin[2]), np.sin(self.origin[2])
-        return np.array([[c, -s], [s, c]])
+        return rotation_2d(self.origin[2])
 
     def world_from_cell(self, cells: Int[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
         """Centres (x, y) [m] of cells (row, column) in the map frame."""
@@ -123,7 +122,7 @@ class OccupancyMap:
         """
         from ._map_server import load
 
-        return load(Path(path))
+        return cls(*load(Path(path)))
 
     @classmethod
     def from_image(
@@ -137,9 +136,6 @@ class OccupancyMap:
         negate: bool = False,
     ) -> OccupancyMap:
         """Read an image that has no YAML file; dark is occupied unless ``negate``."""
-        from ._map_image import read_picture
-        from ._map_server import cells_from_picture
-
         picture = read_picture(Path(path))
         cells = cells_from_picture(picture, "trinary", negate, occupied_thresh, free_thresh)
         return cls(cells, resolution_m, origin)
@@ -173,7 +169,7 @@ class OccupancyMap:
         """
         from ._map_server import save
 
-        save(self, Path(path))
+        save(Path(path), self.cells, self.resolution_m, self.origin)
 
     def to_message(self, t_s: float, frame: str = "map") -> dict[str, Any]:
         """Fields of ``nav_msgs/OccupancyGrid``."""

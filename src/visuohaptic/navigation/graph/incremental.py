@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int, Int32
 
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
 from ._lines import SkeletonLines
@@ -37,8 +38,7 @@ def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> I
         )
     if not np.isfinite(polygon_m).all():
         raise InputError("footprint_cells", "found a corner that is not finite")
-    c, s = np.cos(map.origin[2]), np.sin(map.origin[2])
-    grid = (polygon_m - np.array(map.origin[:2])) @ np.array([[c, -s], [s, c]]) / map.resolution_m
+    grid = (polygon_m - np.array(map.origin[:2])) @ rotation_2d(map.origin[2]) / map.resolution_m
     rows, columns = map.shape
     low = np.clip(np.floor(grid.min(axis=0)), 0, [columns, rows]).astype(int)
     high = np.clip(np.floor(grid.max(axis=0)), -1, [columns - 1, rows - 1]).astype(int)

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
+from ...core.geometry import polygon_area
 from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
@@ -162,8 +163,7 @@ def _footprint(
     if free_fraction < settings.free_fraction:
         return None
     ring_coordinates = np.array(Polygon(hull).exterior.coords)[:-1]
-    a, b = ring_coordinates, np.roll(ring_coordinates, -1, axis=0)
-    if float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])) < 0:
+    if polygon_area(ring_coordinates) < 0:
         ring_coordinates = ring_coordinates[::-1]
     centre = np.array([hull.centroid.x, hull.centroid.y])
     rounded = (round(size[0], 6), round(size[1], 6))

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from ...core.measurement import Reason
 
 __all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
@@ -221,7 +222,7 @@ def _refine(
         huber = np.minimum(1.0, 1.5 * settings.sigma_m / np.maximum(np.abs(residual), 1e-12))
         weight = lines[found][:, 4] * huber / settings.sigma_m**2
         off = pose - np.array(guess)
-        off[2] = (off[2] + np.pi) % (2 * np.pi) - np.pi
+        off[2] = wrap_angle(off[2])
         information = jacobian.T @ (weight[:, None] * jacobian) + prior
         step = np.linalg.solve(information, -(jacobian.T @ (weight * residual) + prior @ off))
         pose = pose + step

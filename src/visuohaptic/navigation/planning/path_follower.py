@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import DeviceError, InputError
+from ...core.geometry import wrap_angle
 from ...core.robots import BaseState, ClockWatch, MobileBase, require_members
 
 __all__ = ["FollowLimits", "PathFollower", "drive_path"]
@@ -129,7 +130,7 @@ class PathFollower:
     ) -> tuple[float, float]:
         limits = self._limits
         along = math.atan2(ahead[1], ahead[0])
-        error = _wrap(state.heading_rad - along)
+        error = wrap_angle(state.heading_rad - along)
         if self._turning or abs(error) > 0.8:
             # Standing turn; it ends well inside the corner that counts as one.
             self._turning = abs(error) > 0.03
@@ -158,12 +159,12 @@ class PathFollower:
         away = float(np.hypot(*off))
         if away > limits.tolerance_m:
             # Ended beside the goal, after a slip: straight to it, slowly.
-            error = _wrap(math.atan2(off[1], off[0]) - state.heading_rad)
+            error = wrap_angle(math.atan2(off[1], off[0]) - state.heading_rad)
             if abs(error) > 0.2:
                 return 0.0, self._turn(error)
             return min(limits.v_min_m_s, max(away, 0.01)), self._turn(error)
         if self._heading_rad is not None:
-            error = _wrap(self._heading_rad - state.heading_rad)
+            error = wrap_angle(self._heading_rad - state.heading_rad)
             if abs(error) > 0.02:
                 return 0.0, self._turn(error)
         self.done = True
@@ -172,7 +173,7 @@ class PathFollower:
     def _corner(self, part: int) -> float:
         """Angle between a part and the next [rad]."""
         a, b = self._path[part + 1] - self._path[part], self._path[part + 2] - self._path[part + 1]
-        return abs(_wrap(math.atan2(b[1], b[0]) - math.atan2(a[1], a[0])))
+        return abs(wrap_angle(math.atan2(b[1], b[0]) - math.atan2(a[1], a[0])))
 
     def _turn(self, error: float) -> float:
         """Turn rate towards an angle that is ``error`` away; brakes in time."""
@@ -224,7 +225,3 @@ def drive_path(
             periods += 1
     finally:
         base.stop()
-
-
-def _wrap(angle: float) -> float:
-    return math.atan2(math.sin(angle), math.cos(angle))

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from ...core.geometry import rotation_2d
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
 from ..problem.planning_problem import MovableObject, PlanningProblem, RobotModel
@@ -115,8 +116,7 @@ def grid_from_world(
 ) -> Float[np.ndarray, "*batch 2"]:
     """Grid coordinates [cells] of points in the map frame."""
     x, y, yaw = map.origin
-    c, s = np.cos(yaw), np.sin(yaw)
-    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ np.array([[c, -s], [s, c]]) / map.resolution_m
+    return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ rotation_2d(yaw) / map.resolution_m
 
 
 def world_from_grid(

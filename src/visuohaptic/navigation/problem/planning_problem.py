@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import polygon_area, polygon_centroid
 from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import OccupancyMap
 from ..grid.cost_grid import SpeedLimits
@@ -67,10 +68,7 @@ class MovableObject:
     @property
     def centre_m(self) -> Float[np.ndarray, "2"]:
         """Centroid of the footprint's area, where the centre of mass is assumed (Sec. 4.3.1)."""
-        p = self.footprint_m - self.footprint_m[0]  # about a vertex: exact far from the map's origin
-        q = np.roll(p, -1, axis=0)
-        cross = p[:, 0] * q[:, 1] - q[:, 0] * p[:, 1]
-        return self.footprint_m[0] + ((p + q) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
+        return polygon_centroid(self.footprint_m)
 
     @property
     def known_immovable(self) -> bool:
@@ -97,13 +95,11 @@ def _outline(points: object, where: str) -> Float[np.ndarray, "p 2"]:
         raise InputError(
             where, f"found {len(outline)} distinct corners, expected 3 to {MAX_VERTICES}", field="footprint_m"
         )
-    local = outline - outline[0]
-    x, y = local.T
-    area = 0.5 * float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+    area = polygon_area(outline)
     extent = float(np.ptp(outline, axis=0).max())
     if abs(area) <= 1e-9 * extent**2 or extent == 0:
         raise InputError(where, "found an outline without area, expected a polygon", field="footprint_m")
-    if _crosses_itself(local):
+    if _crosses_itself(outline - outline[0]):
         raise InputError(
             where,
             "found an outline that crosses itself, expected a simple polygon",

@@ -14,10 +14,8 @@ from .push_failure import PushUncertainty as PushUncertainty
 from .push_failure import centre_from_tag as centre_from_tag
 from .push_failure import simulated_failure as simulated_failure
 from .push_model import PushModel as PushModel
-from .push_model import area_and_centroid as area_and_centroid
 from .push_model import load_of_feet as load_of_feet
 from .push_model import patch_points as patch_points
-from .push_model import polar_moment as polar_moment
 from .push_monitor import PushEstimate as PushEstimate
 from .push_monitor import PushMonitor as PushMonitor
 from .quasi_static import PushTrace as PushTrace

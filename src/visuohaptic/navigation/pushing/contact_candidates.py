@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import wrap_angle
+
 __all__ = ["PushContact", "push_contacts"]
 
 #: The contact's normal and the push may differ by this; friction cones are wider than that.
@@ -72,7 +74,7 @@ def push_contacts(
     taken: list[float] = []
     for angle, spacing in candidates:
         of_face = spacing == FACE_SPACING_RAD
-        if any(_apart(angle, other) < spacing for other in taken):
+        if any(abs(wrap_angle(angle - other)) < spacing for other in taken):
             continue
         direction = np.array([np.cos(angle), np.sin(angle)])
         distance = disc_touches_at(shape, direction[0], direction[1], radius, reach)
@@ -112,10 +114,6 @@ def _tilt(
         return float(np.pi)
     inward = np.column_stack([-edges[:, 1], edges[:, 0]])[meets]
     return float(np.arccos(np.clip((inward @ direction).max(), -1.0, 1.0)))
-
-
-def _apart(one: float, other: float) -> float:
-    return abs((one - other + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _touches_both_sides(body: object, robot: np.ndarray, radius: float, direction: np.ndarray) -> bool:

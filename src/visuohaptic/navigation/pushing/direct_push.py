@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import OccupancyMap
 from ..problem.push_costs import failure_probability
 from .goal_maps import _path_distance
 from .local_costmap import Footprint, LocalGround, local_ground
 from .push_failure import PushUncertainty, centre_from_tag, simulated_failure
-from .push_model import PushModel, area_and_centroid
+from .push_model import PushModel
 
 __all__ = ["ContactPoint", "DirectPush", "PushLimits", "contact_points", "plan_direct_push"]
 
@@ -91,9 +92,8 @@ def contact_points(
     """
     from ._push_kernels import touch_along
 
-    c, s = math.cos(object_m[2]), math.sin(object_m[2])
-    turn = np.array([[c, -s], [s, c]])
-    centre = area_and_centroid(model.outline_m)[1]
+    turn = rotation_2d(object_m[2])
+    centre = polygon_centroid(model.outline_m)
     if centre_offset_m is not None:
         centre = centre + np.asarray(centre_offset_m) @ turn
     place = np.array(object_m[:2])
@@ -187,7 +187,7 @@ def plan_direct_push(
         return ()
     outline = np.asarray(footprint_m, dtype=np.float64)
     ground = local_ground(map, outline, reach_m + 2.5 * limits.radius_m, unknown_is_free=unknown_is_free)
-    place = area_and_centroid(outline)[1]
+    place = polygon_centroid(outline)
     object_m = (float(place[0]), float(place[1]), 0.0)
     if model is None:
         model = PushModel.patch(outline - place)

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import polygon_area, polygon_second_moments
 
-__all__ = ["PushModel", "area_and_centroid", "load_of_feet", "patch_points", "polar_moment"]
+__all__ = ["PushModel", "load_of_feet", "patch_points"]
 
 #: Contact friction that is assumed where nothing is known (foam or plastic on furniture).
 CONTACT_FRICTION = 0.25
@@ -61,7 +62,7 @@ class PushModel:
             raise InputError(
                 "PushModel", f"found contact_friction, round_m, tip_m = {numbers}, expected finite and >= 0"
             )
-        if len(outline) > 2 and area_and_centroid(outline)[0] < 0:
+        if polygon_area(outline) < 0:
             outline = np.ascontiguousarray(outline[::-1])
         object.__setattr__(self, "outline_m", outline)
         object.__setattr__(self, "support_m", support)
@@ -129,20 +130,6 @@ class PushModel:
         return cls(outline_m, feet_m, load_of_feet(feet_m, centre_m), contact_friction, **rest)
 
 
-def area_and_centroid(outline_m: Float[np.ndarray, "m 2"]) -> tuple[float, Float[np.ndarray, "2"]]:
-    """Signed area [m^2] (positive when counter-clockwise) and centroid [m] of a polygon."""
-    p = np.asarray(outline_m, dtype=np.float64)
-    if len(p) < 3:
-        return 0.0, p.mean(axis=0)
-    shifted = p - p[0]
-    q = np.roll(shifted, -1, axis=0)
-    cross = shifted[:, 0] * q[:, 1] - shifted[:, 1] * q[:, 0]
-    area = 0.5 * float(cross.sum())
-    if abs(area) < 1e-12:
-        return 0.0, p.mean(axis=0)
-    return area, p[0] + ((shifted + q) * cross[:, None]).sum(axis=0) / (6.0 * area)
-
-
 def load_of_feet(
     feet_m: Float[np.ndarray, "n 2"], centre_m: tuple[float, float] = (0.0, 0.0)
 ) -> Float[np.ndarray, "n"]:
@@ -199,14 +186,5 @@ def patch_points(
     middle = fraction @ points
     away = points - middle
     return middle + away * math.sqrt(
-        polar_moment(outline) / float(fraction @ (away**2).sum(axis=1))
+        float(np.trace(polygon_second_moments(outline))) / float(fraction @ (away**2).sum(axis=1))
     ), fraction
-
-
-def polar_moment(outline_m: Float[np.ndarray, "m 2"]) -> float:
-    """Polar second moment about the centroid by the area [m^2]: squared radius of gyration."""
-    area, centroid = area_and_centroid(outline_m)
-    a = np.asarray(outline_m, dtype=np.float64) - centroid
-    b = np.roll(a, -1, axis=0)
-    cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
-    return float(((a * a + a * b + b * b).sum(axis=1) * cross).sum() / (12.0 * area))

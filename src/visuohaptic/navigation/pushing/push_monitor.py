@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from .push_model import PushModel
 from .quasi_static import DROP_M, STEP_M, PushTrace, arc_path, rest_m, simulate_push
 
@@ -205,7 +206,7 @@ class PushMonitor:
         away = trace.contact_m - trace.platform_m[:, :2]
         told = np.arctan2(away[:, 1], away[:, 0])
         # Contact seen where none is foreseen counts as far off, but not more than that.
-        off = np.arctan2(np.sin(told - angle), np.cos(told - angle))[rows]
+        off = wrap_angle(told - angle)[rows]
         off = np.clip(np.nan_to_num(off, nan=0.3), -0.5, 0.5)
         return np.concatenate([off * self._radius_m / CONTACT_SIGMA_M, prior])
 

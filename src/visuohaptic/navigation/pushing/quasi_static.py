@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from .push_model import PushModel
 
 __all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
@@ -56,8 +57,7 @@ class PushTrace:
     def contact_angle_rad(self) -> Float[np.ndarray, "k"]:
         """Place of the contact on the rim, counter-clockwise from the heading: what the sensor sees."""
         away = self.contact_m - self.platform_m[:, :2]
-        angle = np.arctan2(away[:, 1], away[:, 0]) - self.platform_m[:, 2]
-        return np.arctan2(np.sin(angle), np.cos(angle))
+        return wrap_angle(np.arctan2(away[:, 1], away[:, 0]) - self.platform_m[:, 2])
 
 
 def simulate_push(

@@ -10,12 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.geometry import polygon_centroid
 from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import OccupancyMap
 from .direct_push import PushLimits
 from .local_costmap import Footprint, LocalGround, local_ground
 from .push_failure import PushUncertainty
-from .push_model import PushModel, area_and_centroid
+from .push_model import PushModel
 from .quasi_static import PushTrace, arc_path, simulate_push
 
 __all__ = ["Outcome", "SidewardPush", "judge_push", "plan_sideward_push", "sideward_candidates"]
@@ -180,7 +181,7 @@ def plan_sideward_push(
         return ()
     outline = np.asarray(footprint_m, dtype=np.float64)
     ground = local_ground(map, outline, slide_m + 3 * limits.radius_m, unknown_is_free=unknown_is_free)
-    place = area_and_centroid(outline)[1]
+    place = polygon_centroid(outline)
     object_m = (float(place[0]), float(place[1]), 0.0)
     if model is None:
         model = PushModel.patch(outline - place)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import so3_exp
 from .places import HEIGHTS, SIDES
 
 __all__ = ["COPIES", "POSE_m", "TILT_rad", "posed_changes"]
@@ -46,10 +47,9 @@ def posed_changes(
     """
     from scipy.interpolate import LinearNDInterpolator
     from scipy.spatial import QhullError
-    from scipy.spatial.transform import Rotation
 
     offset = rng.normal(0.0, pose_m, (copies, 3))
-    turn = Rotation.from_rotvec(rng.normal(0.0, tilt_rad, (copies, 3))).as_matrix()
+    turn = so3_exp(rng.normal(0.0, tilt_rad, (copies, 3)))
     out = np.zeros((copies, HEIGHTS, len(SIDES)))
     good = np.isfinite(stiffness_N_per_m) & (stiffness_N_per_m > 0)
     for column in range(len(SIDES)):

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
+from ...core.geometry import so3_log
 from ...io.depth.depth_sequence import DepthFrame
 from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
 from .background import background_model, ideal_depth
@@ -81,7 +82,7 @@ def _anchored(poses: Sequence[Pose], told: Sequence[Pose]) -> list[Pose]:
     what falls into a pixel, a part of a pixel too near: without this all views would back off together.
     """
     away = [there @ here.inverse() for here, there in zip(poses, told, strict=True)]
-    turn = np.mean([_rotation_vector(pose.rotation) for pose in away], axis=0)
+    turn = np.mean([so3_log(pose.rotation) for pose in away], axis=0)
     back = Pose.from_rotation_vector(turn, np.mean([pose.translation_m for pose in away], axis=0))
     return [back @ pose for pose in poses]
 
@@ -124,7 +125,7 @@ def alignment_step(
         noise.sigma_m(q[:, 2]) if noise.tracking_m < 0.002 else noise.with_tracking(0.002).sigma_m(q[:, 2])
     )
     vector = np.zeros(6)
-    told = np.concatenate([_rotation_vector(prior.rotation), prior.translation_m])
+    told = np.concatenate([so3_log(prior.rotation), prior.translation_m])
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
     for _ in range(3):
         motion = Pose.from_rotation_vector(vector[:3], vector[3:])
@@ -137,11 +138,5 @@ def alignment_step(
         right_side = -(jacobian * weight[:, None]).T @ residual - stiffness * (vector - told)
         step = np.linalg.solve(normal, right_side)
         turned = Pose.from_rotation_vector(step[:3], step[3:]) @ motion
-        vector = np.concatenate([_rotation_vector(turned.rotation), turned.translation_m])
+        vector = np.concatenate([so3_log(turned.rotation), turned.translation_m])
     return Pose.from_rotation_vector(vector[:3], vector[3:])
-
-
-def _rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_matrix(rotation).as_rotvec()

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import so3_log
 from ...core.resources import Closing
 from ...io.ros import ros_messages as ros
 from ..frames import message_time_s
@@ -135,10 +136,8 @@ class _Line:
     _LEVER_M = 0.1
 
     def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
-        from scipy.spatial.transform import Rotation
-
         self._start, self._end = start, end
-        self._turn = Rotation.from_matrix(start.rotation.T @ end.rotation).as_rotvec()
+        self._turn = so3_log(start.rotation.T @ end.rotation)
         way_m = float(np.linalg.norm(end.translation_m - start.translation_m))
         self._lasts_s = max(way_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
         self._began_s = time.monotonic()

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import CalibrationError, InputError
+from ...core.geometry import so3_exp
 from .correction import Correction, prior_correction
 from .estimate import estimate_wrench
 from .mechanics import Beam, compliance
@@ -133,13 +134,11 @@ def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarra
     """What the beam model makes of each observation."""
     if record.kind == "wrench":
         return record.observed
-    from scipy.spatial.transform import Rotation
-
     # One section with six observations for six unknowns: the weights do not matter.
     weight = np.diag([1e-10] * 3 + [1e-8] * 3)
     wrenches = []
     for row, line in zip(record.observed, record.line, strict=True):
-        rotation = Rotation.from_rotvec(row[3:]).as_matrix()
+        rotation = so3_exp(row[3:])
         motion = SectionMotion(np.array([xi]), row[None, :3], rotation[None], weight, 0 * weight)
         try:
             wrenches.append(estimate_wrench(beam, motion, model="exact").wrench)

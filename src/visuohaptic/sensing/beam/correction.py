@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from ...core.geometry import hat
 from .mechanics import Beam, compliance
 
 __all__ = ["Correction", "prior_correction"]
@@ -76,7 +77,7 @@ def prior_correction(beam: Beam) -> Correction:
         arm = np.zeros(3)
         arm[axis] = beam.length_tolerance_m
         shift = np.zeros((6, 6))
-        shift[3:, :3] = [[0, -arm[2], arm[1]], [arm[2], 0, -arm[0]], [-arm[1], arm[0], 0]]
+        shift[3:, :3] = hat(arm)
         effects.append(shift)
     scale = np.array([1.0, 1.0, 1.0, beam.length_m, beam.length_m, beam.length_m])
     variance = np.square(effects).sum(axis=0) + (FLOOR * scale[:, None] / scale[None, :]) ** 2

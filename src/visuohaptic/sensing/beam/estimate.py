@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import so3_log
 from .mechanics import Beam, compliance, shortening, stress_ratio
-from .observation import SectionMotion, rotation_vectors
+from .observation import SectionMotion
 from .rod import base_wrench, rod_from_base
 
 __all__ = ["LINEAR_LIMIT", "BeamEstimate", "BeamModel", "estimate_wrench", "setup_variance"]
@@ -103,7 +104,7 @@ def _linear(
     rotation = motion.rotation
     # Slopes as in Sec. 3.4; the sign of phi_Y is that of mechanics.py.
     slope_y, slope_z = rotation[:, 1, 0] / rotation[:, 0, 0], rotation[:, 2, 0] / rotation[:, 0, 0]
-    turns = rotation_vectors(rotation)
+    turns = so3_log(rotation)
     observed = np.column_stack([motion.translation_m, turns[:, 0], -slope_z, slope_y]).ravel()
     white = whiten @ matrix
     # Columns of forces and moments differ by a length; scaled, the normal equations are well conditioned.
@@ -131,7 +132,7 @@ def _exact(
         shape = rod_from_base(beam, base, motion.xi[order])
         moved = shape.position_m[back] - rest
         turned = np.einsum("nij,nkj->nik", motion.rotation, shape.rotation[back])
-        residual = np.hstack([motion.translation_m - moved, rotation_vectors(turned)]).ravel()
+        residual = np.hstack([motion.translation_m - moved, so3_log(turned)]).ravel()
         jacobian = shape.jacobian[back].reshape(-1, 6)
         chi2 = float(((whiten @ residual) ** 2).sum())
         return residual, jacobian, chi2, shape.wrench, shape.wrench_jacobian

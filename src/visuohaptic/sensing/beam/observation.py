@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import hat, so3_log
 from ...core.measurement import Reason
 
 __all__ = [
@@ -94,7 +95,7 @@ class SectionMotion:
     @property
     def vector(self) -> Float[np.ndarray, "6n"]:
         """(d_X, d_Y, d_Z, phi_X, phi_Y, phi_Z) of each section [m, rad]."""
-        return np.hstack([self.translation_m, rotation_vectors(self.rotation)]).ravel()
+        return np.hstack([self.translation_m, so3_log(self.rotation)]).ravel()
 
     @property
     def covariance(self) -> Float[np.ndarray, "6n 6n"]:
@@ -125,7 +126,7 @@ def relative_poses(
         poses.append(reference.inverse() @ pose)
         own.append(turn @ template.covariance @ turn.T)
         lever = np.eye(6)
-        lever[:3, 3:] = -cross_matrix(pose.translation_m - reference.translation_m)
+        lever[:3, 3:] = -hat(pose.translation_m - reference.translation_m)
         shared.append(turn @ lever)
     stack = np.vstack(shared)
     covariance = stack @ reference_covariance @ stack.T
@@ -164,13 +165,13 @@ def section_motion(
         translation[k] = turn @ (arm + pose.translation_m - section)
         rotation[k] = turn @ turned @ turn.T
         block = np.eye(6)
-        block[:3, 3:] = -cross_matrix(arm)
+        block[:3, 3:] = -hat(arm)
         rows = slice(6 * k, 6 * k + 6)
         by_now[rows, rows] = turn6 @ block
         # exp([dr]) R_0 turns the section back by dr, as seen through the present pose.
         block = np.zeros((6, 6))
         block[:3, :3] = block[3:, 3:] = -turned
-        block[:3, 3:] = turned @ cross_matrix(arm_rest)
+        block[:3, 3:] = turned @ hat(arm_rest)
         by_rest[rows, rows] = turn6 @ block
     return SectionMotion(
         places,
@@ -179,25 +180,3 @@ def section_motion(
         by_now @ now.covariance @ by_now.T,
         by_rest @ rest.covariance @ by_rest.T,
     )
-
-
-def cross_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """[v]x, so that [v]x w = v x w."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def rotation_vectors(rotation: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Rotation vectors of matrices, exact for turns below pi."""
-    skew = 0.5 * np.stack(
-        [
-            rotation[:, 2, 1] - rotation[:, 1, 2],
-            rotation[:, 0, 2] - rotation[:, 2, 0],
-            rotation[:, 1, 0] - rotation[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.sqrt((skew**2).sum(axis=1))
-    cosine = 0.5 * (np.trace(rotation, axis1=1, axis2=2) - 1)
-    angle = np.arctan2(sine, cosine)
-    return skew * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-300), 1.0)[:, None]

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.pose import Pose
+from ...core.geometry import so3_log
 from ...core.measurement import Reason
-from .observation import rotation_vectors
 
 __all__ = ["SteadyReference"]
 
@@ -50,7 +50,7 @@ class SteadyReference:
         if self.pose is None:
             self.pose, self.covariance, self._count = pose, covariance, 1
             return Reason.OK
-        turn = rotation_vectors((pose.rotation @ self.pose.rotation.T)[None])[0]
+        turn = so3_log(pose.rotation @ self.pose.rotation.T)
         offset = np.concatenate([pose.translation_m - self.pose.translation_m, turn])
         distance = float(offset @ np.linalg.solve(covariance + self.covariance, offset))
         if distance > self.LIMIT:

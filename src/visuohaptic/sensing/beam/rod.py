@@ -23,9 +23,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import hat
 from . import _kernels
 from .mechanics import Beam
-from .observation import cross_matrix
 
 __all__ = ["RodShape", "base_wrench", "bend_rod", "rod_from_base"]
 
@@ -71,8 +71,8 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
     arm_jacobian = jacobian[-1, :3].copy()
     arm_jacobian[0, 0] -= 1 / beam.spring_N_per_m
     wrench_jacobian = np.eye(6)
-    wrench_jacobian[3:] += cross_matrix(base[:3]) @ arm_jacobian
-    wrench_jacobian[3:, :3] -= cross_matrix(arm)
+    wrench_jacobian[3:] += hat(base[:3]) @ arm_jacobian
+    wrench_jacobian[3:, :3] -= hat(arm)
     wrench = np.concatenate([base[:3], base[3:] - np.cross(arm, base[:3])])
     rotation = out[:, 1:].transpose(0, 2, 1)
     return RodShape(base, out[:-1, 0], rotation[:-1], jacobian[:-1], wrench, wrench_jacobian)

@@ -14,8 +14,9 @@ from pydantic import Field, FiniteFloat
 from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
 from ...core.files import load_yaml_model, save_yaml
+from ...core.geometry import so3_log
 from ..config_fields import PoseSection, Section
-from .observation import RelativePoses, rotation_vectors
+from .observation import RelativePoses
 
 __all__ = ["BeamDriftSettings", "BeamZero", "BeamZeroWatch"]
 
@@ -151,7 +152,7 @@ def _mean_pose(poses: Sequence[Pose]) -> tuple[Pose, np.ndarray]:
     u, _, vt = np.linalg.svd(rotations.mean(axis=0))
     mean = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
     centre = translations.mean(axis=0)
-    offset = np.hstack([translations - centre, rotation_vectors(rotations @ mean.T)])
+    offset = np.hstack([translations - centre, so3_log(rotations @ mean.T)])
     return Pose(mean, centre), offset
 
 

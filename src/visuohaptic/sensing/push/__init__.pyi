@@ -29,5 +29,3 @@ from .push_record import stop_reason as stop_reason
 from .tag import TagSettings as TagSettings
 from .tag import predictive_interval as predictive_interval
 from .tag import tag_from_push as tag_from_push
-from .tag_file import tag_from_dict as tag_from_dict
-from .tag_file import tag_to_dict as tag_to_dict

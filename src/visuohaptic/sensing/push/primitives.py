@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from ...core.measurement import Contact
 from ...core.objects import Primitive, PrimitiveKind
 from .contact_outline import FlankPrior, OutlineFit, Profile, fit_outline, hypotheses
@@ -330,7 +331,7 @@ def _primitive(
         step[j] = 1e-6
         difference = build(theta + step) - build(theta - step)
         if kind in (PrimitiveKind.LINE, PrimitiveKind.CORNER):
-            difference[2:] = (difference[2:] + np.pi) % (2 * np.pi) - np.pi
+            difference[2:] = wrap_angle(difference[2:])
         jacobian[:, j] = difference / 2e-6
     freedom = max(int(fit.touched.sum()) - len(fit.hypothesis.free), 1)
     # Residuals larger than declared (a rough object) widen the covariance; smaller ones never narrow it.

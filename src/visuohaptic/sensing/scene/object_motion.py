@@ -27,6 +27,7 @@ from jaxtyping import Float
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import so3_log
 from ...core.measurement import Event, EventKind, Reason
 from ...tracking.points.flow import FlowStep
 from ...tracking.points.homography import decompose_homography, estimate_homography_robust, facing_motions
@@ -87,7 +88,7 @@ class ObjectMotion:
 
 def _angle(motion: Pose) -> float:
     """By how much a motion turns [rad]."""
-    return math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(motion.rotation)) - 1.0))))
+    return float(np.linalg.norm(so3_log(motion.rotation)))
 
 
 def _twist(motion: Pose) -> float:
@@ -98,9 +99,8 @@ def _twist(motion: Pose) -> float:
 
 def _upright(motion: Pose) -> Pose:
     """The nearest motion of an object that stands on the floor."""
-    c, s = math.cos(_twist(motion)), math.sin(_twist(motion))
     shift = np.array([motion.translation_m[0], motion.translation_m[1], 0.0])
-    return Pose(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), shift)
+    return Pose.from_rotation_vector([0.0, 0.0, _twist(motion)], shift)
 
 
 class ObjectTracker:

@@ -17,6 +17,7 @@ from ...core.camera.model import Camera
 from ...core.camera.plane import PlaneView
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import rotation_2d
 from ...core.measurement import Contact, Event, ForceProfile, Motion
 from ...core.objects import Primitive, PrimitiveKind
 from ...core.robots import BaseState
@@ -308,8 +309,7 @@ class SceneTracker:
         What is pushed stands still in the picture while the floor passes.
         """
         floor = self.floor_view.cast(step.before_px)
-        c, s = np.cos(expected[2]), np.sin(expected[2])
-        passed = self.floor_view.project((floor - expected[:2]) @ np.array([[c, -s], [s, c]]))
+        passed = self.floor_view.project((floor - expected[:2]) @ rotation_2d(expected[2]))
         flow = step.after_px - step.before_px
         told = passed - step.before_px
         way = np.linalg.norm(told, axis=1)

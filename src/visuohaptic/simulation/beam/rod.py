@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import so3_exp, so3_log
 
 __all__ = ["ElasticRod", "RodState"]
 
@@ -86,7 +87,7 @@ class ElasticRod:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Frames at the nodes, nodes, frames in the joints, joints; a joint sits between two half links."""
         h = self.length_m / self.links
-        whole, half = _rotations(turns), _rotations(0.5 * turns)
+        whole, half = so3_exp(turns), so3_exp(0.5 * turns)
         c, s = math.cos(twist), math.sin(twist)
         frames = np.zeros((self.links + 1, 3, 3))
         frames[0] = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]])
@@ -113,12 +114,11 @@ class RodState:
     def pose(self, xi: float) -> Pose:
         """Cross section at xi = x / L: maps its coordinates to those of the straight rod."""
         from scipy.interpolate import CubicSpline
-        from scipy.spatial.transform import Rotation
 
         if not 0 <= xi <= 1:
             raise InputError("xi", f"found {xi:g}, expected 0 to 1")
         at = np.linspace(0, 1, len(self.points_m))
-        vectors = Rotation.from_matrix(self.frames).as_rotvec()
+        vectors = so3_log(self.frames)
         both = CubicSpline(at, np.hstack([self.points_m, vectors]))(xi)
         return Pose.from_rotation_vector(both[3:], both[:3])
 
@@ -126,14 +126,3 @@ class RodState:
     def base_moment_Nm(self) -> Float[np.ndarray, "3"]:
         """Moment in the clamp [Nm]."""
         return self.moment_Nm + np.cross(self.points_m[-1] - self.points_m[0], self.force_N)
-
-
-def _rotations(vectors: np.ndarray) -> np.ndarray:
-    """Rotation matrices of small rotation vectors (n, 3)."""
-    angle = np.sqrt((vectors**2).sum(axis=1))[:, None, None]
-    cross = np.zeros((len(vectors), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -vectors[:, 2], vectors[:, 1], -vectors[:, 0]
-    cross -= cross.transpose(0, 2, 1)
-    first = np.sinc(angle / np.pi)
-    second = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
-    return np.eye(3) + first * cross + second * (cross @ cross)

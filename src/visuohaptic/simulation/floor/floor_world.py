@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError, MissingExtraError
+from ...core.geometry import polygon_centroid
 from ...core.robots import BaseState
 from ...io.maps.occupancy_map import OccupancyMap
 from .walls import wall_boxes
@@ -131,7 +132,7 @@ class FloorWorld:
         self._rim = int(self._model.geom("rim").id)
         names = [self._model.body(int(b)).name for b in self._model.geom_bodyid]
         self._owner = [name[5:] if name.startswith("item:") else "" for name in names]
-        self._centres = [_centroid(item.footprint_m) for item in self.items]
+        self._centres = [polygon_centroid(item.footprint_m) for item in self.items]
         self._reach = [
             float(np.hypot(*(item.footprint_m - centre).T).max())
             for item, centre in zip(self.items, self._centres, strict=True)
@@ -311,12 +312,6 @@ def _towards(now: float, target: float, step: float) -> float:
     return now + max(-step, min(step, target - now))
 
 
-def _centroid(p: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "2"]:
-    q = np.roll(p, -1, axis=0)
-    cross = (p[:, 0] - p[0, 0]) * (q[:, 1] - p[0, 1]) - (q[:, 0] - p[0, 0]) * (p[:, 1] - p[0, 1])
-    return p[0] + ((p + q - 2 * p[0]) * cross[:, None]).sum(axis=0) / (3 * cross.sum())
-
-
 def _mjcf(
     map: OccupancyMap,
     boxes: Float[np.ndarray, "n 4"],
@@ -350,7 +345,7 @@ def _mjcf(
 
 def _item_mjcf(item: FloorItem) -> str:
     """A ring of capsules, or a sphere, on feet: pairs with closed formulas for their contact."""
-    centre, height = _centroid(item.footprint_m), PUSH_HEIGHT_M
+    centre, height = polygon_centroid(item.footprint_m), PUSH_HEIGHT_M
     own = item.footprint_m - centre
     # Foam is between rim and outline: soft, so that it feels forces and no blows.
     shape = (

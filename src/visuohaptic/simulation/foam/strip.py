@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from ._strip_kernels import penetration, solve_strip
 from .strip_law import (
     FREE_STRAIN,
@@ -80,7 +81,7 @@ class Outline:
         pieces = []
         for i, vertex in enumerate(vertices):
             begin = outward[i - 1]
-            turn = (outward[i] - begin + math.pi) % (2 * math.pi) - math.pi
+            turn = wrap_angle(outward[i] - begin)
             angle = begin + turn * np.linspace(0.0, 1.0, 2 + int(abs(turn) / spacing_rad))
             pieces.append(vertex + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
         return np.concatenate(pieces)

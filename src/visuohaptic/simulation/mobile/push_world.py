@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError, MissingExtraError
+from ...core.geometry import so3_exp
 from ...core.measurement import Event, EventKind
 from ..foam.strip import FoamStrip, Outline, StripState
 from ..foam.strip_law import SOFT_FOAM, StripLaw
@@ -189,8 +190,8 @@ class PushWorld:
         truth = self.truth
         x, y, heading = truth.platform_pose
         c, s = math.cos(heading), math.sin(heading)
-        pose = Pose(
-            np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]),
+        pose = Pose.from_rotation_vector(
+            [0.0, 0.0, heading],
             np.array([x + c * self._front_m, y + s * self._front_m, self.config.floor_below_m]),
         )
         objects = []
@@ -257,8 +258,7 @@ class PushWorld:
             lean = np.array([turn[1], -turn[0]]) * height
             position = position.copy()
             position[:2] += (velocity[:2] + lean) * ahead_s
-            c, s = math.cos(turn[2] * ahead_s), math.sin(turn[2] * ahead_s)
-            rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ rotation
+            rotation = so3_exp(np.array([0.0, 0.0, turn[2] * ahead_s])) @ rotation
         return section(self.obstacles[index], position, rotation, height)
 
     def _to_foam(self, outline: Outline, pose: tuple[float, float, float]) -> Outline:

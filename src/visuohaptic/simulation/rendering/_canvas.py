@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.camera.model import Camera
+from ...core.geometry import polygon_area
 from ._render_kernels import add_filtered_coverage, add_plane, add_signed_coverage
 from .appearance import Surface
 from .textures import MATERIALS, texture_tile
@@ -69,8 +70,7 @@ def coverage(
     fraction = np.zeros((y1 - y0, high[0] - low[0]), np.float32)
     polygon = np.ascontiguousarray(polygon_px, dtype=np.float64)
     # Edges that go down (y grows) count positive, which is the left border of a negative turn.
-    x, y = polygon[:, 0], polygon[:, 1]
-    if x @ np.roll(y, -1) > y @ np.roll(x, -1):
+    if polygon_area(polygon) > 0:
         polygon = polygon[::-1].copy()
     if sharp:
         add_signed_coverage(polygon, low[0], y0, fraction)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ...core.camera.pose import Pose
+from ...core.geometry import polygon_area, wrap_angle
 from .rolling_view import NEAR_M, cut_polygon
 
 __all__ = [
@@ -53,8 +54,7 @@ def closed(front: Float[np.ndarray, "n K 2"], back: Float[np.ndarray, "m K 2"]) 
 
 def turned_left(outline_m: Float[np.ndarray, "n K 2"]) -> Float[np.ndarray, "n K 2"]:
     """The outline in counter-clockwise order."""
-    x, y = outline_m[:, outline_m.shape[1] // 2].T
-    return outline_m if x @ np.roll(y, -1) > y @ np.roll(x, -1) else outline_m[::-1]
+    return outline_m if polygon_area(outline_m[:, outline_m.shape[1] // 2]) > 0 else outline_m[::-1]
 
 
 def prism_faces(
@@ -195,7 +195,7 @@ def hidden_parts(
                 break
         result.append((part, sign))
     # Less than a hundredth of a pixel: the regions differ by rounding only.
-    if abs(_area(result[0][0][:, mid]) - _area(result[1][0][:, mid])) < 1e-10:
+    if abs(abs(polygon_area(result[0][0][:, mid])) - abs(polygon_area(result[1][0][:, mid]))) < 1e-10:
         return []
     return [(part, sign) for part, sign in result if len(part) >= 3]
 
@@ -247,15 +247,8 @@ def _runs_of_edges(wanted: np.ndarray, angles: np.ndarray) -> list[np.ndarray]:
     for i in np.flatnonzero(wanted):
         if groups and groups[-1][-1] == i - 1:
             turn = angles[i] - angles[groups[-1][0]]
-            if abs((turn + np.pi) % (2 * np.pi) - np.pi) < SMOOTH_RAD:
+            if abs(wrap_angle(turn)) < SMOOTH_RAD:
                 groups[-1].append(int(i))
                 continue
         groups.append([int(i)])
     return [np.array(group) for group in groups]
-
-
-def _area(polygon: np.ndarray) -> float:
-    if len(polygon) < 3:
-        return 0.0
-    x, y = polygon.T
-    return 0.5 * abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1)))

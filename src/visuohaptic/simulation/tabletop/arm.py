@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError, InputError
+from ...core.geometry import so3_log
 
 __all__ = ["SimulatedArm"]
 
@@ -75,7 +76,7 @@ class SimulatedArm:
             T_base_tip.rotation, self._to.rotation, atol=1e-9
         )
         self._from, self._to = self._pose, T_base_tip
-        self._turn = _turn(self._from.rotation.T @ self._to.rotation)
+        self._turn = so3_log(self._from.rotation.T @ self._to.rotation)
         way = float(np.linalg.norm(self._to.translation_m - self._from.translation_m))
         self._duration_s = max(way / speed_m_s, float(np.linalg.norm(self._turn)) / self.turn_rate_rad_s)
         self._done_s = 0.0
@@ -113,9 +114,3 @@ class SimulatedArm:
         turned = Pose.from_rotation_vector(fraction * self._turn, np.zeros(3)).rotation
         place = (1 - fraction) * self._from.translation_m + fraction * self._to.translation_m
         self._pose = Pose(self._from.rotation @ turned, place)
-
-
-def _turn(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())

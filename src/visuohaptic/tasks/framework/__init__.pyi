@@ -5,5 +5,3 @@ from .machine import replay as replay
 from .trace import Ending as Ending
 from .trace import Step as Step
 from .trace import Trace as Trace
-from .trace import decoded as decoded
-from .trace import encoded as encoded

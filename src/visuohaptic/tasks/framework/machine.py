@@ -18,9 +18,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
 from ...core.robots import ClockWatch
-from .trace import Ending, Step, Trace, decoded, encoded
+from .trace import Ending, Step, Trace
 
 __all__ = ["Machine", "Observation", "Rule", "replay"]
 
@@ -90,7 +91,7 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
     )  #: by which a stopped robot clock is noticed
 
     def __init__(self, settings: object = None) -> None:
-        self._settings = {} if settings is None else encoded(settings)
+        self._settings = {} if settings is None else to_dict(settings)
         self.state: StateT = next(iter(self.rules))
         self.entered_s = math.nan  #: when the present state began
         self.ending: Ending | None = None
@@ -138,7 +139,7 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         else:
             told = self.decide(seen)
             told = self.halt() if self.ended else told
-        self._steps.append(Step(seen.t_s, before, encoded(seen), encoded(told), self.state, self._why))
+        self._steps.append(Step(seen.t_s, before, to_dict(seen), to_dict(told), self.state, self._why))
         return told
 
     def go(self, state: StateT, why: str) -> None:
@@ -203,7 +204,7 @@ def replay(trace: Trace, machine: Machine[Any, SeenT, Any], seen: type[SeenT]) -
     if machine.task != trace.task:
         raise InputError("replay", f"found a trace of {trace.task!r}, expected one of {machine.task!r}")
     for number, step in enumerate(trace.steps):
-        told = encoded(machine.step(decoded(seen, dict(step.seen), where=f"step {number}")))
+        told = to_dict(machine.step(from_dict(seen, dict(step.seen), where=f"step {number}")))
         if told != step.told or machine.state != step.next_state:
             raise InputError(
                 "replay",

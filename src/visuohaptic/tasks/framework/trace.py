@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 import json
-import math
-import types
-import typing
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass
-from enum import Enum
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any
 
+from ...core.codec import from_dict, to_dict
 from ...core.errors import InputError
 from ...core.files import write_text
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-__all__ = ["Ending", "Step", "Trace", "decoded", "encoded"]
+__all__ = ["Ending", "Step", "Trace"]
 
 #: Traces larger than this are refused before they are parsed (bytes): about a million steps.
 MAX_TRACE_BYTES = 512 * 1024 * 1024
-#: JSON has no words for these.
-_WORDS = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
-
-RecordT = TypeVar("RecordT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +77,10 @@ class Trace:
 
     def lines(self) -> tuple[str, ...]:
         """JSON lines: a head, the steps, and the ending."""
-        head = {"task": self.task, "settings": encoded(self.settings)}
-        rows = [head, *(encoded(step) for step in self.steps)]
+        head = {"task": self.task, "settings": to_dict(self.settings)}
+        rows = [head, *(to_dict(step) for step in self.steps)]
         if self.ending is not None:
-            rows.append({"ending": encoded(self.ending)})
+            rows.append({"ending": to_dict(self.ending)})
         return tuple(json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
 
     def save(self, path: Path | str) -> None:
@@ -116,7 +106,7 @@ class Trace:
         return cls.from_lines(text.splitlines(), where=path)
 
     @classmethod
-    def from_lines(cls, lines: typing.Iterable[str], where: object = "trace") -> Trace:
+    def from_lines(cls, lines: Iterable[str], where: object = "trace") -> Trace:
         """Read JSON lines."""
         rows = []
         for number, line in enumerate(lines, 1):
@@ -136,78 +126,7 @@ class Trace:
         ):
             raise InputError(where, "expected a head with task and settings", field="line 1")
         last = rows[-1].get("ending") if len(rows) > 1 else None
-        ending = decoded(Ending, last, where=f"{where}: ending") if last is not None else None
+        ending = from_dict(Ending, last, where=f"{where}: ending") if last is not None else None
         body = rows[1:-1] if last is not None else rows[1:]
-        steps = tuple(decoded(Step, row, where=f"{where}: line {k}") for k, row in enumerate(body, 2))
+        steps = tuple(from_dict(Step, row, where=f"{where}: line {k}") for k, row in enumerate(body, 2))
         return cls(rows[0]["task"], rows[0]["settings"], steps, ending)
-
-
-def encoded(value: Any) -> Any:
-    """A record in JSON's types; NaN and infinities become the words nan, inf, -inf."""
-    if isinstance(value, Enum):
-        return encoded(value.value)
-    if value is None or isinstance(value, (bool, str, int)):
-        return value
-    if isinstance(value, float):
-        value = float(value)
-        return value if math.isfinite(value) else str(value)
-    if isinstance(value, Mapping):
-        return {str(key): encoded(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [encoded(item) for item in value]
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: encoded(getattr(value, field.name)) for field in fields(value)}
-    raise InputError(
-        "trace", f"found a {type(value).__name__}, expected numbers, texts, tuples and dataclasses"
-    )
-
-
-def decoded(kind: type[RecordT], row: object, *, where: object = "trace") -> RecordT:
-    """A record of a dataclass from what :func:`encoded` made of it.
-
-    Raises
-    ------
-    InputError
-        Fields are missing, unknown, or of another type.
-    """
-    if not isinstance(row, dict):
-        raise InputError(where, f"found {type(row).__name__}, expected an object")
-    hints = typing.get_type_hints(kind)
-    names = [field.name for field in fields(typing.cast("type[DataclassInstance]", kind))]
-    if set(row) != set(names):
-        raise InputError(where, f"found fields {sorted(row)}, expected {sorted(names)}")
-    return kind(**{name: _value(hints[name], row[name], f"{where}: {name}") for name in names})
-
-
-def _value(kind: Any, value: Any, where: str) -> Any:
-    """One value as its annotation says."""
-    origin, parts = typing.get_origin(kind), typing.get_args(kind)
-    if kind is Any or origin is Mapping or origin is typing.get_origin(Mapping[str, Any]):
-        return value
-    if origin in (typing.Union, types.UnionType):
-        if value is None and type(None) in parts:
-            return None
-        return _value(next(part for part in parts if part is not type(None)), value, where)
-    if origin is tuple:
-        if not isinstance(value, list):
-            raise InputError(where, f"found {type(value).__name__}, expected a list")
-        kinds = [parts[0]] * len(value) if len(parts) == 2 and parts[1] is Ellipsis else list(parts)
-        if len(kinds) != len(value):
-            raise InputError(where, f"found {len(value)} values, expected {len(kinds)}")
-        return tuple(_value(one, item, where) for one, item in zip(kinds, value, strict=True))
-    if isinstance(kind, type) and is_dataclass(kind):
-        return decoded(kind, value, where=where)
-    if kind is float:
-        value = _WORDS.get(value, value) if isinstance(value, str) else value
-        if isinstance(value, (int, float)) and not isinstance(value, bool):
-            return float(value)
-    elif isinstance(kind, type) and issubclass(kind, Enum):
-        try:
-            return kind(value)
-        except ValueError as error:
-            raise InputError(
-                where, f"found {value!r}, expected one of {[one.value for one in kind]}"
-            ) from error
-    elif isinstance(kind, type) and type(value) is kind:
-        return value
-    raise InputError(where, f"found {value!r}, expected {getattr(kind, '__name__', kind)}")

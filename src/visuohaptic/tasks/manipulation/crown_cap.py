@@ -24,6 +24,7 @@ from jaxtyping import Float
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError
+from ...core.geometry import so3_log
 from ...core.measurement import Wrench
 from ...core.robots import FrameSource, ProbeArm, require_members
 from ..framework.machine import Machine, Rule
@@ -417,7 +418,7 @@ def _moment(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) 
     felt = wrench.valid and bool(np.isfinite(wrench.force_N).all() and np.isfinite(wrench.moment_Nm).all())
     seen = bool(sighting.valid and np.isfinite(cap).all())
     return CapObservation(
-        frame.t_s, _vector(pose.translation_m), _vector(_rotation_vector(pose.rotation)), felt,
+        frame.t_s, _vector(pose.translation_m), _vector(so3_log(pose.rotation)), felt,
         _vector(wrench.force_N), _vector(wrench.moment_Nm), seen, _vector(cap),
     )  # fmt: skip
 
@@ -427,12 +428,6 @@ def _tell(arm: ProbeArm, command: CapCommand) -> None:
         arm.stop()
         return
     arm.move_linear(Pose.from_rotation_vector(command.turn_rad, command.tip_m), command.speed_m_s)
-
-
-def _rotation_vector(rotation: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(rotation).as_rotvec())
 
 
 def _vector(values: np.ndarray) -> Vector:
@@ -455,10 +450,10 @@ def _tilted(turn: np.ndarray, angle_rad: float) -> Vector:
     """The tool's turn with the hook raised by an angle about its own x."""
     upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
     raised = Pose.from_rotation_vector([-angle_rad, 0.0, 0.0], np.zeros(3)).rotation
-    return _vector(_rotation_vector(upright @ raised))
+    return _vector(so3_log(upright @ raised))
 
 
 def _turned(turn: np.ndarray, now: Vector) -> float:
     """By how much the hook has been raised [rad]."""
     upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
-    return float(-_rotation_vector(upright.T @ Pose.from_rotation_vector(now, np.zeros(3)).rotation)[0])
+    return float(-so3_log(upright.T @ Pose.from_rotation_vector(now, np.zeros(3)).rotation)[0])

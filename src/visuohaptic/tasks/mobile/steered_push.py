@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.geometry import wrap_angle
 from .force_guard import ForceGuard, GuardState
 
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
@@ -154,7 +155,7 @@ class SteeredPush:
         """Turn of the object since the push began."""
         if self._begin is None or self._seen is None:
             return 0.0
-        return _wrap(float(self._seen[2] - self._begin[2]))
+        return wrap_angle(float(self._seen[2] - self._begin[2]))
 
     @property
     def moved_m(self) -> Float[np.ndarray, "2"]:
@@ -208,7 +209,7 @@ class SteeredPush:
             self.end = PushEnd(allowed.value)
         if self.end is not None or allowed is GuardState.HOLD:
             return 0.0, 0.0
-        heading = _wrap(float(pose_m[2]) - self._direction)
+        heading = wrap_angle(float(pose_m[2]) - self._direction)
         if self._touch_place is None:
             beside = float((pose_m[:2] - self._stand) @ self._left)
             wanted = max(-0.3, min(0.3, -4.0 * beside))
@@ -283,7 +284,3 @@ class SteeredPush:
         self._arms.append(beside + high * heading)
         wanted = (self._lever_m**2 * s.turn_gain_per_m * (self.turned_rad + self._integral) - beside) / high
         return max(-s.steer_max_rad, min(s.steer_max_rad, wanted))
-
-
-def _wrap(angle: float) -> float:
-    return math.atan2(math.sin(angle), math.cos(angle))

@@ -20,6 +20,7 @@ from jaxtyping import Float
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.geometry import so3_log
 from ..points.homography import decompose_homography, estimate_homography, facing_motions
 
 __all__ = ["PlanePose", "estimate_plane_poses", "lens_numbers", "pose_difference", "tilted_back"]
@@ -86,17 +87,12 @@ def estimate_plane_poses(
 
 def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
     """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
-    import cv2
-
-    # Of two small matrices; SciPy's class takes ten times as long.
-    turn = cv2.Rodrigues(b.rotation @ a.rotation.T)[0].ravel()
-    return np.concatenate([b.translation_m - a.translation_m, turn])
+    return np.concatenate([b.translation_m - a.translation_m, so3_log(b.rotation @ a.rotation.T)])
 
 
 def _angle(a: Pose, b: Pose) -> float:
     """Angle between two orientations [rad]."""
-    cosine = (np.trace(a.rotation.T @ b.rotation) - 1) / 2
-    return float(np.arccos(np.clip(cosine, -1, 1)))
+    return float(np.linalg.norm(so3_log(a.rotation.T @ b.rotation)))
 
 
 def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarray) -> Pose | None:

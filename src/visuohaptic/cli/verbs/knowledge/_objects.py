@@ -33,7 +33,7 @@ def opened(args: Any, *, create: bool = False) -> Any:
 
 def described(obj: VisuoHapticObject) -> dict[str, Any]:
     """An object without its arrays: those are named with their shapes."""
-    from ....core.codec import encode
+    from ....core.cards import encode
 
     card, arrays = encode(obj)
     card.pop("evidence", None)

@@ -110,10 +110,10 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
 
 def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
     """Three obstacles in a map of the user's."""
+    from ....core.codec import to_dict
     from ....demo.push_demo import run_demo
     from ....demo.push_demo_report import error_figures, write_report
     from ....report.run_tables import primitive_text, tag_text
-    from ....sensing.push.tag_file import tag_to_dict
 
     result = run_demo(args.out, map_path=args.map, seed=args.seed, say=args.report, page=page)
     args.report("")
@@ -141,7 +141,7 @@ def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
             {
                 "name": one.name,
                 "outcome": one.exploration.outcome.value,
-                "haptic_tag": tag_to_dict(one.tag),
+                "haptic_tag": to_dict(one.tag),
                 "errors": error_figures(one),
             }
             for one in result.objects

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import InputError
+from ....core.geometry import wrap_angle
 from ....core.objects import Estimate, HapticTag
 from ....core.robots import BaseState, MobileBase, require_members
 from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
@@ -220,7 +221,7 @@ class _Machine:
                 self.behind_m = 0.0
                 self._note("drove", seconds=t_s - begin_s)
                 return self._next()
-            if np.hypot(*(pose[:2] - last[:2])) > 0.02 or abs(_wrap(pose[2] - last[2])) > 0.1:
+            if np.hypot(*(pose[:2] - last[:2])) > 0.02 or abs(wrap_angle(pose[2] - last[2])) > 0.1:
                 last, moved_s = pose, t_s
             force = self.senses.touch()[0]
             if force < self.settings.bump_N or math.isnan(bumped_s):
@@ -252,8 +253,8 @@ class _Machine:
         """Away from a wall that is touched: a disc turns on the spot, and what it leaves does not hold it."""
         away = self._pose()[:2] - point
         ahead = math.atan2(away[1], away[0])
-        behind = abs(_wrap(ahead - float(self._pose()[2]))) > 0.5 * math.pi
-        self.motion.turn_to(_wrap(ahead + math.pi) if behind else ahead)
+        behind = abs(wrap_angle(ahead - float(self._pose()[2]))) > 0.5 * math.pi
+        self.motion.turn_to(wrap_angle(ahead + math.pi) if behind else ahead)
         self.motion.straight(-0.05 if behind else 0.05, self.settings.leave_m, 3.0)
 
     def _back_off(self) -> TravelState:
@@ -339,7 +340,7 @@ class _Machine:
         self.pushes += 1
         after = self._look(wanted.object)
         off = np.zeros(3) if before is None or after is None else after - before
-        off[2] = _wrap(off[2])
+        off[2] = wrap_angle(off[2])
         moved = bool(np.hypot(off[0], off[1]) > self.settings.moved_m or abs(off[2]) > self.settings.near_rad)
         if moved or before is None or after is None:
             self.memory.pushed(wanted.object, failed=False)
@@ -471,7 +472,3 @@ def _direction(task: Task) -> float:
 
 def _finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
-
-
-def _wrap(angle: float) -> float:
-    return math.atan2(math.sin(angle), math.cos(angle))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from ....core.geometry import rotation_2d
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ....navigation.planning.search_domain import clear_cells, fill_cells, grid_from_world
@@ -36,10 +37,10 @@ class _Known:
     stalled: bool = False  #: known to be too heavy, not only unlucky
 
     def outline_m(self) -> Float[np.ndarray, "p 2"]:
-        return self.own_m @ _turned(self.place_m[2]).T + self.place_m[:2]
+        return self.own_m @ rotation_2d(self.place_m[2]).T + self.place_m[:2]
 
     def now(self) -> MovableObject:
-        aside = _turned(self.place_m[2]) @ self.offset_m
+        aside = rotation_2d(self.place_m[2]) @ self.offset_m
         return replace(
             self.item,
             footprint_m=self.outline_m(),
@@ -190,7 +191,7 @@ class TravelMemory:
     def learn_centre(self, id: str, direction_rad: float, beside_m: float) -> None:
         """A push told the centre of friction to be so far to its left of where it was believed."""
         known = self._known[id]
-        across = np.array([-math.sin(direction_rad), math.cos(direction_rad)]) @ _turned(known.place_m[2])
+        across = np.array([-math.sin(direction_rad), math.cos(direction_rad)]) @ rotation_2d(known.place_m[2])
         gain = known.covariance @ across / (across @ known.covariance @ across + PUSH_SIGMA_M**2)
         known.offset_m = known.offset_m + gain * beside_m
         known.covariance = known.covariance - np.outer(gain, across @ known.covariance)
@@ -208,8 +209,3 @@ def _known(item: MovableObject) -> _Known:
         offset,
         np.eye(2) * CENTRE_SIGMA_M**2,
     )
-
-
-def _turned(angle: float) -> Float[np.ndarray, "2 2"]:
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s], [s, c]])

@@ -1,0 +1,220 @@
+"""Geometry that several packages need: angles, rotations as a Lie group, polygons and surfaces.
+
+Arrays have any shape of batch where ``*batch`` or ``...`` is written. Rotation vectors are axis times angle [rad].
+"""
+
+from __future__ import annotations
+
+from typing import overload
+
+import numpy as np
+from jaxtyping import Float, Int
+
+__all__ = [
+    "area_vectors",
+    "hat",
+    "polygon_area",
+    "polygon_centroid",
+    "polygon_second_moments",
+    "rotation_2d",
+    "so3_exp",
+    "so3_log",
+    "vertex_normals",
+    "wrap_angle",
+]
+
+#: A polygon whose area is less than this part of its squared extent is a line but for rounding.
+_MIN_AREA = 1e-12
+
+
+@overload
+def wrap_angle(angle_rad: float) -> float: ...
+@overload
+def wrap_angle(angle_rad: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]: ...
+def wrap_angle(angle_rad: float | np.ndarray) -> float | np.ndarray:
+    """The angle of the same direction in (-pi, pi].
+
+    Parameters
+    ----------
+    angle_rad
+        Angle or array of angles [rad].
+
+    Returns
+    -------
+    float or array
+        Of the argument's shape [rad]; NaN stays NaN.
+
+    Examples
+    --------
+    >>> round(wrap_angle(3.5 * np.pi) / np.pi, 6)
+    -0.5
+    """
+    # The remainder is exact, and so is the difference of numbers within a factor of two.
+    angle = np.fmod(angle_rad, 2 * np.pi)
+    wrapped = angle - 2 * np.pi * (angle > np.pi) + 2 * np.pi * (angle <= -np.pi)
+    return wrapped if isinstance(angle_rad, np.ndarray) and angle_rad.ndim else float(wrapped)
+
+
+def rotation_2d(angle_rad: float) -> Float[np.ndarray, "2 2"]:
+    """Rotation matrix of the plane.
+
+    Parameters
+    ----------
+    angle_rad
+        Angle, counter-clockwise [rad].
+    """
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])
+
+
+def hat(vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Cross-product matrices: ``hat(v) @ w`` is ``cross(v, w)``.
+
+    Parameters
+    ----------
+    vector
+        Vectors, shape (..., 3).
+    """
+    v = np.asarray(vector, dtype=np.float64)
+    out = np.zeros((*v.shape, 3))
+    out[..., 2, 1], out[..., 0, 2], out[..., 1, 0] = v[..., 0], v[..., 1], v[..., 2]
+    return out - np.swapaxes(out, -1, -2)
+
+
+def so3_exp(rotation_vector_rad: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Rotation matrices of rotation vectors, by Rodrigues' formula.
+
+    Parameters
+    ----------
+    rotation_vector_rad
+        Axis times angle, shape (..., 3) [rad]; of any length.
+    """
+    vector = np.asarray(rotation_vector_rad, dtype=np.float64)
+    angle = np.sqrt((vector * vector).sum(axis=-1))[..., None, None]
+    cross = hat(vector)
+    sine, versine = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2 * np.pi)) ** 2  # by angle, by its square
+    return np.eye(3) + sine * cross + versine * (cross @ cross)
+
+
+def so3_log(rotation: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Rotation vectors of rotation matrices; the inverse of :func:`so3_exp`.
+
+    Parameters
+    ----------
+    rotation
+        Rotation matrices, shape (..., 3, 3); orthonormal but for rounding.
+
+    Returns
+    -------
+    array
+        Axis times angle, shape (..., 3), of length 0 to pi [rad]. Of a half turn both signs of the axis
+        are right, and one is returned.
+    """
+    matrix = np.asarray(rotation, dtype=np.float64)
+    transposed = np.swapaxes(matrix, -1, -2)
+    skew = 0.5 * (matrix - transposed)
+    vector = np.stack([skew[..., 2, 1], skew[..., 0, 2], skew[..., 1, 0]], axis=-1)  # axis times sine
+    sine = np.sqrt((vector * vector).sum(axis=-1))
+    cosine = 0.5 * (np.trace(matrix, axis1=-2, axis2=-1) - 1)
+    angle = np.arctan2(sine, cosine)
+    out = vector * (np.where(sine > 0, angle, 1.0) / np.where(sine > 0, sine, 1.0))[..., None]
+    obtuse = cosine < 0
+    if obtuse.any():
+        # Towards a half turn the sine vanishes, but not the symmetric part, cos I + (1 - cos) axis axis^T.
+        square = 0.5 * (matrix + transposed) - cosine[..., None, None] * np.eye(3)
+        column = np.argmax(np.diagonal(square, axis1=-2, axis2=-1), axis=-1)
+        axis = np.take_along_axis(square, column[..., None, None], axis=-1)[..., 0]
+        length = np.sqrt((axis * axis).sum(axis=-1)) * np.where((axis * vector).sum(axis=-1) < 0, -1.0, 1.0)
+        length = np.where(obtuse, length, 1.0)  # of a small turn there is no such axis
+        out = np.where(obtuse[..., None], axis * (angle / length)[..., None], out)
+    return out
+
+
+def polygon_area(outline_m: Float[np.ndarray, "n 2"]) -> float:
+    """Signed area of a simple polygon [m^2], positive when its corners run counter-clockwise.
+
+    Parameters
+    ----------
+    outline_m
+        Corners in order, shape (n, 2) [m]; the last edge leads back to the first corner.
+    """
+    return 0.5 * float(_fan(outline_m)[2].sum())
+
+
+def polygon_centroid(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
+    """Centroid of a polygon's area, shape (2,) [m]; of a polygon without area the mean of its corners.
+
+    Parameters
+    ----------
+    outline_m
+        Corners in order, either way round, shape (n, 2) [m].
+    """
+    outline = np.asarray(outline_m, dtype=np.float64)
+    p, q, double = _fan(outline)
+    total = double.sum()
+    if abs(total) <= _MIN_AREA * np.ptp(outline, axis=0).max() ** 2:
+        return outline.mean(axis=0)
+    return outline[0] + double @ (p + q) / (3 * total)
+
+
+def polygon_second_moments(outline_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"]:
+    """Second moments of a polygon's area about its centroid, by the area: a covariance matrix [m^2].
+
+    Its trace is the squared polar radius of gyration.
+
+    Parameters
+    ----------
+    outline_m
+        Corners in order, either way round, shape (n, 2) [m]; with an area.
+    """
+    centred = np.asarray(outline_m, dtype=np.float64) - polygon_centroid(outline_m)
+    p, q = centred, np.roll(centred, -1, axis=0)
+    double = p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+    # A triangle (0, p, q) contributes its area / 12 times p p^T + q q^T + (p + q) (p + q)^T.
+    moments = sum((v * double[:, None]).T @ v for v in (p, q, p + q))
+    return np.asarray(moments / (12 * double.sum()))
+
+
+def _fan(outline_m: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Sides from the first corner of the triangles of a fan, and twice their areas: exact far from the origin."""
+    away = np.asarray(outline_m, dtype=np.float64)[1:] - outline_m[:1]
+    p, q = away[:-1], away[1:]
+    return p, q, p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
+
+
+def area_vectors(
+    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f k"]
+) -> Float[np.ndarray, "f 3"]:
+    """Normal times area of each face, shape (f, 3) [m^2].
+
+    Parameters
+    ----------
+    vertices_m
+        Vertices, shape (v, 3) [m].
+    faces
+        Vertex indices of triangles, quadrilaterals or larger polygons, counter-clockwise seen from the side
+        to which the normal points, shape (f, k). Of a warped polygon, its mean normal times the area it spans.
+    """
+    corners = np.asarray(vertices_m)[faces]
+    away = corners[:, 1:] - corners[:, :1]
+    return 0.5 * np.cross(away[:, :-1], away[:, 1:]).sum(axis=1)
+
+
+def vertex_normals(
+    vertices_m: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f k"]
+) -> Float[np.ndarray, "v 3"]:
+    """Unit normals of vertices, shape (v, 3): means over the faces around, weighted by area; 0 where there is none.
+
+    Parameters
+    ----------
+    vertices_m
+        Vertices, shape (v, 3) [m].
+    faces
+        Vertex indices, shape (f, k), as of :func:`area_vectors`.
+    """
+    vectors = area_vectors(vertices_m, faces)
+    sums = np.zeros((len(vertices_m), 3))
+    for corner in range(faces.shape[1]):
+        np.add.at(sums, faces[:, corner], vectors)
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.divide(sums, lengths, out=np.zeros_like(sums), where=lengths > 0)
