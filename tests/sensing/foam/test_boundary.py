@@ -43,7 +43,9 @@ def read(force, s, delta, material, phase, rng, boundary="tension"):
 def test_softening_is_the_derivative_of_the_shear_modulus(material):
     strain, step = np.linspace(0.01, 0.55, 30), 1e-6
     g = [shear_modulus(x, material.stress(x)) for x in (strain + step, strain - step)]
-    np.testing.assert_allclose(softening(material.loading, strain), -(g[0] - g[1]) / (2 * step) / 6, rtol=1e-4)
+    np.testing.assert_allclose(
+        softening(material.loading, strain), -(g[0] - g[1]) / (2 * step) / 6, rtol=1e-4
+    )
 
 
 def test_shear_modulus_against_a_sheared_block(continuum, material):
@@ -159,5 +161,5 @@ def test_tension_calibration_recovers_its_own_ratio(material):
 
 
 def test_tension_bounds():
-    with pytest.raises(ValueError, match="ratio: found -1.0, expected 0 to 5"):
+    with pytest.raises(ValueError, match=r"ratio: found -1\.0, expected 0 to 5"):
         Tension(-1.0, 0.1)
