@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import CalibrationError
-from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam import FoamContour, read_profile
 from visuohaptic.sensing.foam.material import (
     PlateRecord,
     Tension,
@@ -34,9 +34,8 @@ def read(force, s, delta, material, phase, rng, boundary="tension"):
     """Relative error of the force from a sparse, noisy contour."""
     at = np.arange(s[0] + phase * SPACING, s[-1], SPACING)
     seen = np.interp(at, s, delta) + rng.normal(0, NOISE, at.size)
-    reading = read_profile(
-        at, seen, np.full(at.size, NOISE), np.ones(at.size, bool), material, boundary=boundary
-    )
+    contour = FoamContour(at, seen, np.full(at.size, NOISE), np.ones(at.size, bool))
+    reading = read_profile(contour, material, boundary=boundary)
     return reading.force_N / force - 1, reading
 
 

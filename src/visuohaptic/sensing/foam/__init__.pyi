@@ -19,6 +19,7 @@ from .material.section import sensitivity as sensitivity
 from .material.stress_curve import StressCurve as StressCurve
 from .material.tension import Tension as Tension
 from .profile import ContactRegion as ContactRegion
+from .profile import FoamContour as FoamContour
 from .profile import FoamReading as FoamReading
 from .profile import read_profile as read_profile
 from .sensor import FoamSensor as FoamSensor
