@@ -74,8 +74,8 @@ def test_too_few_points_or_no_agreement_is_not_valid():
     assert not fit_planar_motion(noise[0][:5], noise[0][:5], covariance[:5], rng).valid
     with pytest.raises(InputError, match="expected"):
         fit_planar_motion(noise[0], noise[1][:3], covariance, rng)
-    with pytest.raises(InputError, match="min_share"):
-        FloorMotionSettings(min_share=1.5)
+    with pytest.raises(InputError, match="min_fraction"):
+        FloorMotionSettings(min_fraction=1.5)
 
 
 def seen(t_s, motion, sigma=1e-5, valid=True):

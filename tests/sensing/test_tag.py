@@ -142,6 +142,22 @@ def test_stop_conditions() -> None:
     assert stop_reason(0.002, 5, 0.2, limits) is None
 
 
+@pytest.mark.parametrize(("deflection_m", "force_N"), [(0.002, np.nan), (np.nan, 5.0), (np.nan, np.nan)])
+def test_a_push_whose_force_is_not_read_stops(deflection_m: float, force_N: float) -> None:
+    limits = StopLimits(deflection_m=0.012, force_N=30.0, distance_m=0.25, max_unread_frames=4)
+    # Who does not count frames stops at the first; who counts may bridge three.
+    assert stop_reason(deflection_m, force_N, 0.0, limits) == StopReason.UNREAD
+    reasons = [stop_reason(deflection_m, force_N, 0.0, limits, unread_frames=n) for n in range(1, 6)]
+    assert reasons == [None, None, None, StopReason.UNREAD, StopReason.UNREAD]
+
+
+def test_a_limit_that_is_seen_says_more_than_a_reading_that_is_not() -> None:
+    limits = StopLimits(deflection_m=0.012, force_N=30.0, distance_m=0.25)
+    assert stop_reason(0.013, np.nan, 0.0, limits) == StopReason.DENSIFIED
+    assert stop_reason(np.nan, 31.0, 0.0, limits) == StopReason.TOO_HEAVY
+    assert stop_reason(np.nan, np.nan, 0.3, limits) == StopReason.PUSHED_FAR
+
+
 def test_merging_is_the_mean_and_scatter_of_the_samples() -> None:
     values = [3.0, 4.0, 7.0, 5.5]
     tags = [

@@ -239,7 +239,7 @@ def test_bad_frames_and_settings_are_refused():
     lines, _ = Scene(lambda s: 0 * s).lines(5)
     with pytest.raises(InputError, match="expected uint8"):
         ContourTracker().track(np.zeros((100, 100)), lines)
-    with pytest.raises(InputError, match="expected -1, 0 or 1"):
+    with pytest.raises(InputError, match="polarity: found 2, expected -1 to 1"):
         ContourSettings(polarity=2)
     with pytest.raises(InputError, match="more than 0"):
         ContourSettings(window_px=0)

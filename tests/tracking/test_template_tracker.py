@@ -136,7 +136,7 @@ def test_detection_in_its_own_thread_answers_in_a_later_frame(scene) -> None:
             if seen.valid:
                 break
         assert seen.valid
-        assert tracker._pending is None  # nothing is detected while nothing is lost
+        assert not tracker._search.busy  # nothing is detected while nothing is lost
         (old,) = tracker.update(Frame(image, 0.0, 0))
         assert old.reason is Reason.STALE
     finally:

@@ -23,7 +23,8 @@ from ..io.sinks.tables import TableWriter
 from ..rigs.virtual_sensor import VirtualSensor
 from ..sensing.scene.ego_motion import EgoMotionSettings
 from ..sensing.scene.scene_record import write_scene
-from ..sensing.scene.scene_tracker import SceneSettings, SceneTracker
+from ..sensing.scene.scene_regions import SceneSettings
+from ..sensing.scene.scene_tracker import SceneTracker
 from ..simulation.mobile.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.push_world import PushWorld

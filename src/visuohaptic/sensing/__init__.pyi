@@ -27,7 +27,7 @@ from .scene.ego_motion import EgoMotionFilter as EgoMotionFilter
 from .scene.ego_motion import EgoMotionSettings as EgoMotionSettings
 from .scene.floor_motion import FloorTracker as FloorTracker
 from .scene.floor_motion import fit_planar_motion as fit_planar_motion
-from .scene.object_motion import ObjectMotion as ObjectMotion
+from .scene.object_events import ObjectMotion as ObjectMotion
 from .scene.object_motion import ObjectTracker as ObjectTracker
 from .scene.obstacle_mask import FloorMixture as FloorMixture
 from .scene.obstacle_mask import MixtureSettings as MixtureSettings

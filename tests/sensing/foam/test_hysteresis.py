@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, Reason
-from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam import FoamContour, read_profile
 from visuohaptic.sensing.foam.material import (
     HysteresisLaw,
     HysteresisState,
@@ -176,16 +176,16 @@ def strip(depth, points=60, noise=0.0, rng=None):
     delta = np.where((s > 0.06) & (s < 0.12), depth, 0.0)
     if noise:
         delta = delta + rng.normal(0, noise, points)
-    return s, delta, np.full(points, max(noise, 1e-6)), np.ones(points, dtype=bool)
+    return FoamContour(s, delta, np.full(points, max(noise, 1e-6)), np.ones(points, dtype=bool))
 
 
 def test_unloading_is_flagged_without_a_curve_and_corrected_with_one(reference_law, material):
     memory = HysteresisState.at_rest(60)
     for depth in (0.002, 0.004, 0.006):
-        reading = read_profile(*strip(depth), material, memory=memory)
+        reading = read_profile(strip(depth), material, memory=memory)
         assert reading.valid
         assert not reading.unloading
-    back = read_profile(*strip(0.004), material, memory=memory)
+    back = read_profile(strip(0.004), material, memory=memory)
     assert back.unloading
     assert not back.valid
     assert back.reason is Reason.UNLOADING
@@ -196,9 +196,9 @@ def test_unloading_is_flagged_without_a_curve_and_corrected_with_one(reference_l
     )
     hysteretic = calibrated(RAMP, down)
     memory = HysteresisState.at_rest(60)
-    first = read_profile(*strip(0.004), hysteretic, memory=memory)
-    read_profile(*strip(0.008), hysteretic, memory=memory)
-    second = read_profile(*strip(0.004), hysteretic, memory=memory)
+    first = read_profile(strip(0.004), hysteretic, memory=memory)
+    read_profile(strip(0.008), hysteretic, memory=memory)
+    second = read_profile(strip(0.004), hysteretic, memory=memory)
     assert second.valid
     assert second.unloading
     assert second.force_N < 0.9 * first.force_N
@@ -210,13 +210,12 @@ def test_release_forgets_and_rest_does_not_flag(material):
     memory = HysteresisState.at_rest(60)
     # A contact at rest: the peak creeps up with the noise, no frame may be called unloading.
     flags = [
-        read_profile(*strip(0.005, noise=1e-5, rng=rng), material, memory=memory).unloading
-        for _ in range(300)
+        read_profile(strip(0.005, noise=1e-5, rng=rng), material, memory=memory).unloading for _ in range(300)
     ]
     assert not any(flags)
-    read_profile(*strip(0.0), material, memory=memory)
+    read_profile(strip(0.0), material, memory=memory)
     assert memory.peak_strain.max() == 0.0
-    assert read_profile(*strip(0.002), material, memory=memory).valid
+    assert read_profile(strip(0.002), material, memory=memory).valid
 
 
 def test_nothing_jumps_at_the_flag(reference_law):
@@ -225,7 +224,7 @@ def test_nothing_jumps_at_the_flag(reference_law):
     material = calibrated(RAMP, stress)
     memory, force, flags = HysteresisState.at_rest(60), [], []
     for depth in np.concatenate([np.linspace(0.001, 0.006, 30), np.linspace(0.006, 0.005, 100)]):
-        reading = read_profile(*strip(depth), material, memory=memory)
+        reading = read_profile(strip(depth), material, memory=memory)
         force.append(reading.force_N)
         flags.append(reading.unloading)
     steps = -np.diff(force[30:])
@@ -242,10 +241,10 @@ def test_noise_does_not_turn_the_elements(reference_law):
     rng = np.random.default_rng(1)
     memory = HysteresisState.at_rest(60)
     for depth in np.linspace(0.0005, 0.005, 10):
-        read_profile(*strip(depth, noise=1e-5, rng=rng), material, memory=memory)
+        read_profile(strip(depth, noise=1e-5, rng=rng), material, memory=memory)
     with_memory, without = (
         np.mean([
-            read_profile(*strip(0.005, noise=1e-5, rng=rng), material, memory=m).force_N for _ in range(300)
+            read_profile(strip(0.005, noise=1e-5, rng=rng), material, memory=m).force_N for _ in range(300)
         ])
         for m in (memory, None)
     )  # fmt: skip
@@ -254,7 +253,7 @@ def test_noise_does_not_turn_the_elements(reference_law):
 
 def test_wrong_use_says_so(material):
     with pytest.raises(InputError, match="has 5 points, the contour has 60"):
-        read_profile(*strip(0.002), material, memory=HysteresisState.at_rest(5))
+        read_profile(strip(0.002), material, memory=HysteresisState.at_rest(5))
     e = np.array([0.01, 0.1])
     with pytest.raises(InputError, match="yield_strain must be positive and rise"):
         HysteresisLaw(e[::-1], e, e)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError, Reason
-from visuohaptic.sensing.foam import read_profile
+from visuohaptic.sensing.foam import FoamContour
+from visuohaptic.sensing.foam import read_profile as read_contour
 from visuohaptic.sensing.foam.material import Tension, contour_force, fit_curve
 from visuohaptic.sensing.foam.strip import StripGeometry
 
@@ -16,6 +17,11 @@ K = 85
 S = np.arange(K) * 0.003
 SIGMA = np.full(K, 1e-5)
 SEEN = np.ones(K, dtype=bool)
+
+
+def read_profile(s_m, delta_m, noise_m, valid, material, *, boundary="tension", **errors):
+    """One frame without a history."""
+    return read_contour(FoamContour(s_m, delta_m, noise_m, valid, **errors), material, boundary=boundary)
 
 
 def bump(depth=0.006, centre=0.12, width=0.02, s=S):
@@ -251,17 +257,17 @@ def test_uncertain_tension_is_declared(material):
     ("change", "message"),
     [
         ({"s_m": S[:-1]}, "expected four equal ones"),
-        ({"s_m": S[::-1].copy()}, "positions must increase"),
+        ({"s_m": S[::-1].copy()}, "s_m: found positions that do not increase"),
         ({"boundary": "magic"}, "expected one of local, enlarged, tension"),
-        ({"zero_sigma_m": -1.0}, "expected a number >= 0"),
+        ({"zero_sigma_m": -1.0}, r"zero_sigma_m: found -1\.0, expected at least 0"),
     ],
 )
 def test_bad_arguments(material, change, message):
     arguments = {
         "s_m": S,
         "delta_m": bump(),
-        "delta_sigma_m": SIGMA,
-        "point_valid": SEEN,
+        "noise_m": SIGMA,
+        "valid": SEEN,
         "material": material,
     }
     with pytest.raises(InputError, match=message):

@@ -3,7 +3,6 @@ from .finger import FingerSensor as FingerSensor
 from .finger import load_sensor as load_sensor
 from .material.boundary import BOUNDARIES as BOUNDARIES
 from .material.boundary import Boundary as Boundary
-from .material.boundary import Tension as Tension
 from .material.boundary import calibrate_tension as calibrate_tension
 from .material.calibration import FoamCalibration as FoamCalibration
 from .material.calibration import calibrate_foam as calibrate_foam
@@ -18,7 +17,9 @@ from .material.records import read_strain_stress as read_strain_stress
 from .material.section import section_material as section_material
 from .material.section import sensitivity as sensitivity
 from .material.stress_curve import StressCurve as StressCurve
+from .material.tension import Tension as Tension
 from .profile import ContactRegion as ContactRegion
+from .profile import FoamContour as FoamContour
 from .profile import FoamReading as FoamReading
 from .profile import read_profile as read_profile
 from .sensor import FoamSensor as FoamSensor

@@ -9,11 +9,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Columns of the region table.
-FIRST, LAST, FORCE, IMAGE_VAR, ZERO_SLOPE, RELIEF, SAMPLING_VAR, MAX_STRAIN, CUT, TOUCH_FIRST, TOUCH_LAST = (
-    range(11)
-)
-DOUBT_VAR = 11
+#: Columns of the region table, named in ``profile.py``.
 COLUMNS = 12
 #: Flanks of simulated foams bend as if their tension were this many times that of the force law.
 FLANK = 2.5

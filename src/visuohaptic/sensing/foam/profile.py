@@ -8,25 +8,27 @@ cell counts with its pressure (``end_cells_m``).
 
 False alarms: a region needs one point above 5.5 sigma or two neighbours above
 3.5 sigma. With Gaussian noise this happens by chance in less than 1e-5 of the
-frames of 85 points. What noise doesn't explain but foam can't do, a shallow dent narrower
+frames of 85 points. What noise does not explain but foam cannot do, a shallow dent narrower
 than its own decay (texture, dirt, a fold), is no region either.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ...core.measurement import ErrorBudget, Reason
+from ...core.ranges import NON_NEGATIVE, check_ranges
 from ...tracking.contours.contour import SHARED_POINTS
-from .material.boundary import BOUNDARIES, Boundary
+from .material.boundary import BOUNDARIES, Boundary, contour_force
 from .material.foam_material import FoamMaterial
 from .material.hysteresis import RELEASE_STRAIN, HysteresisState
 
-__all__ = ["ContactRegion", "FoamReading", "read_profile"]
+__all__ = ["ContactRegion", "FoamContour", "FoamReading", "read_profile"]
 
 SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS = 3.5, 5.5
 #: Gaps of invalid points up to this many are bridged by a straight line.
@@ -36,6 +38,9 @@ MAX_GAP_POINTS = 3
 NARROW_PER_WIDTH = 0.5
 #: Misfit of each boundary law over simulated foams and bodies: fraction of the force.
 MODEL_FLOOR = {"tension": 0.005, "enlarged": 0.005, "local": 0.10}
+#: Columns of the kernel's table of regions.
+_FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)
+_TOUCH_FIRST, _TOUCH_LAST, _UNCERTAINTY_VAR = 9, 10, 11
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +51,7 @@ class ContactRegion:
     last: int  #: index of the last one, inclusive
     s_start_m: float
     s_end_m: float
-    touch_start_m: float  #: begin of the part that bears load by the tension law
+    touch_start_m: float  #: start of the part that bears load by the tension law
     touch_end_m: float
     force_N: float
     enlarged_force_N: float  #: of the published law, for comparison
@@ -72,203 +77,282 @@ class FoamReading:
     reason: Reason
 
 
-def read_profile(
-    s_m: Float[np.ndarray, "K"],
-    delta_m: Float[np.ndarray, "K"],
-    delta_sigma_m: Float[np.ndarray, "K"],
-    point_valid: Bool[np.ndarray, "K"],
-    material: FoamMaterial,
-    *,
-    boundary: Boundary = "tension",
-    zero_sigma_m: float = 0.0,
-    memory: HysteresisState | None = None,
-    uncertainty_m: Float[np.ndarray, "K"] | None = None,
-    shared_noise: float = 0.0,
-    own_noise_m: Float[np.ndarray, "K"] | None = None,
-    end_cells_m: tuple[float, float] = (0.0, 0.0),
-) -> FoamReading:
-    """Read pressures and forces from the deflection of the front contour.
+@dataclass(frozen=True, slots=True, eq=False)
+class FoamContour:
+    """Deflection of the front contour in one frame, with its errors; K points along the strip.
 
-    Parameters
-    ----------
-    s_m
-        Position of the points along the strip, increasing [m].
-    delta_m, delta_sigma_m
-        Deflection and its standard deviation, independent between points [m].
-    point_valid
-        False where the contour was not seen; short gaps are bridged, a contact
-        that ends at a long one is not valid.
-    material
-        Calibrated foam.
-    boundary
-        Law at the ends of a contact, see :mod:`~visuohaptic.sensing.foam.material.boundary`.
-    zero_sigma_m
-        Standard deviation of the zero reference, common to all points [m].
-    memory
-        Strain history of the points; changed by the call. None: always loading.
-    shared_noise
-        Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
-    own_noise_m
-        Noise of each deflection beside ``delta_sigma_m`` that neighbours don't share, e.g. of a fit at a
-        kink [m]; part of ``image_N``.
-    uncertainty_m
-        Systematic error of each deflection, e.g. where the contour has a kink [m]; the same
-        in every frame, so that it goes to ``model_N``. Independent between points.
-    end_cells_m
-        Length of foam before the first and after the last point [m]. The points of a
-        :class:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry` lie half a spacing inside the
-        ends, see :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
+    A point is used where it is valid and its numbers are finite; short gaps are bridged, and a contact that ends
+    at a long one is not valid.
 
     Raises
     ------
     InputError
-        Arrays of different lengths, positions that don't increase, unknown boundary.
+        Arrays of different lengths, positions that do not increase, negative errors.
     """
-    points = len(s_m)
-    if not (points >= 2 and delta_m.shape == delta_sigma_m.shape == point_valid.shape == s_m.shape):
-        raise InputError(
-            "read_profile",
-            f"found shapes {s_m.shape}, {delta_m.shape}, {delta_sigma_m.shape}, {point_valid.shape}; "
-            "expected four equal ones of two points or more",
-        )
+
+    s_m: Float[np.ndarray, "K"]  #: position along the strip, increasing
+    delta_m: Float[np.ndarray, "K"]  #: deflection towards the base
+    noise_m: Float[np.ndarray, "K"]  #: its standard deviation from frame to frame, which neighbours may share
+    valid: Bool[np.ndarray, "K"]  #: False where the contour was not seen
+    #: Noise of each deflection beside ``noise_m`` that neighbours do not share, e.g. of a fit at a kink.
+    own_noise_m: Float[np.ndarray, "K"] | None = None
+    #: Systematic error of each deflection, independent between points: the same in every frame, so that it goes to
+    #: the model's part of the budget.
+    uncertainty_m: Float[np.ndarray, "K"] | None = None
+    zero_sigma_m: float = field(default=0.0, metadata=NON_NEGATIVE)  #: of the zero, common to all points
+    #: Correlation of the noise of neighbouring points, ``tracking.SHARED_NOISE`` for its contours.
+    shared_noise: float = 0.0
+    #: Length of foam before the first and after the last point, as of
+    #: :attr:`~visuohaptic.sensing.foam.strip.geometry.StripGeometry.end_cells_m`.
+    end_cells_m: tuple[float, float] = field(default=(0.0, 0.0), metadata=NON_NEGATIVE)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        shape = self.s_m.shape
+        if not (len(self.s_m) >= 2 and self.delta_m.shape == self.noise_m.shape == self.valid.shape == shape):
+            raise InputError(
+                "FoamContour",
+                f"found shapes {shape}, {self.delta_m.shape}, {self.noise_m.shape}, {self.valid.shape}; "
+                "expected four equal ones of two points or more",
+            )
+        for name in ("own_noise_m", "uncertainty_m"):
+            values = getattr(self, name)
+            if values is not None and values.shape != shape:
+                raise InputError("FoamContour", f"found shape {values.shape}, expected {shape}", field=name)
+        if not np.all(np.diff(self.s_m[self.seen]) > 0):
+            raise InputError("FoamContour", "found positions that do not increase", field="s_m")
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "K"]:
+        """Points that are used."""
+        return self.valid & np.isfinite(self.delta_m) & np.isfinite(self.noise_m) & (self.noise_m >= 0)
+
+
+def read_profile(
+    contour: FoamContour,
+    material: FoamMaterial,
+    *,
+    boundary: Boundary = "tension",
+    memory: HysteresisState | None = None,
+) -> FoamReading:
+    """Read pressures and forces from the deflection of the front contour, Eq. (3.1), (3.9) and (3.10).
+
+    Parameters
+    ----------
+    contour
+        Deflection of K points and its errors.
+    material
+        Calibrated foam.
+    boundary
+        Law at the ends of a contact, see :mod:`~visuohaptic.sensing.foam.material.boundary`.
+    memory
+        Strain history of the points; changed by the call. None: always loading.
+
+    Returns
+    -------
+    FoamReading
+        Not valid, with the reason ``lost``, when fewer than two points were seen.
+
+    Raises
+    ------
+    InputError
+        Unknown boundary law.
+    """
     if boundary not in BOUNDARIES:
         raise InputError("boundary", f"found {boundary!r}, expected one of {', '.join(BOUNDARIES)}")
-    if not (np.isfinite(zero_sigma_m) and zero_sigma_m >= 0):
-        raise InputError("zero_sigma_m", f"found {zero_sigma_m}, expected a number >= 0")
-    if uncertainty_m is not None and uncertainty_m.shape != s_m.shape:
-        raise InputError("uncertainty_m", f"found shape {uncertainty_m.shape}, expected {s_m.shape}")
-    if own_noise_m is not None and own_noise_m.shape != s_m.shape:
-        raise InputError("own_noise_m", f"found shape {own_noise_m.shape}, expected {s_m.shape}")
-    if not (np.all(np.isfinite(end_cells_m)) and min(end_cells_m) >= 0):
-        raise InputError("end_cells_m", f"found {end_cells_m}, expected two lengths >= 0")
-    seen = point_valid & np.isfinite(delta_m) & np.isfinite(delta_sigma_m) & (delta_sigma_m >= 0)
-    index = np.flatnonzero(seen)
-    s = s_m[index].astype(np.float64)
-    if len(index) < 2 or not np.all(np.diff(s) > 0):
-        if len(index) < 2:
-            return _nothing_seen(points)
-        raise InputError("s_m", "positions must increase")
-    delta, common = delta_m[index].astype(np.float64), delta_sigma_m[index].astype(np.float64)
-    sigma = common if own_noise_m is None else np.hypot(common, np.nan_to_num(own_noise_m[index]))
-    doubt = (
-        np.zeros(len(index))
-        if uncertainty_m is None
-        else np.nan_to_num(uncertainty_m[index].astype(np.float64))
+    points = len(contour.s_m)
+    if contour.seen.sum() < 2:
+        return _nothing_seen(points)
+    seen, unloading = _seen_points(contour, material, memory)
+    regions = _integrated(contour, seen, material, boundary)
+    contacts = tuple(
+        _contact(k, regions, seen, contour, material, boundary, unloading) for k in range(len(regions.table))
     )
-    strain = delta / material.width_m
+    strain = seen.delta / material.width_m
+    pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
+    pressure[seen.index], pressure_sigma[seen.index] = regions.pressure_Pa, regions.pressure_sigma_Pa
+    saturated = np.zeros(points, dtype=bool)
+    saturated[seen.index] = strain > material.densification_strain
+    trusted = contour.seen & ~saturated
+    if material.hysteresis is None:
+        trusted &= ~unloading
+    wrong = [contact.reason for contact in contacts if not contact.valid]
+    return FoamReading(
+        force_N=float(sum(contact.force_N for contact in contacts)),
+        budget=(
+            _total_budget(contacts, regions, contour, material)
+            if contacts
+            else _budget_at_rest(seen, contour, material)
+        ),
+        pressure_Pa=pressure,
+        pressure_sigma_Pa=pressure_sigma,
+        point_valid=trusted,
+        contacts=contacts,
+        saturated=bool(saturated.any()),
+        unloading=bool(unloading.any()),
+        valid=not wrong,
+        reason=wrong[0] if wrong else Reason.OK,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SeenPoints:
+    """The n points of a contour that were seen."""
+
+    index: Int[np.ndarray, "n"]  #: number on the strip
+    s: Float[np.ndarray, "n"]
+    delta: Float[np.ndarray, "n"]
+    common: Float[np.ndarray, "n"]  #: noise that neighbours may share
+    sigma: Float[np.ndarray, "n"]  #: all noise
+    uncertainty: Float[np.ndarray, "n"]  #: systematic error
+    factor: Float[np.ndarray, "n"]  #: stress by the loading stress, from the hysteresis
+    factor_sigma: Float[np.ndarray, "n"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Regions:
+    """What the kernel integrates over R regions of n seen points."""
+
+    pressure_Pa: Float[np.ndarray, "n"]
+    pressure_sigma_Pa: Float[np.ndarray, "n"]
+    table: Float[np.ndarray, "R 12"]  #: columns ``_FIRST`` to ``_UNCERTAINTY_VAR``
+    sums: Float[np.ndarray, "R p"]  #: derivative of the force by the parameters of the loading curve
+    weight: Float[np.ndarray, "n"]  #: length that each point stands for [m]
+
+
+def _seen_points(
+    contour: FoamContour, material: FoamMaterial, memory: HysteresisState | None
+) -> tuple[_SeenPoints, Bool[np.ndarray, "K"]]:
+    """Seen points with their place on the hysteresis, and which points of the strip are unloading."""
+    shown = contour.seen
+    index = np.flatnonzero(shown)
+    delta, common = contour.delta_m[index].astype(np.float64), contour.noise_m[index].astype(np.float64)
+    sigma = (
+        common if contour.own_noise_m is None else np.hypot(common, np.nan_to_num(contour.own_noise_m[index]))
+    )
+    uncertainty = (
+        np.zeros(len(index))
+        if contour.uncertainty_m is None
+        else np.nan_to_num(contour.uncertainty_m[index].astype(np.float64))
+    )
     factor, factor_sigma = np.ones(len(index)), np.zeros(len(index))
-    unloading = np.zeros(points, dtype=bool)
+    unloading = np.zeros(len(shown), dtype=bool)
     if memory is not None:
-        full, full_sigma, noise = np.zeros(points), np.zeros(points), np.zeros(points)
-        full[index], full_sigma[index] = strain, np.hypot(sigma, doubt) / material.width_m
+        strain = delta / material.width_m
+        full, full_sigma, noise = np.zeros(len(shown)), np.zeros(len(shown)), np.zeros(len(shown))
+        full[index], full_sigma[index] = strain, np.hypot(sigma, uncertainty) / material.width_m
         noise[index] = sigma / material.width_m
-        unloading = memory.update(full, full_sigma, seen, material.hysteresis, noise_sigma=noise)
+        unloading = memory.update(full, full_sigma, shown, material.hysteresis, noise_sigma=noise)
         if material.hysteresis is not None and memory.xi is not None:
             up = material.stress(strain)
             missing, missing_sigma = material.hysteresis.reduction(up, memory.xi[index])
             factor = 1.0 - missing / np.maximum(up, 1e-9)
             factor_sigma = missing_sigma / np.maximum(up, 1e-9)
+    s = contour.s_m[index].astype(np.float64)
+    return _SeenPoints(index, s, delta, common, sigma, uncertainty, factor, factor_sigma), unloading
 
+
+def _integrated(
+    contour: FoamContour, seen: _SeenPoints, material: FoamMaterial, boundary: Boundary
+) -> _Regions:
+    """Contact regions without those that no foam could show."""
     from ._profile_kernels import integrate_regions
 
     curve = material.loading
     # Beyond a point that was not seen nothing is known: the cell of a seen end point alone is filled.
-    before = end_cells_m[0] if index[0] == 0 else 0.0
-    after = end_cells_m[1] if index[-1] == points - 1 else 0.0
-    count, p, p_sigma, table, sums, weight = integrate_regions(
-        s, delta, sigma, doubt, index, factor, before, after, zero_sigma_m, material.width_m, material.height_m,
-        material.tension.ratio, BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS,
-        MAX_GAP_POINTS, curve.knots, curve.pieces, curve.basis_pieces,
-        material.softening_table_Pa, material.softening_end,
+    before = contour.end_cells_m[0] if seen.index[0] == 0 else 0.0
+    after = contour.end_cells_m[1] if seen.index[-1] == len(contour.s_m) - 1 else 0.0
+    count, pressure, pressure_sigma, table, sums, weight = integrate_regions(
+        seen.s, seen.delta, seen.sigma, seen.uncertainty, seen.index, seen.factor, before, after,
+        contour.zero_sigma_m, material.width_m, material.height_m, material.tension.ratio,
+        BOUNDARIES.index(boundary), SEED_PAIR_SIGMAS, SEED_SINGLE_SIGMAS, MAX_GAP_POINTS,
+        curve.knots, curve.pieces, curve.basis_pieces, material.softening_table_Pa, material.softening_end,
     )  # fmt: skip
     table, sums = table[:count], sums[:count]
-    spurious = np.array(
-        [
-            float(row[7]) < RELEASE_STRAIN
-            and float(s[int(row[1])] - s[int(row[0])]) < NARROW_PER_WIDTH * material.width_m
-            for row in table
-        ],
-        dtype=bool,
-    )
-    for row in table[spurious]:
-        p[int(row[0]) : int(row[1]) + 1] = 0.0
-    table, sums = table[~spurious], sums[~spurious]
-    contacts = []
+    first, last = table[:, _FIRST].astype(np.int64), table[:, _LAST].astype(np.int64)
+    narrow = seen.s[last] - seen.s[first] < NARROW_PER_WIDTH * material.width_m
+    spurious = (table[:, _MAX_STRAIN] < RELEASE_STRAIN) & narrow
+    for k in np.flatnonzero(spurious):
+        pressure[first[k] : last[k] + 1] = 0.0
+    return _Regions(pressure, pressure_sigma, table[~spurious], sums[~spurious], weight)
+
+
+def _contact(
+    k: int,
+    regions: _Regions,
+    seen: _SeenPoints,
+    contour: FoamContour,
+    material: FoamMaterial,
+    boundary: Boundary,
+    unloading: Bool[np.ndarray, "K"],
+) -> ContactRegion:
+    """One region with its budget, and the first reason not to trust it."""
+    row = regions.table[k]
+    first, last = int(row[_FIRST]), int(row[_LAST])
+    inside = slice(first, last + 1)
+    weight, factor = regions.weight[inside], seen.factor[inside]
+    strain = seen.delta[inside] / material.width_m
+    stress = material.stress(strain)
+    force = float(row[_FORCE])
+    model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[_SAMPLING_VAR]) + float(row[_UNCERTAINTY_VAR])
+    if boundary == "tension":
+        model2 += (float(row[_RELIEF]) * material.tension.sigma) ** 2
+    elif boundary == "enlarged":
+        # What unit kappa would take away: the published law declares it as its model error.
+        relief = contour_force(seen.s[inside], seen.delta[inside], material)[1] if last > first else 0.0
+        model2 += (relief * material.tension.ratio) ** 2
+    # One hysteresis law for all points: its error is common to them.
+    model2 += (material.height_m * float(weight @ (seen.factor_sigma[inside] * stress))) ** 2
     slope = material.slope(strain) / material.width_m
-    model_variance = image_variance = zero = 0.0
-    for row, total in zip(table, sums, strict=True):
-        first, last = int(row[0]), int(row[1])
-        inside = slice(first, last + 1)
-        force, relief = float(row[2]), float(row[5])
-        enlarged = material.height_m * float(
-            weight[inside] @ (factor[inside] * material.stress(strain[inside]))
-        )
-        model2 = (MODEL_FLOOR[boundary] * force) ** 2 + float(row[6]) + float(row[11])
-        if boundary == "tension":
-            model2 += (relief * material.tension.sigma) ** 2
-        elif boundary == "enlarged":
-            relief = _relief(s[inside], delta[inside], material)
-            model2 += (relief * material.tension.ratio) ** 2
-        # One law for all points: its error is common to them.
-        uncertain = weight[inside] @ (factor_sigma[inside] * material.stress(strain[inside]))
-        model2 += (material.height_m * float(uncertain)) ** 2
-        calibration = float(np.sqrt(max(total @ material.covariance @ total, 0.0)))
-        alone = material.height_m * weight[inside] * factor[inside] * slope[inside] * common[inside]
-        image2 = float(row[3]) + shared_noise * _shared_variance(alone)
-        budget = ErrorBudget(
-            image_N=float(np.sqrt(image2)),
-            calibration_N=calibration,
-            model_N=float(np.sqrt(model2)),
-            zero_N=abs(float(row[4])) * zero_sigma_m,
-        )
-        reason = Reason.OK
-        if row[8] > 0:
-            reason = Reason.OCCLUDED
-        elif row[7] > material.densification_strain:
-            reason = Reason.SATURATED
-        elif material.hysteresis is None and unloading[index[inside]].any():
-            reason = Reason.UNLOADING
-        contacts.append(
-            ContactRegion(
-                int(index[first]), int(index[last]), float(s[first]), float(s[last]),
-                float(s[int(row[9])]), float(s[int(row[10])]),
-                force, enlarged, budget, float(row[7]), reason is Reason.OK, reason,
-            )
-        )  # fmt: skip
-        image_variance += image2
-        model_variance += model2
-        zero += float(row[4])
-    if not contacts:
-        # Nothing stands out of the noise: the force is zero within the noise of the whole strip.
-        each = material.height_m * np.gradient(s) * _slope_at_rest(material)
-        image_variance = float(np.sum((each * sigma) ** 2)) + shared_noise * _shared_variance(each * common)
-        model_variance = float(np.sum((each * doubt) ** 2))
-        zero = float(each.sum())
-    pressure, pressure_sigma = np.zeros(points), np.full(points, np.nan)
-    pressure[index], pressure_sigma[index] = p, p_sigma
-    saturated_points = np.zeros(points, dtype=bool)
-    saturated_points[index] = strain > material.densification_strain
-    trusted = seen & ~saturated_points
-    if material.hysteresis is None:
-        trusted &= ~unloading
-    all_sums = sums.sum(axis=0)
-    wrong = [contact.reason for contact in contacts if not contact.valid]
-    return FoamReading(
-        force_N=float(sum(contact.force_N for contact in contacts)),
-        budget=ErrorBudget(
-            image_N=float(np.sqrt(image_variance)),
-            calibration_N=float(np.sqrt(max(all_sums @ material.covariance @ all_sums, 0.0))),
-            model_N=float(np.sqrt(model_variance)),
-            zero_N=abs(zero) * zero_sigma_m,
-        ),
-        pressure_Pa=pressure,
-        pressure_sigma_Pa=pressure_sigma,
-        point_valid=trusted,
-        contacts=tuple(contacts),
-        saturated=bool(saturated_points.any()),
-        unloading=bool(unloading.any()),
-        valid=not wrong,
-        reason=wrong[0] if wrong else Reason.OK,
+    alone = material.height_m * weight * factor * slope * seen.common[inside]
+    image2 = float(row[_IMAGE_VAR]) + contour.shared_noise * _shared_variance(alone)
+    budget = ErrorBudget(
+        image_N=float(np.sqrt(image2)),
+        calibration_N=_calibration_sigma(regions.sums[k], material),
+        model_N=float(np.sqrt(model2)),
+        zero_N=abs(float(row[_ZERO_SLOPE])) * contour.zero_sigma_m,
+    )
+    reason = Reason.OK
+    if row[_CUT] > 0:
+        reason = Reason.OCCLUDED
+    elif row[_MAX_STRAIN] > material.densification_strain:
+        reason = Reason.SATURATED
+    elif material.hysteresis is None and unloading[seen.index[inside]].any():
+        reason = Reason.UNLOADING
+    return ContactRegion(
+        int(seen.index[first]), int(seen.index[last]), float(seen.s[first]), float(seen.s[last]),
+        float(seen.s[int(row[_TOUCH_FIRST])]), float(seen.s[int(row[_TOUCH_LAST])]),
+        force, material.height_m * float(weight @ (factor * stress)), budget, float(row[_MAX_STRAIN]),
+        reason is Reason.OK, reason,
+    )  # fmt: skip
+
+
+def _calibration_sigma(sums: Float[np.ndarray, "p"], material: FoamMaterial) -> float:
+    return float(np.sqrt(max(sums @ material.covariance @ sums, 0.0)))
+
+
+def _total_budget(
+    contacts: tuple[ContactRegion, ...], regions: _Regions, contour: FoamContour, material: FoamMaterial
+) -> ErrorBudget:
+    """Image and model errors of contacts are independent; calibration and zero are common to all."""
+    return ErrorBudget(
+        image_N=math.hypot(*(contact.budget.image_N for contact in contacts)),
+        calibration_N=_calibration_sigma(regions.sums.sum(axis=0), material),
+        model_N=math.hypot(*(contact.budget.model_N for contact in contacts)),
+        zero_N=abs(float(regions.table[:, _ZERO_SLOPE].sum())) * contour.zero_sigma_m,
+    )
+
+
+def _budget_at_rest(seen: _SeenPoints, contour: FoamContour, material: FoamMaterial) -> ErrorBudget:
+    """Nothing stands out of the noise: the force is zero within the noise of the whole strip."""
+    each = material.height_m * np.gradient(seen.s) * _slope_at_rest(material)
+    image2 = float(np.sum((each * seen.sigma) ** 2)) + contour.shared_noise * _shared_variance(
+        each * seen.common
+    )
+    return ErrorBudget(
+        image_N=float(np.sqrt(image2)),
+        model_N=float(np.linalg.norm(each * seen.uncertainty)),
+        zero_N=abs(float(each.sum())) * contour.zero_sigma_m,
     )
 
 
@@ -286,13 +370,6 @@ def _shared_variance(alone_N: Float[np.ndarray, "k"]) -> float:
     window = np.ones(2 * SHARED_POINTS + 1)
     around = np.convolve(alone_N, window)[SHARED_POINTS:-SHARED_POINTS]
     return float(alone_N @ (around - alone_N))
-
-
-def _relief(s: Float[np.ndarray, "k"], delta: Float[np.ndarray, "k"], material: FoamMaterial) -> float:
-    """What unit kappa would take away [N]; the enlarged law declares it as its model error."""
-    from .material.boundary import contour_force
-
-    return contour_force(s, delta, material)[1] if len(s) > 1 else 0.0
 
 
 def _nothing_seen(points: int) -> FoamReading:

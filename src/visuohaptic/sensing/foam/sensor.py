@@ -18,7 +18,7 @@ from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
 from ...tracking.contours.contour import SHARED_NOISE, PointReason
 from .material.hysteresis import HysteresisState
-from .profile import ContactRegion, FoamReading, read_profile
+from .profile import ContactRegion, FoamContour, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
@@ -243,20 +243,18 @@ class FoamSensor:
         own = np.where(seen, kinks, _BRIDGE_NOISE * unseen)
         own = np.minimum(own, np.sqrt(sigma**2 - noise**2))
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
-        reading = read_profile(
+        contour = FoamContour(
             geometry.s_m,
             delta,
             noise,
             np.isfinite(delta),
-            material,
-            boundary=self.setup.config.boundary,
-            zero_sigma_m=float(common),
-            memory=self._memory,
             own_noise_m=own,
             uncertainty_m=np.sqrt(np.maximum(sigma**2 - noise**2 - own**2, 0.0)),
-            end_cells_m=geometry.end_cells_m,
+            zero_sigma_m=float(common),
             shared_noise=SHARED_NOISE,
+            end_cells_m=geometry.end_cells_m,
         )
+        reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
         reading = self._with_unknown_branch(reading, strip.t_s, gap)
         limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
         reading = replace(

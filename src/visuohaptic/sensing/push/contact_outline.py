@@ -21,11 +21,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ._primitive_kernels import BENT, ROUND, STRAIGHT, profile_and_jacobian
+from .outline_hypotheses import Hypothesis, Impression
 
-__all__ = ["FlankPrior", "Hypothesis", "OutlineFit", "Profile", "fit_outline", "hypotheses"]
-
-#: "No tip here" in the kernels' parameters [m].
-FAR_M = 1e3
+__all__ = ["FlankPrior", "OutlineFit", "fit_outline"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,45 +44,8 @@ class FlankPrior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
-    """A measured contour in coordinates of the strip."""
-
-    u_m: Float[np.ndarray, "K"]  #: increasing
-    delta_m: Float[np.ndarray, "K"]
-    sigma_m: Float[np.ndarray, "K"]
-    rest: Float[np.ndarray, "3"]  #: rest(u) = r0 + r1 u + r2 u² [m], v of the unpressed front
-    spacing_m: float
-
-    @property
-    def scale_m(self) -> float:
-        """Largest deflection [m]."""
-        return float(self.delta_m.max())
-
-    @property
-    def cut(self) -> tuple[bool, bool]:
-        """Whether the strip ends (left, right) before the foam is back at rest."""
-        limit = np.maximum(0.1 * self.scale_m, 10 * self.sigma_m)
-        return bool(self.delta_m[0] > limit[0]), bool(self.delta_m[-1] > limit[-1])
-
-    @property
-    def v_m(self) -> Float[np.ndarray, "K"]:
-        """Depth of the points [m]."""
-        return self.delta_m + self.rest[0] + (self.rest[1] + self.rest[2] * self.u_m) * self.u_m
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hypothesis:
-    """One thing that may have touched the foam."""
-
-    name: str
-    family: int
-    free: tuple[int, ...]  #: shape parameters that are fitted
-    starts: tuple[Float[np.ndarray, "p"], ...]  #: full shape parameters, without the flank's
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class OutlineFit:
-    """A hypothesis fitted to a profile."""
+    """A hypothesis fitted to an impression."""
 
     hypothesis: Hypothesis
     theta: Float[np.ndarray, "p"]  #: shape and flank parameters, as in the kernels
@@ -97,98 +58,11 @@ class OutlineFit:
     chi2: float  #: weighted squared residuals of the touched points
 
 
-def _straight_start(profile: Profile, keep: np.ndarray) -> tuple[float, float]:
-    u, v, w = profile.u_m[keep], profile.v_m[keep], 1.0 / profile.sigma_m[keep]
-    if len(u) < 2:
-        return float(profile.v_m.max()), 0.0
-    slope, level = np.polyfit(u, v, 1, w=w)
-    return float(level), float(slope)
-
-
-def hypotheses(profile: Profile) -> list[Hypothesis]:
-    """All outlines worth a try, with their starting points from simple fits to the deepest points."""
-    from .circle_fit import fit_circle_algebraic
-
-    u, delta, v = profile.u_m, profile.delta_m, profile.v_m
-    deepest = int(np.argmax(delta))
-    peak_u, peak_v = float(u[deepest]), float(v[deepest])
-    cores = [delta >= fraction * profile.scale_m for fraction in (0.85, 0.6, 0.3)]
-    lines = [_straight_start(profile, core) for core in cores]
-    spans = [(float(u[core].min()), float(u[core].max())) for core in cores]
-    half = 0.5 * profile.spacing_m
-
-    def tips(left: bool, right: bool) -> tuple[np.ndarray, ...]:
-        return tuple(
-            np.array([a, m, low - half if left else -FAR_M, high + half if right else FAR_M])
-            for (a, m), (low, high) in zip(lines, spans, strict=True)
-        )
-
-    # A face that begins at the deepest point: slope from the points on its own side.
-    faces = []
-    for side in (-1, 1):
-        own = side * (u - peak_u) >= 0
-        near = own & (delta >= 0.5 * profile.scale_m)
-        level, slope = _straight_start(profile, near if near.sum() >= 2 else own)
-        faces.append((level, slope))
-    # The sharpest bend away from the object is a tip, wherever the deepest point is.
-    bend = v[2:] - 2 * v[1:-1] + v[:-2]
-    kink = float(u[1 + int(np.argmin(bend))]) if len(u) >= 5 else peak_u
-    bends = [(_straight_start(profile, side * (u - kink) >= 0)) for side in (-1, 1)]
-    rounds = []
-    for fraction in (0.8, 0.5, 0.3):
-        core = delta >= fraction * profile.scale_m
-        if core.sum() < 3:
-            core = np.abs(u - peak_u) <= 2.1 * profile.spacing_m
-        try:
-            a, b, radius = fit_circle_algebraic(np.column_stack([u[core], v[core]]))
-        except ValueError:
-            continue
-        below = b < v[core].mean()  # the object's body lies at smaller v than its tip
-        radius = float(np.clip(radius if below else 0.3, 0.006, 0.5))
-        rounds.append(np.array([a if below else peak_u, b + radius if below else peak_v, np.log(radius)]))
-    for radius in (0.012, 0.05):
-        rounds.append(np.array([peak_u, peak_v, np.log(radius)]))
-    left_slope, right_slope = max(faces[0][1], 0.05), max(-faces[1][1], 0.05)
-    centre = 0.5 * (spans[0][0] + spans[0][1])
-    return [
-        Hypothesis("line", STRAIGHT, (0, 1), tips(False, False)),
-        Hypothesis(
-            "tip_left",
-            STRAIGHT,
-            (0, 1, 2),
-            (
-                *tips(True, False),
-                np.array([*faces[1], peak_u - half, FAR_M]),
-                np.array([*bends[1], kink - half, FAR_M]),
-            ),
-        ),
-        Hypothesis(
-            "tip_right",
-            STRAIGHT,
-            (0, 1, 3),
-            (
-                *tips(False, True),
-                np.array([*faces[0], -FAR_M, peak_u + half]),
-                np.array([*bends[0], -FAR_M, kink + half]),
-            ),
-        ),
-        Hypothesis("two_tips", STRAIGHT, (0, 1, 2, 3), tips(True, True)),
-        Hypothesis("point", BENT, (0, 1), tuple(np.array([c, peak_v, 50.0, 50.0]) for c in (peak_u, centre))),
-        Hypothesis(
-            "corner",
-            BENT,
-            (0, 1, 2, 3),
-            tuple(np.array([c, peak_v, left_slope, right_slope]) for c in (peak_u, centre)),
-        ),
-        Hypothesis("circle", ROUND, (0, 1, 2), tuple(rounds)),
-    ]
-
-
 class _Problem:
     """Residuals of one hypothesis: contour, flank prior and weak bounds on the shape."""
 
-    def __init__(self, profile: Profile, hypothesis: Hypothesis, prior: FlankPrior) -> None:
-        self.profile, self.hypothesis, self.prior = profile, hypothesis, prior
+    def __init__(self, impression: Impression, hypothesis: Hypothesis, prior: FlankPrior) -> None:
+        self.impression, self.hypothesis, self.prior = impression, hypothesis, prior
         self.shape_count = {STRAIGHT: 4, ROUND: 3, BENT: 4}[hypothesis.family]
         self.count = self.shape_count + 3
         self.free = np.array([*hypothesis.free, *range(self.shape_count, self.count)])
@@ -203,14 +77,14 @@ class _Problem:
         fixed = np.setdiff1d(np.arange(self.count), self.free)
         steps[fixed] = 0.0
         self.steps = steps
-        self.log_slope = float(np.log(profile.scale_m / prior.length_m))
-        k = len(profile.u_m)
+        self.log_slope = float(np.log(impression.scale_m / prior.length_m))
+        k = len(impression.u_m)
         self.delta = np.zeros(k)
         self.touched = np.zeros(k, dtype=bool)
         self.jacobian = np.zeros((k, self.count))
         self.ends = np.zeros(2)
-        self.low = float(profile.u_m[0] - profile.spacing_m)
-        self.high = float(profile.u_m[-1] + profile.spacing_m)
+        self.low = float(impression.u_m[0] - impression.spacing_m)
+        self.high = float(impression.u_m[-1] + impression.spacing_m)
 
     def start(self, shape: np.ndarray) -> np.ndarray:
         return np.array([*shape, self.log_slope, self.log_slope, self.prior.exponent])
@@ -250,7 +124,7 @@ class _Problem:
         mean = 0.5 * (theta[left] + theta[right])
         add({left: 0.5 * w, right: 0.5 * w}, w * (mean - self.log_slope))
         # A free end lifts the flank next to it.
-        w = 1.0 / (0.3 if any(self.profile.cut) else p.asymmetry_sigma)
+        w = 1.0 / (0.3 if any(self.impression.cut) else p.asymmetry_sigma)
         add({left: w, right: -w}, w * (theta[left] - theta[right]))
         w = 1.0 / p.exponent_sigma
         add({n: w}, w * (theta[n] - p.exponent))
@@ -265,7 +139,7 @@ class _Problem:
 
     def evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """Residuals, Jacobian (free columns) and deviance."""
-        data = self.profile
+        data = self.impression
         profile_and_jacobian(
             self.hypothesis.family, theta, self.steps, data.rest, data.scale_m,
             self.low, self.high, data.u_m, self.delta, self.touched, self.jacobian, self.ends,
@@ -305,10 +179,22 @@ def _descend(problem: _Problem, theta: np.ndarray, iterations: int) -> tuple[np.
 
 
 def fit_outline(
-    profile: Profile, hypothesis: Hypothesis, prior: FlankPrior, *, iterations: int = 40
+    impression: Impression, hypothesis: Hypothesis, prior: FlankPrior, *, iterations: int = 40
 ) -> OutlineFit:
-    """Levenberg-Marquardt from every start; the best end wins."""
-    problem = _Problem(profile, hypothesis, prior)
+    """Fit one hypothesis by Levenberg-Marquardt from each of its starts; the best end wins.
+
+    Parameters
+    ----------
+    impression
+        The measured contour.
+    hypothesis
+        Family of the outline, its free parameters and starts.
+    prior
+        What is known of the foam's flanks.
+    iterations
+        At most, for each start.
+    """
+    problem = _Problem(impression, hypothesis, prior)
     found = [_descend(problem, problem.start(shape), iterations) for shape in hypothesis.starts]
     theta, _ = min(found, key=lambda item: item[1])
     residual, jacobian, deviance = problem.evaluate(theta)
@@ -317,7 +203,7 @@ def fit_outline(
     small = np.linalg.pinv(normal + 1e-12 * np.trace(normal) * np.eye(len(normal)), hermitian=True)
     covariance = np.zeros((problem.count, problem.count))
     covariance[np.ix_(problem.free, problem.free)] = small
-    k = len(profile.u_m)
+    k = len(impression.u_m)
     touched = problem.touched.copy()
     return OutlineFit(
         hypothesis=hypothesis,

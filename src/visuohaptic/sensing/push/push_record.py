@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -32,6 +33,9 @@ class StopReason(StrEnum):
     TOO_HEAVY = "too_heavy"  #: (b) the force reaches what the platform can push: fixed
     PUSHED_FAR = "pushed_far"  #: (c) pushed by more than the sensor's width: movable
     FELL = "fell"  #: it is seen to fall: nothing more to be felt, and nothing to be pushed on
+    UNREAD = (
+        "unread"  #: force or deflection was not read for too many frames: nothing can be said of the object
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +45,19 @@ class StopLimits:
     deflection_m: float  #: densification limit of the strain x thickness of the foam
     force_N: float  #: pushing capability of the platform
     distance_m: float  #: width of the sensor
+    max_unread_frames: int = 15  #: frames in a row without a reading: half a second at 30 Hz
 
 
 def reaches_limit(force_N: float, sigma_N: float, max_force_N: float) -> bool:
-    """Whether a force may have reached the platform's capability; safe side: it counts with two sigma."""
+    """Whether a force may have reached the platform's capability; on the safe side, two sigma are added.
+
+    Parameters
+    ----------
+    force_N, sigma_N
+        Force and its standard deviation [N]; NaN, a force that was not read, reaches no limit.
+    max_force_N
+        What the platform can push [N].
+    """
     return force_N + 2.0 * sigma_N >= max_force_N
 
 
@@ -55,13 +68,39 @@ def stop_reason(
     limits: StopLimits,
     *,
     force_sigma_N: float = 0.0,
+    unread_frames: int | None = None,
 ) -> StopReason | None:
-    """First stop condition that holds, or None."""
+    """First stop condition that holds in one frame of a push (Alt 2016, Sec. 3.6.2).
+
+    Parameters
+    ----------
+    deflection_m
+        Largest deflection of the foam [m]; NaN when it was not read.
+    force_N, force_sigma_N
+        Force and its standard deviation [N]; NaN when it was not read.
+    pushed_m
+        Distance by which the object has been pushed since it moved [m].
+    limits
+        What foam and platform can bear.
+    unread_frames
+        Frames in a row, this one included, that were not read. A caller that does not count them stops
+        at the first.
+
+    Returns
+    -------
+    StopReason or None
+        ``None`` while the push may go on.
+    """
     if deflection_m >= limits.deflection_m:
         return StopReason.DENSIFIED
     if reaches_limit(force_N, force_sigma_N, limits.force_N):
         return StopReason.TOO_HEAVY
-    return StopReason.PUSHED_FAR if pushed_m > limits.distance_m else None
+    if pushed_m > limits.distance_m:
+        return StopReason.PUSHED_FAR
+    read = math.isfinite(deflection_m) and math.isfinite(force_N)
+    if not read and (unread_frames is None or unread_frames >= limits.max_unread_frames):
+        return StopReason.UNREAD
+    return None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from ...core.errors import InputError
 from ...core.measurement import Event, EventKind
 from ...core.objects import Estimate, HapticTag, Primitive
-from .breakaway import break_away
+from .breakaway import breakaway_force
 from .events import EventSettings
 from .push_record import Phases, PushRecord, StopReason, find_phases
 
@@ -124,7 +124,7 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     too high (Blom), m being the number of frames that the noise lets compete;
     and after the break-away the force goes on rising until the object is as
     fast as the platform (its inertia), so the break-away itself is looked for
-    in the object's motion, see :func:`break_away`.
+    in the object's motion, see :func:`breakaway_force`.
     """
     valid = np.flatnonzero(record.force_valid)
     # The event is dated to the first frame on the plateau within its noise: the peak may be one later.
@@ -135,7 +135,7 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
         return None
     force = record.force_N[inside]
     sigma = max(float(np.median(record.force_sigma_N[inside])), 1e-12)
-    found = break_away(record, begin, until, dynamic.value if dynamic is not None else 0.0)
+    found = breakaway_force(record, begin, until, dynamic.value if dynamic is not None else 0.0)
     common = record.common_sigma(inside[-min(3, len(inside)) :])
     later = phases.pushing(record.t_s) & record.force_valid
     if later.any():

@@ -16,7 +16,7 @@ frames in between cancel, only those of key frames add up.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
 from ...core.measurement import Motion, Reason
+from ...core.ranges import at_least, check_ranges, within
 from ...tracking.points.flow import FlowStep
 
 __all__ = ["FloorMotionSettings", "FloorTracker", "PlanarFit", "chain", "fit_planar_motion", "inverse"]
@@ -33,21 +34,16 @@ __all__ = ["FloorMotionSettings", "FloorTracker", "PlanarFit", "chain", "fit_pla
 class FloorMotionSettings:
     """How the motion is estimated."""
 
-    hypotheses: int = 80  #: pairs of points that RANSAC tries
+    hypotheses: int = field(default=80, metadata=at_least(10))  #: pairs of points that RANSAC tries
     gate_sigmas: float = 3.5  #: a point agrees within so many standard deviations
     smallest_sigma_px: float = 0.08  #: of a track: what interpolation adds to the noise
-    min_points: int = 8  #: that must agree
-    min_share: float = 0.3  #: of all points that must agree
+    min_points: int = field(default=8, metadata=at_least(3))  #: that must agree
+    min_fraction: float = field(default=0.3, metadata=within(0.0, 1.0))  #: of all points that must agree
     key_frames: int = 12  #: a new key frame after so many frames
     key_fraction: float = 0.5  #: or when fewer than this part of its points is left
 
     def __post_init__(self) -> None:
-        if not (self.hypotheses >= 10 and self.min_points >= 3 and 0 < self.min_share < 1):
-            raise InputError(
-                "FloorMotionSettings",
-                f"found hypotheses {self.hypotheses}, min_points {self.min_points}, "
-                f"min_share {self.min_share}; expected >= 10, >= 3 and between 0 and 1",
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +111,7 @@ def fit_planar_motion(
     if expected is not None:
         distance = np.linalg.norm(_residuals(before_m, after_m, whiten, expected)[0], axis=1)
         near = np.count_nonzero(distance < 2.0 * s.gate_sigmas)
-        guess = expected if near >= max(s.min_points, s.min_share * count) else guess
+        guess = expected if near >= max(s.min_points, s.min_fraction * count) else guess
     inliers = np.zeros(count, dtype=bool)
     motion, scale = guess, 1.0
     information = np.eye(3)
@@ -123,7 +119,7 @@ def fit_planar_motion(
         residual, jacobian = _residuals(before_m, after_m, whiten, motion)
         distance = np.linalg.norm(residual, axis=1)
         new = distance < s.gate_sigmas * max(scale, 1.0)
-        if np.count_nonzero(new) < max(s.min_points, s.min_share * count):
+        if np.count_nonzero(new) < max(s.min_points, s.min_fraction * count):
             return failed
         # Tukey's weights: points near the gate say little.
         weight = np.where(new, (1 - (distance / (s.gate_sigmas * max(scale, 1.0))) ** 2) ** 2, 0.0)

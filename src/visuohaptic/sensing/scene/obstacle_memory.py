@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from ...core.measurement import Motion
 from .obstacle_mask import Obstacle
 
-__all__ = ["NearMemory", "NearMemorySettings"]
+__all__ = ["ObstacleMemory", "ObstacleMemorySettings"]
 
 
 @dataclass(frozen=True, slots=True)
-class NearMemorySettings:
+class ObstacleMemorySettings:
     """When to believe what was seen before."""
 
     tolerance_m: float = 0.01  #: a reading may be so much farther than expected and still be the same thing
@@ -28,7 +28,7 @@ class NearMemorySettings:
     drift: float = 0.05  #: standard deviation that each metre driven adds, per metre
 
 
-class NearMemory:
+class ObstacleMemory:
     """Carries the nearest obstacle on by the platform's own motion.
 
     Parameters
@@ -37,8 +37,8 @@ class NearMemory:
         Distance from the foam's front to the lower border of the strip: nearer things are not watched.
     """
 
-    def __init__(self, blind_m: float, settings: NearMemorySettings | None = None) -> None:
-        self.blind_m, self.settings = blind_m, settings or NearMemorySettings()
+    def __init__(self, blind_m: float, settings: ObstacleMemorySettings | None = None) -> None:
+        self.blind_m, self.settings = blind_m, settings or ObstacleMemorySettings()
         self.forget()
 
     def forget(self) -> None:

@@ -21,7 +21,8 @@ from ..config_fields import PoseSection, Positive, Section
 from ..foam.strip.config import FoamSensorConfig, FoamSetup
 from .ego_motion import EgoMotionSettings
 from .obstacle_mask import MixtureSettings
-from .scene_tracker import SceneSettings, SceneTracker
+from .scene_regions import SceneSettings
+from .scene_tracker import SceneTracker
 
 __all__ = ["Odometry", "SceneConfig", "SceneSetup", "read_odometry"]
 
@@ -154,7 +155,7 @@ def read_odometry(path: Path | str) -> Odometry:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is no CSV text ({error})") from error
+        raise InputError(path, f"not a CSV file ({error})") from error
     if not rows:
         raise InputError(path, "has no rows, expected at least one")
     values = np.array(rows)

@@ -6,11 +6,11 @@ a contact, on the object's face above it; the upper strip of the image is watche
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
@@ -21,53 +21,20 @@ from ...core.geometry import rotation_2d
 from ...core.measurement import Contact, Event, ForceProfile, Motion
 from ...core.objects import Primitive, PrimitiveKind
 from ...core.robots import BaseState
-from ...tracking.points.flow import FlowSettings, FlowStep, PointTracker
+from ...tracking.points.flow import FlowStep, PointTracker
 from .contact_surface import contact_face, face_curvature
-from .ego_motion import EgoMotionFilter, EgoMotionSettings
-from .floor_motion import FloorMotionSettings, FloorTracker
-from .object_motion import ObjectMotion, ObjectMotionSettings, ObjectTracker
-from .obstacle_mask import MixtureSettings, Obstacle, ObstacleDetector
-from .obstacle_memory import NearMemory
+from .ego_motion import EgoMotionFilter
+from .floor_motion import FloorTracker
+from .object_events import ObjectMotion
+from .object_motion import ObjectTracker
+from .obstacle_mask import Obstacle, ObstacleDetector
+from .obstacle_memory import ObstacleMemory
+from .scene_regions import FLOOR, OBJECT, SceneRegions, SceneSettings
 
 if TYPE_CHECKING:
     from ..foam.strip.config import FoamSetup
 
-__all__ = ["SceneReading", "SceneSettings", "SceneTracker"]
-
-FLOOR, OBJECT = 1, 2
-#: Edge of the cells in which it is remembered what is not floor, and what is not the object [px].
-_CELL_PX = 16
-
-
-@dataclass(frozen=True, slots=True)
-class SceneSettings:
-    """Where to look, and how."""
-
-    flow: FlowSettings = field(default_factory=FlowSettings)
-    floor: FloorMotionSettings = field(default_factory=FloorMotionSettings)
-    ego: EgoMotionSettings = field(default_factory=EgoMotionSettings)
-    object: ObjectMotionSettings = field(default_factory=ObjectMotionSettings)
-    obstacles: MixtureSettings = field(default_factory=MixtureSettings)
-    front_m: float = 0.02  #: x of the foam's front at rest, frame F
-    foam_half_m: float = 0.125  #: half length of the foam along y
-    patch_inner_m: float = 0.06  #: floor patches begin so far left and right of the middle
-    object_height_m: float = 0.12  #: points on the object are chosen up to this height above the foam
-    object_margin_m: float = 0.004  #: and so far inside of the contact's ends
-    beside_m: float = 0.04  #: no floor is looked for so near beside the contact
-    max_width_px: int = 800  #: images wider than this are binned for the tracks
-    lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
-    min_discriminative_flow_px: float = (
-        1.0  #: flow of the floor from which a point tells whether it is on the floor
-    )
-    widening: float = 1.6  #: a contact that has become wider by this factor shows its face better
-
-    def __post_init__(self) -> None:
-        if not (self.foam_half_m > 0 and self.object_height_m > 0 and self.max_width_px >= 100):
-            raise InputError(
-                "SceneSettings",
-                f"found foam_half_m {self.foam_half_m}, object_height_m {self.object_height_m}, "
-                f"max_width_px {self.max_width_px}; expected > 0, > 0, >= 100",
-            )
+__all__ = ["SceneReading", "SceneTracker"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,20 +92,17 @@ class SceneTracker:
         below = Pose(np.eye(3), np.array([0.0, 0.0, -floor_below_m]))
         self.floor_view = PlaneView(camera, T_camera_foam @ below)
         binning = max(s.flow.binning, -(-camera.width // s.max_width_px))
-        self._hidden, self._patches, last = self._static_regions()
-        self._points = PointTracker(replace(s.flow, binning=binning), rows=(0, last))
+        self._regions = SceneRegions(camera, T_camera_foam, self.floor_view, s)
+        self._points = PointTracker(replace(s.flow, binning=binning), rows=(0, self._regions.last_row))
         self._floor = FloorTracker(self.floor_view, s.floor, rng)
         self.ego = EgoMotionFilter(s.ego)
         self._object = ObjectTracker(camera, T_camera_foam, s.object)
         self._obstacles = ObstacleDetector(self.floor_view, s.front_m, s.obstacles)
-        self._near = NearMemory(self._obstacles.blind_m)
+        self._near = ObstacleMemory(self._obstacles.blind_m)
         self._half_width_m, self._without, self._heading = 0.0, 0, 0.0
         self._angle, self._angle_before = 0.0, 0.0
         self._flat_angle = float("nan")  # direction of a flat face, less the turn that it had then
         self._deflection_m = 0.0
-        # Where points have shown to be on something else, in cells of so many pixels, for a contact.
-        self._not_floor = np.zeros((-(-camera.height // _CELL_PX), -(-camera.width // _CELL_PX)), np.uint8)
-        self._not_object = self._not_floor.copy()
         self._last_t_s = float("nan")
         self._force_N = 0.0  # largest of the contact, slowly forgotten
 
@@ -195,7 +159,7 @@ class SceneTracker:
         obstacle = self._obstacles.update(frame.image)
         in_contact, face = self._follow_contact(profile, primitive)
         labels = (FLOOR,) if self._object.face is None else (FLOOR, OBJECT)
-        step = self._points.update(grey, lambda: self._regions(obstacle), labels=labels)
+        step = self._points.update(grey, lambda: self._labels(obstacle), labels=labels)
         expected = None
         if base_state is not None and np.isfinite(self.ego.velocity).all():
             expected = self._expected(base_state, t_s)
@@ -218,7 +182,7 @@ class SceneTracker:
             angle = self._angle_before + moved.turn_rad + float(self.ego.pose[2]) - self._heading
             self._angle = angle
         if face is not None:
-            self._look_afresh(*face, obstacle)
+            self._measure_face(*face, obstacle)
         obstacle = self._near.update(obstacle, motion, in_contact)
         return SceneReading(
             t_s, motion, floor, self.ego.pose.copy(), self.ego.pose_covariance.copy(), moved, angle, events, obstacle,
@@ -248,7 +212,7 @@ class SceneTracker:
             if self._object.face is not None and self._without > self.settings.lost_contact_frames:
                 self._object.stop()
                 self._points.forget(OBJECT)
-                self._not_floor[:], self._not_object[:] = 0, 0
+                self._regions.forget()
                 self._angle = self._angle_before = 0.0
             return False, None
         self._without = 0
@@ -263,10 +227,10 @@ class SceneTracker:
             return True, None
         return True, (contact, primitive if primitive is not None else _shape_of(contact), width)
 
-    def _look_afresh(
+    def _measure_face(
         self, contact: Contact, shape: Primitive | None, half_width_m: float, obstacle: Obstacle
     ) -> None:
-        """Take the face as the contact shows it now, and choose points on it."""
+        """Measure the face again as the contact shows it now, and choose points on it."""
         begins = self._object.face is None
         # A contact of a few millimetres knows nothing of the face, one of 10 cm all but everything.
         known = min(1.0, 0.02 / half_width_m)
@@ -291,7 +255,7 @@ class SceneTracker:
         if begins:
             self._force_N = contact.force_N
         self._points.forget(OBJECT)
-        regions = self._regions(obstacle)
+        regions = self._labels(obstacle)
         # Points that were taken for floor may be on the object.
         self._points.forget(FLOOR, outside=regions)
         self._points.choose(regions)
@@ -319,80 +283,14 @@ class SceneTracker:
         wrong_floor = still & (step.label == FLOOR)
         # Few floor points may disagree with the wheels by chance, or the object be seen to start late.
         wrong_object = passes & (step.label == OBJECT)
-        for wrong, cells in ((wrong_floor, self._not_floor), (wrong_object, self._not_object)):
-            at = np.clip(step.after_px[wrong] / _CELL_PX, 0, np.array(cells.shape[::-1]) - 1).astype(int)
-            cells[at[:, 1], at[:, 0]] = 1
+        for label, wrong in ((FLOOR, wrong_floor), (OBJECT, wrong_object)):
+            self._regions.exclude(label, step.after_px[wrong])
         if wrong_floor.any() or wrong_object.any():
             self._points.drop(step.ids[wrong_floor | wrong_object])
         return step.without(wrong_floor | wrong_object)
 
-    def _static_regions(
-        self,
-    ) -> tuple[Bool[np.ndarray, "rows columns"], UInt8[np.ndarray, "rows columns"], int]:
-        """What the sensor hides, the floor patches, and the last row that matters."""
-        import cv2
-
-        s, n = self.settings, 4
-        rows, columns = self.camera.height, self.camera.width
-        v, u = np.mgrid[0:rows:n, 0:columns:n].astype(np.float64)
-        pixels = np.stack([u, v], axis=-1)
-        top = PlaneView(self.camera, self.T_camera_foam).cast(pixels)
-        floor = self.floor_view.cast(pixels)
-        # The body reaches a little beyond the foam's ends, the side of the foam is seen below its edge.
-        hidden = (top[..., 0] < s.front_m + 0.004) & (np.abs(top[..., 1]) < s.foam_half_m + 0.035)
-        hidden |= top[..., 0] < 0.0
-        side = (floor[..., 0] < s.front_m + 0.004) & (np.abs(floor[..., 1]) < s.foam_half_m + 0.01)
-        hidden |= side | ~np.isfinite(floor[..., 0])
-        hidden = cv2.dilate(hidden.astype(np.uint8), np.ones((5, 5), np.uint8))
-        patches = ((hidden == 0) & (np.abs(floor[..., 1]) > s.patch_inner_m)).astype(np.uint8)
-        full = [np.kron(a, np.ones((n, n), np.uint8))[:rows, :columns] for a in (hidden, patches)]
-        border = max(8, columns // 60)
-        full[1][:border] = full[1][-border:] = full[1][:, :border] = full[1][:, -border:] = 0
-        free = np.flatnonzero((full[0] == 0).any(axis=1))
-        last = min(rows, int(free[-1]) + 40) if len(free) else rows
-        return full[0] > 0, full[1], last
-
-    def _regions(self, obstacle: Obstacle) -> UInt8[np.ndarray, "rows columns"]:
-        """Where to choose points in this frame."""
-        import cv2
-
-        regions, s = self._patches.copy(), self.settings
-        n = obstacle.binning
-        # Below what stands in the strip there is no floor but the lower part of the same thing.
-        if obstacle.valid:
-            standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
-            columns = np.zeros(self.camera.width, bool)
-            columns[: len(standing)] = standing
-            regions[:, columns] = 0
-        if self._object.face is not None:
-            polygon = self._face_polygon(s.object_height_m)
-            # An object is wider than its contact: the floor begins some centimetres beside it.
-            whole = self._face_polygon(np.inf, s.beside_m)
-            if polygon is not None and whole is not None:
-                clear, above = np.zeros_like(regions), np.zeros_like(regions)
-                cv2.fillConvexPoly(clear, polygon, 1)
-                cv2.fillConvexPoly(above, whole, 1)
-                regions[above > 0] = 0
-                regions[(clear > 0) & ~self._hidden] = OBJECT
-            for label, cells in ((FLOOR, self._not_floor), (OBJECT, self._not_object)):
-                if cells.any():
-                    size = (cells.shape[1] * _CELL_PX, cells.shape[0] * _CELL_PX)
-                    large = cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST)
-                    regions[(large[: regions.shape[0], : regions.shape[1]] > 0) & (regions == label)] = 0
-        return regions
-
-    def _face_polygon(self, height_m: float, beside_m: float = 0.0) -> np.ndarray | None:
-        """The part of the object's face above the foam, where it is now [px]."""
-        assert self._object.face is not None
-        a = self._half_width_m + beside_m
-        eye_z = float(self.T_camera_foam.inverse().translation_m[2])
-        high = min(height_m, 0.85 * eye_z)
-        corners = np.array([[-a, 0.003, 0.0], [a, 0.003, 0.0], [a, high, 0.0], [-a, high, 0.0]])
-        placed = self._object.moved(self._object.face.apply(corners))
-        pixels = self.camera.project(self.T_camera_foam.apply(placed))
-        if not np.isfinite(pixels).all() or np.abs(pixels).max() > 1e5:
-            return None
-        return np.rint(pixels).astype(np.int32)
+    def _labels(self, obstacle: Obstacle) -> UInt8[np.ndarray, "rows columns"]:
+        return self._regions.labels(obstacle, self._object, self._half_width_m)
 
 
 def _shape_of(contact: Contact) -> Primitive | None:

@@ -294,6 +294,7 @@ class _Run:
             pushed_m,
             self.limits,
             force_sigma_N=profile.force_sigma_N,
+            unread_frames=0,  # the force guard counts them
         )
 
     def _halt(self, reason: StopReason, state: BaseState) -> None:

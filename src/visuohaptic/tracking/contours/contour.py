@@ -6,13 +6,14 @@ then a maximum-likelihood fit of a blurred step to the raw pixels of each point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from ...core.errors import InputError
+from ...core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from . import _fit_kernels as columns
 from ._refine_kernels import judge, refine, start_on_edge
 from ._search_kernels import foam_edge, search
@@ -49,54 +50,34 @@ class ContourSettings:
     contrast of the contour (one full edge on the way costs ``weight_jump``).
     """
 
-    weight_edge: float = 1.0  #: w_e
-    weight_smooth: float = 1.0  #: w_s
-    weight_jump: float = 1.0  #: w_j
-    polarity: int = 0  #: +1 brighter at larger t, -1 darker, 0 either
-    blur_px: float = 1.0  #: start value of the blur of the optics (Gaussian sigma), without the pixel [px]
-    min_contrast: float = 8.0  #: smallest usable step [grey levels]
-    plateau_px: float = 8.0  #: pixels on either side that tell the grey levels; less for a thin stripe [px]
-    noise_grey: float | None = None  #: standard deviation of one pixel; None: estimated per frame
-    window_px: int = 15  #: search on either side of the prediction while tracking [px]
-    full_search_every: int = 60  #: frames between searches of the whole range while all is well
-    max_chi2: float = 4.0  #: largest mean squared residual, in noise variances
-    max_jump: float = 1.75  #: largest distance from both neighbours, in point spacings
+    weight_edge: float = field(default=1.0, metadata=POSITIVE)  #: w_e
+    weight_smooth: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_s
+    weight_jump: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_j
+    polarity: int = field(default=0, metadata=within(-1, 1))  #: +1 brighter at larger t, -1 darker, 0 either
+    #: Start value of the blur of the optics (Gaussian sigma), without the pixel [px].
+    blur_px: float = field(default=1.0, metadata=POSITIVE)
+    min_contrast: float = field(default=8.0, metadata=POSITIVE)  #: smallest usable step [grey levels]
+    #: Pixels on either side that tell the grey levels; less for a thin stripe [px].
+    plateau_px: float = field(default=8.0, metadata=at_least(2.0))
+    #: Standard deviation of one pixel [grey levels]; None: estimated per frame.
+    noise_grey: float | None = field(default=None, metadata=POSITIVE)
+    window_px: int = field(
+        default=15, metadata=POSITIVE
+    )  #: search on either side of the prediction while tracking
+    full_search_every: int = field(
+        default=60, metadata=POSITIVE
+    )  #: frames between searches of the whole range
+    max_chi2: float = field(
+        default=4.0, metadata=POSITIVE
+    )  #: largest mean squared residual, in noise variances
+    max_jump: float = field(
+        default=1.75, metadata=POSITIVE
+    )  #: distance from both neighbours, in point spacings
     occlusion: float = 0.35  #: edge inside the foam that counts as an occluder, in parts of the contrast
     clear_margin_px: float = 6.0  #: distance from both contours that is not tested for occluders [px]
 
     def __post_init__(self) -> None:
-        positive = (
-            "weight_edge",
-            "blur_px",
-            "min_contrast",
-            "window_px",
-            "full_search_every",
-            "max_chi2",
-            "max_jump",
-        )
-        for name in positive:
-            if not getattr(self, name) > 0:
-                raise InputError(
-                    "ContourSettings", f"found {getattr(self, name)}, expected more than 0", field=name
-                )
-        if self.plateau_px < 2:
-            raise InputError(
-                "ContourSettings", f"found {self.plateau_px}, expected 2 or more", field="plateau_px"
-            )
-        if self.polarity not in (-1, 0, 1):
-            raise InputError(
-                "ContourSettings", f"found {self.polarity}, expected -1, 0 or 1", field="polarity"
-            )
-        if self.weight_smooth < 0 or self.weight_jump < 0:
-            raise InputError(
-                "ContourSettings", "found a negative weight, expected 0 or more", field="weight_*"
-            )
-        if self.noise_grey is not None and not self.noise_grey > 0:
-            raise InputError(
-                "ContourSettings",
-                f"found {self.noise_grey}, expected more than 0 or None",
-                field="noise_grey",
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,6 +109,11 @@ class ContourTracker:
 
     The state is what the next frame profits from: positions, blur and noise, the mean
     edge strength of the previous frame (the limit of e_e) and how many points were good.
+
+    Parameters
+    ----------
+    settings
+        What the contour looks like and how it may move; the defaults without.
 
     Examples
     --------
@@ -228,10 +214,30 @@ class ContourTracker:
         rest: Float[np.ndarray, "k"],
         clear: Bool[np.ndarray, "k"],
     ) -> Contour:
-        """Search around ``guess`` (or everywhere), fit, judge; remember for the next frame."""
+        """Search around ``guess`` (or everywhere), fit, classify; remember for the next frame."""
+        noise = self.settings.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
+        found, strength, energy = self._found(grey, lines, guess, rest, noise)
+        state, noise_var = self._fitted(grey, lines, found)
+        contour = self._classified(grey, lines, state, found, noise_var, clear)
+        self._noise_var = noise_var
+        self._position = np.where(contour.valid, contour.position_px, found)
+        if contour.valid.any():
+            self._blur = state[:, columns.BLUR].copy()
+            self._cap = max(float(strength[contour.valid].mean()), 1e-3)
+            self._contrast = float(np.abs(contour.contrast[contour.valid]).mean())
+        return replace(contour, energy=energy, searched_all=guess is None)
+
+    def _found(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        guess: Float[np.ndarray, "k"] | None,
+        rest: Float[np.ndarray, "k"],
+        noise: float,
+    ) -> tuple[Float[np.ndarray, "k"], Float[np.ndarray, "k"], float]:
+        """Positions of the least energy, Eq. (3.6), moved to the edge; strength there and the energy."""
         chosen = self.settings
         start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
-        noise = chosen.noise_grey or float(np.sqrt(self._noise_var)) or _first_noise(grey, lines)
         cap, energy = self._cap, 0.0
         strength = found = np.zeros(len(lines)) if guess is None else guess
         # Everywhere first if need be, then around the guess at half the density.
@@ -252,10 +258,15 @@ class ContourTracker:
             grey, lines.origin_px, lines.direction_px, found, strength, start, stop, chosen.polarity,
             cap, 0.4 * noise, lines.spacing_px,
         )  # fmt: skip
+        return found, strength, float(energy)
 
+    def _fitted(
+        self, grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines, found: Float[np.ndarray, "k"]
+    ) -> tuple[Float[np.ndarray, "k states"], float]:
+        """Blurred step at each point by maximum likelihood, and the variance of one pixel [grey levels^2]."""
+        chosen, cold = self.settings, self._blur is None
         state = np.zeros((len(lines), columns.STATES))
         state[:, columns.T] = found
-        cold = self._blur is None
         state[:, columns.BLUR] = np.hypot(chosen.blur_px, PIXEL_PX) if self._blur is None else self._blur
         given = chosen.noise_grey**2 if chosen.noise_grey else 0.0
         noise_var = refine(
@@ -265,19 +276,25 @@ class ContourTracker:
         if not given and self._noise_var > 0.0:
             # A dark or changed frame must not wait for the mean: never below half of this frame's value.
             noise_var = max(0.7 * self._noise_var + 0.3 * noise_var, 0.5 * noise_var)
+        return state, float(noise_var)
 
-        position = state[:, columns.T].copy()
-        blur = state[:, columns.BLUR].copy()
+    def _classified(
+        self,
+        grey: UInt8[np.ndarray, "rows columns"],
+        lines: ConstraintLines,
+        state: Float[np.ndarray, "k states"],
+        found: Float[np.ndarray, "k"],
+        noise_var: float,
+        clear: Bool[np.ndarray, "k"],
+    ) -> Contour:
+        """Validity, reason and standard deviation of each fitted point."""
+        chosen = self.settings
+        start, stop = np.asarray(lines.start_px), np.asarray(lines.stop_px)
+        position, blur = state[:, columns.T].copy(), state[:, columns.BLUR]
         step = np.empty(len(lines))
         begin = np.maximum(start, 0.0) + chosen.clear_margin_px
-        foam_edge(
-            grey,
-            lines.origin_px,
-            lines.direction_px,
-            begin,
-            position - chosen.clear_margin_px - 2.0 * blur,
-            step,
-        )
+        end = position - chosen.clear_margin_px - 2.0 * blur
+        foam_edge(grey, lines.origin_px, lines.direction_px, begin, end, step)
         noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
         judge(
@@ -285,29 +302,20 @@ class ContourTracker:
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
             chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
         )  # fmt: skip
-        valid = reason == PointReason.OK
-        contrast = state[:, columns.HIGH] - state[:, columns.LOW]
-
-        self._noise_var = noise_var
-        self._position = np.where(valid, position, found)
-        if valid.any():
-            self._blur = blur
-            self._cap = max(float(strength[valid].mean()), 1e-3)
-            self._contrast = float(np.abs(contrast[valid]).mean())
         return Contour(
             lines=lines,
             position_px=position,
             sigma_px=sigma,
             noise_px=noise_px,
-            valid=valid,
+            valid=reason == PointReason.OK,
             reason=reason,
-            contrast=contrast,
+            contrast=state[:, columns.HIGH] - state[:, columns.LOW],
             blur_px=np.sqrt(np.maximum(blur**2 - PIXEL_PX**2, 0.0)),
             slope=state[:, columns.SLOPE].copy(),
             chi2=state[:, columns.CHI2] / noise_var,
             noise_grey=float(np.sqrt(noise_var)),
-            energy=float(energy),
-            searched_all=guess is None,
+            energy=0.0,
+            searched_all=False,
         )
 
 

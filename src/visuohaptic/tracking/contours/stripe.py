@@ -70,38 +70,11 @@ class StripeModel:
                 "StripeModel.train",
                 f"found masks {stripe.shape} and {other.shape}, expected {image_bgr.shape[:2]}",
             )
-        samples = []
-        for name, mask in (("stripe", stripe), ("rest", other)):
-            colours = image_bgr[mask].astype(np.float64)
-            if len(colours) < 50 * components:
-                raise CalibrationError(
-                    "StripeModel.train",
-                    f"found {len(colours)} pixels, expected at least {50 * components}",
-                    field=name,
-                )
-            if len(colours) > MAX_TRAINING:
-                colours = colours[rng.choice(len(colours), MAX_TRAINING, replace=False)]
-            # Rounding hides the spread of flat colours; the dither gives it back.
-            samples.append(colours + rng.uniform(-0.5, 0.5, colours.shape))
-        try:
-            from sklearn.mixture import GaussianMixture
-        except ImportError as error:
-            raise MissingExtraError("scikit-learn", "learn", "training the stripe model") from error
-
-        middle = (np.arange(CELLS) + 0.5) * CELL - 0.5
-        grid = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1).reshape(-1, 3)
-        log_density, log_own, log_rest = [], [], []
-        for colours in samples:
-            mixture = GaussianMixture(components, reg_covar=4.0, random_state=int(rng.integers(2**31)))
-            mixture.fit(colours)
-            log_density.append(mixture.score_samples(grid))
-            log_own.append(mixture.score_samples(samples[0]))
-            log_rest.append(mixture.score_samples(samples[1]))
-        # Colours that neither class has seen are not the stripe: a thin uniform density joins the rest.
-        unknown = np.log(0.05 / 256.0**3)
-        probability = _odds(log_density[0], np.logaddexp(log_density[1], unknown))
-        recognised = float(np.mean(_odds(log_own[0], np.logaddexp(log_own[1], unknown)) > 0.5))
-        mistaken = float(np.mean(_odds(log_rest[0], np.logaddexp(log_rest[1], unknown)) > 0.5))
+        samples = [
+            _training_colours(name, image_bgr[mask], 50 * components, rng)
+            for name, mask in (("stripe", stripe), ("rest", other))
+        ]
+        probability, recognised, mistaken = _trained_table(samples, components, rng)
         if recognised < 0.9 or mistaken > 0.1:
             raise CalibrationError(
                 "StripeModel.train",
@@ -110,6 +83,7 @@ class StripeModel:
                 field="stripe",
                 remedy="check the masks and the light, or use a stripe of another colour",
             )
+        # Linear discriminant between both colours, scaled to 150 grey levels.
         centre_stripe, centre_rest = samples[0].mean(axis=0), np.median(samples[1], axis=0)
         within = np.cov(samples[0].T) + 25.0 * np.eye(3)
         weights = np.linalg.solve(within, centre_stripe - centre_rest)
@@ -217,6 +191,45 @@ class StripeModel:
         if not (np.isfinite(axis).all() and np.isfinite(offset)):
             raise InputError(path, "found a value that is not finite", field="axis")
         return cls(table, axis, offset)
+
+
+def _training_colours(
+    name: str, colours: UInt8[np.ndarray, "n 3"], min_pixels: int, rng: np.random.Generator
+) -> Float[np.ndarray, "m 3"]:
+    """At most ``MAX_TRAINING`` colours of one class, with the spread that rounding hides given back by a dither."""
+    if len(colours) < min_pixels:
+        raise CalibrationError(
+            "StripeModel.train", f"found {len(colours)} pixels, expected at least {min_pixels}", field=name
+        )
+    chosen = colours.astype(np.float64)
+    if len(chosen) > MAX_TRAINING:
+        chosen = chosen[rng.choice(len(chosen), MAX_TRAINING, replace=False)]
+    return chosen + rng.uniform(-0.5, 0.5, chosen.shape)
+
+
+def _trained_table(
+    samples: list[Float[np.ndarray, "n 3"]], components: int, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "cells"], float, float]:
+    """Probability of the stripe for every cell, and the fractions of stripe and rest that look like the stripe."""
+    try:
+        from sklearn.mixture import GaussianMixture
+    except ImportError as error:
+        raise MissingExtraError("scikit-learn", "learn", "training the stripe model") from error
+
+    middle = (np.arange(CELLS) + 0.5) * CELL - 0.5
+    grid = np.stack(np.meshgrid(middle, middle, middle, indexing="ij"), axis=-1).reshape(-1, 3)
+    # Log density of each class over the cells, the stripe's own pixels and the rest.
+    log_density: list[list[np.ndarray]] = []
+    for colours in samples:
+        mixture = GaussianMixture(components, reg_covar=4.0, random_state=int(rng.integers(2**31)))
+        mixture.fit(colours)
+        log_density.append([mixture.score_samples(where) for where in (grid, *samples)])
+    # Colours that neither class has seen are not the stripe: a thin uniform density joins the rest.
+    unknown = np.log(0.05 / 256.0**3)
+    probability, own, rest = (
+        _odds(stripe, np.logaddexp(other, unknown)) for stripe, other in zip(*log_density, strict=True)
+    )
+    return probability, float(np.mean(own > 0.5)), float(np.mean(rest > 0.5))
 
 
 def _odds(log_a: Float[np.ndarray, "n"], log_b: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:

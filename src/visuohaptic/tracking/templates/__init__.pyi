@@ -5,11 +5,14 @@ from .esm import Alignment as Alignment
 from .esm import align as align
 from .esm_blur import matching_blur as matching_blur
 from .esm_pyramid import EsmSettings as EsmSettings
+from .esm_pyramid import GaussNewton as GaussNewton
 from .esm_pyramid import Work as Work
 from .esm_template import BLUR_VARIANCES as BLUR_VARIANCES
 from .esm_template import MIN_SIDE_PX as MIN_SIDE_PX
 from .esm_template import EsmTemplate as EsmTemplate
 from .esm_template import Level as Level
+from .lost_search import LostPlace as LostPlace
+from .lost_search import LostSearch as LostSearch
 from .outline import template_outlines as template_outlines
 from .sheet import PAPERS_M as PAPERS_M
 from .sheet import PlacedItem as PlacedItem

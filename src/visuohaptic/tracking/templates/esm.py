@@ -31,7 +31,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
 from ..points.homography import apply_homography
-from .esm_pyramid import EsmSettings, Work
+from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
 from .warp import is_proper, motion_jacobian
 
@@ -111,22 +111,21 @@ def align(
     if top > 0:
         _coarse(work, top)
     for k in range(top - 1, 0, -1):
-        work.refine(k, 6, fraction=0.5, cut=settings.cut_sigmas, damping=1e-3, tolerance=0.2)
+        work.refine(k, GaussNewton(6, fraction=0.5, cut=settings.cut_sigmas, damping=1e-3, tolerance=0.2))
         if not is_proper(work.homography, template.corners):
             return _lost(template, homography, "no convergence")
     if work.count > 1:
-        work.refine(0, 6, fraction=0.0, subset=True, cut=settings.cut_sigmas, tolerance=0.25)
+        work.refine(0, GaussNewton(6, subset=True, cut=settings.cut_sigmas, tolerance=0.25))
     else:
-        work.refine(0, 12, fraction=0.5, cut=settings.cut_sigmas, tolerance=0.05)
+        work.refine(0, GaussNewton(12, fraction=0.5, cut=settings.cut_sigmas, tolerance=0.05))
     # The spline does not damp the noise as the bilinear kernel did (to 4/9 of its variance): with
     # the old spread the cut would fall on good pixels and shorten the step.
     work.light[2:4] *= 1.5
     if work.clipped:
         # At 2.5 sigma what is cut off shifts the mean by 0.002 sigma.
         work.margin = min(2.5 * work.light[3], 30.0)
-    shift = work.refine(
-        0, 3, fraction=0.0, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px
-    )
+    last = GaussNewton(3, cubic=settings.cubic, cut=settings.cut_sigmas, tolerance=settings.tolerance_px)
+    shift = work.refine(0, last)
     return _judged(work, shift)
 
 
@@ -138,7 +137,7 @@ def _coarse(work: Work, top: int) -> None:
     the next finer level.
     """
     predicted = work.homography
-    work.refine(top, 12, fraction=0.5, damping=1e-3, tolerance=0.1)
+    work.refine(top, GaussNewton(12, fraction=0.5, damping=1e-3, tolerance=0.1))
     if work.ncc >= work.settings.ncc_search and is_proper(work.homography, work.template.corners):
         return
     first_light = work.light.copy()
@@ -146,9 +145,9 @@ def _coarse(work: Work, top: int) -> None:
     best, best_ncc, best_light = predicted, -1.0, first_light
     for candidate in candidates:
         work.light[:] = first_light
-        work.refine(top, 15, fraction=0.5, damping=1e-2, tolerance=0.1, homography=candidate)
+        work.refine(top, GaussNewton(15, fraction=0.5, damping=1e-2, tolerance=0.1), candidate)
         if top > 1 and is_proper(work.homography, work.template.corners):
-            work.refine(top - 1, 8, fraction=0.5, damping=1e-3, tolerance=0.2)
+            work.refine(top - 1, GaussNewton(8, fraction=0.5, damping=1e-3, tolerance=0.2))
         ncc = work.ncc if is_proper(work.homography, work.template.corners) else -1.0
         if ncc > best_ncc:
             best, best_ncc, best_light = work.homography, ncc, work.light.copy()

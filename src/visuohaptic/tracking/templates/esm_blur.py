@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from .esm import Alignment
-from .esm_pyramid import EsmSettings, Work
+from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import BLUR_VARIANCES, EsmTemplate
 
 __all__ = ["matching_blur"]
@@ -55,15 +55,13 @@ def matching_blur(
         """Mean squared residual after the best gain and bias [grey levels^2]."""
         nonlocal spline
         if blur not in misfits:
-            from ._esm_kernels import refine_level
-
             work.finest = template.finest(work.chain, blur)
             level, first, h = work.pair(0)
             h = np.ascontiguousarray(h / h[2, 2])
             if spline is None:
                 spline = work.spline(first, h, level)
             work.light[:] = light
-            work._pass(refine_level, level, spline, h, level.rows, 0, 0.0, True, 1.0, 0.0, 1, np.inf)
+            work.run(0, level, spline, h, level.rows, GaussNewton(1, cubic=True, cut=1.0, tolerance=np.inf))
             s1, t, tt, r, tr, rr = work.stats[:6]
             if s1 <= 0:
                 return np.inf

@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..points.homography import apply_homography
 from .esm_template import EsmTemplate, Level
 
-__all__ = ["EsmSettings", "Work"]
+__all__ = ["EsmSettings", "GaussNewton", "Work"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +39,42 @@ _PREFILTER /= _PREFILTER.sum()
 _NO_OFFSET = np.zeros((2, 1, 1), dtype=np.float32)
 
 
+@dataclass(frozen=True, slots=True)
+class GaussNewton:
+    """How Gauss-Newton runs on one level of the pyramid."""
+
+    passes: int  #: at most
+    fraction: float = 0.0  #: of the rows that may be left out, those with the least gradient
+    subset: bool = False  #: only the rows that the template marks as informative
+    cubic: bool = False  #: interpolate by a cubic spline
+    cut: float = 6.0  #: residuals beyond this many standard deviations lose their weight
+    damping: float = 0.0  #: of Levenberg and Marquardt, relative to the diagonal
+    tolerance: float = 0.02  #: a pass that moves the corners less is the last [px of the level]
+
+
+#: One look at the residuals that moves nothing.
+_LOOK = GaussNewton(1, cut=100.0, tolerance=0.0)
+
+
 class Work:
-    """One alignment: the region of the image, its pyramid, and the running estimate."""
+    """One alignment: the region of the image, its pyramid, and the running estimate.
+
+    Parameters
+    ----------
+    template
+        What is aligned.
+    image
+        Grey image, (rows, columns) uint8.
+    homography
+        Prediction: template pixels to image pixels, (3, 3).
+    settings
+        Levels, reach and thresholds.
+    offset
+        Added to the warped position of every template pixel on the finest level, (2, R, C) [px]; None: nothing.
+    blur
+        Variance of the Gaussian by which the image is softer than the template [template px^2]; None: a usual
+        camera's.
+    """
 
     def __init__(
         self,
@@ -52,16 +85,30 @@ class Work:
         offset: np.ndarray | None,
         blur: float | None = None,
     ) -> None:
-        import cv2
-
         self.template, self.settings = template, settings
         corners = np.clip(apply_homography(homography, template.corners), -1e6, 1e6)
+        self._choose_chain(corners, blur)
+        self.homography = homography
+        self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
+        self.matrix = np.zeros((10, 10))
+        self.stats = np.zeros(13)
+        self.offset = offset
+        self.margin = -np.inf
+        self.clipped = image.dtype == np.uint8
+        #: Whether enough of the image is left for the coarsest level.
+        self.enough = self._build_pyramid(image, corners)
+        if self.enough and offset is not None:
+            self.bent = self._bend(offset)
+
+    def _choose_chain(self, corners: np.ndarray, blur: float | None) -> None:
+        """The template's chain of levels whose pixels are nearest to the image's, and how soft it is."""
+        template = self.template
         # Pixels of the image per pixel of the template: root of the ratio of areas, from the diagonals.
         (ax, ay), (bx, by) = (corners[2] - corners[0]).tolist(), (corners[3] - corners[1]).tolist()
         width, height = (template.corners[2] - template.corners[0]).tolist()
         self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
-        # The chain whose pixels are nearest to the image's, but not larger: where
-        # the template is the coarser one, image pixels between its samples tell nothing.
+        # Not larger than the image's: where the template is the coarser one, image pixels between its samples
+        # tell nothing.
         halves = np.log2(max(self.scale, 1e-6))
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)
@@ -70,18 +117,21 @@ class Work:
         self.finest = template.finest(self.chain, self.blur)
         self.levels = template.chains[self.chain]
         self.image_base = min(max(round(halves), 0), 4)
-        self.count = min(settings.levels, len(self.levels))
-        step = 2 ** (self.image_base + self.count - 1)
-        block = 2**self.image_base
+        self.count = min(self.settings.levels, len(self.levels))
+
+    def _build_pyramid(self, image: np.ndarray, corners: np.ndarray) -> bool:
+        """Levels of the image around the predicted corners; False where the image ends too near to them."""
+        import cv2
+
+        step, block = 2 ** (self.image_base + self.count - 1), 2**self.image_base
         height, width = image.shape
-        margin = settings.search_px + 8.0
+        margin = self.settings.search_px + 8.0
         low = np.floor((corners.min(axis=0) - margin) / step).astype(int) * step
         high = np.ceil(corners.max(axis=0) + margin).astype(int) + 1
         self.x0, self.y0 = max(int(low[0]), 0), max(int(low[1]), 0)
         x1, y1 = min(int(high[0]), width), min(int(high[1]), height)
-        self.enough = x1 - self.x0 >= 4 * step and y1 - self.y0 >= 4 * step
-        if not self.enough:
-            return
+        if not (x1 - self.x0 >= 4 * step and y1 - self.y0 >= 4 * step):
+            return False
         level = image[self.y0 : y1, self.x0 : x1].astype(np.float32)
         if block > 1:
             # Means of blocks keep the noise of different pixels independent.
@@ -96,15 +146,8 @@ class Work:
         #: From the finest level that is used to the whole image.
         self.to_image = np.array([[block, 0, centre_x], [0, block, centre_y], [0, 0, 1.0]])
         back = np.array([[1, 0, -centre_x], [0, 1, -centre_y], [0, 0, block]]) / block
-        self.homography = back @ homography
-        self.light = np.array([1.0, 0.0, 0.0, 0.0, 1.0])
-        self.matrix = np.zeros((10, 10))
-        self.stats = np.zeros(13)
-        self.offset = offset
-        if offset is not None:
-            self.bent = self._bend(offset)
-        self.margin = -np.inf
-        self.clipped = image.dtype == np.uint8
+        self.homography = back @ self.homography
+        return True
 
     def _bend(self, offset: np.ndarray) -> np.ndarray:
         """The offset at the pixels of the finest level, in pixels of the finest image."""
@@ -116,28 +159,35 @@ class Work:
         return np.ascontiguousarray(np.stack(parts)[:, 1:-1, 1:-1])
 
     def pair(self, k: int) -> tuple[Level, np.ndarray, np.ndarray]:
-        """Template level, image level, and the centred homography between them."""
+        """Template level, image level, and the centred homography between them.
+
+        Parameters
+        ----------
+        k
+            Level of the pyramid, 0 = finest.
+        """
         level = self.levels[k] if k else self.finest
         h = self.homography @ level.to_template
         h[:2] *= 0.5**k
         return level, self.images[k], h
 
-    def refine(
-        self,
-        k: int,
-        passes: int,
-        *,
-        fraction: float,
-        subset: bool = False,
-        cubic: bool = False,
-        cut: float = 6.0,
-        damping: float = 0.0,
-        tolerance: float = 0.02,
-        homography: np.ndarray | None = None,
-    ) -> float:
-        """Gauss-Newton passes on pyramid level k; the last motion of the corners in pixels of that level."""
-        from ._esm_kernels import refine_level
+    def refine(self, k: int, how: GaussNewton, homography: np.ndarray | None = None) -> float:
+        """Gauss-Newton passes on one level of the pyramid.
 
+        Parameters
+        ----------
+        k
+            Level of the pyramid, 0 = finest.
+        how
+            Passes, rows, interpolation and robust weights.
+        homography
+            Where to start instead of the running estimate, (3, 3).
+
+        Returns
+        -------
+        float
+            Last motion of the corners in pixels of that level.
+        """
         if homography is not None:
             self.homography = homography
         level, image, h = self.pair(k)
@@ -145,22 +195,30 @@ class Work:
         if self.light[2] <= 0.0:
             # Nothing is known of the light yet: one look, with no step, for gain and bias.
             self.light[:] = (1.0, 0.0, 1e3, 1e3, 1.0)
-            self._pass(refine_level, level, image, h.copy(), level.rows, k, 0.0, False, 100.0, 0.0, 1, 0.0)
+            self.run(k, level, image, h.copy(), level.rows, _LOOK)
             self._light_from_moments()
-        rows = level.informative if subset else level.rows
-        if cubic:
+        rows = level.informative if how.subset else level.rows
+        if how.cubic:
             image = self.spline(image, h, level)
-        shift = self._pass(
-            refine_level, level, image, h, rows, k, fraction, cubic, cut, damping, passes, tolerance
-        )
+        shift = self.run(k, level, image, h, rows, how)
         back = h @ level.from_template
         back[:2] *= 2.0**k
         self.homography = back / back[2, 2]
         self.centred = h
-        return float(shift)
+        return shift
 
     def spline(self, image: np.ndarray, h: np.ndarray, level: Level) -> np.ndarray:
-        """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere."""
+        """Cubic B-spline coefficients of the finest image where the template is, 0 elsewhere.
+
+        Parameters
+        ----------
+        image
+            Level of the image, (rows, columns) float32.
+        h
+            Centred coordinates of the template to pixels of that level, (3, 3).
+        level
+            Level of the template.
+        """
         import cv2
 
         (a, b, c), (d, e, f), (g, i, j) = h.tolist()
@@ -179,47 +237,41 @@ class Work:
             )
         return result
 
-    def _pass(
-        self,
-        kernel: Any,
-        level: Level,
-        image: np.ndarray,
-        h: np.ndarray,
-        rows: np.ndarray,
-        k: int,
-        fraction: float,
-        cubic: bool,
-        cut: float,
-        damping: float,
-        passes: int,
-        tolerance: float,
-    ) -> Any:
-        offset = _NO_OFFSET
-        if self.offset is not None and k == 0:
-            offset = self.bent
-        return kernel(
-            image,
-            level.image,
-            level.gradient_x,
-            level.gradient_y,
-            level.x,
-            level.y,
-            rows,
-            offset,
-            h,
-            self.light,
-            _ALL,
-            fraction,
-            level.unit,
-            cubic,
-            cut,
-            self.margin,
-            damping,
-            passes,
-            tolerance,
-            self.matrix,
-            self.stats,
-        )
+    def run(
+        self, k: int, level: Level, image: np.ndarray, h: np.ndarray, rows: np.ndarray, how: GaussNewton
+    ) -> float:
+        """Call the kernel, which changes ``h``, gain and bias, and the moments of the residual.
+
+        Parameters
+        ----------
+        k
+            Level of the pyramid, 0 = finest.
+        level
+            Level of the template.
+        image
+            Level of the image, or its spline coefficients where ``how.cubic``, (rows, columns) float32.
+        h
+            Centred coordinates of the template to pixels of that level, (3, 3).
+        rows
+            Rows of the template that are used.
+        how
+            Passes, interpolation and robust weights.
+
+        Returns
+        -------
+        float
+            Last motion of the corners [px of the level].
+        """
+        from ._esm_kernels import refine_level
+
+        offset = self.bent if self.offset is not None and k == 0 else _NO_OFFSET
+        return float(
+            refine_level(
+                image, level.image, level.gradient_x, level.gradient_y, level.x, level.y, rows, offset, h,
+                self.light, _ALL, how.fraction, level.unit, how.cubic, how.cut, self.margin, how.damping,
+                how.passes, how.tolerance, self.matrix, self.stats,
+            )
+        )  # fmt: skip
 
     def _light_from_moments(self) -> None:
         n, i, t, ii, _, tt = self.stats[7:]

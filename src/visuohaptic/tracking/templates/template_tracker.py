@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -23,10 +22,11 @@ from ...core.measurement import Reason
 from ...core.resources import Closing
 from ..points.homography import apply_homography, estimate_homography
 from ..pose.plane_pose import PlanePose, estimate_plane_poses, pose_difference, tilted_back
-from .detector import Detection, DetectorSettings, detect_templates
+from .detector import DetectorSettings
 from .esm import Alignment, align
 from .esm_blur import matching_blur
 from .esm_pyramid import EsmSettings
+from .lost_search import LostPlace, LostSearch
 from .template import Template
 from .warp import is_proper
 
@@ -44,7 +44,7 @@ class TrackerSettings:
     ncc_found: float = 0.7  #: a template is taken as found again only above this correlation
     region_tries: int = 3  #: detections near the last place before the whole image is searched
     blur_frames: int = 30  #: after so many frames it is measured again how soft the image is
-    flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the other tilt is believed
+    flip_chi2: float = 10.0  #: accumulated difference of chi^2 at which the other tilt is taken
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,17 +76,13 @@ class _Track:
     last_seen: np.ndarray | None = None  #: homography when it was seen last
     pose: Pose | None = None
     advantage: float = 0.0  #: accumulated chi^2 by which this tilt is better than the other
-    min_chi2: float = 0.0  #: what the best start left when the last pose was none
+    min_chi2: float = 0.0  #: chi^2 that the best start left when the last pose was no start
     lens: Float32[np.ndarray, "17 17 2"] | None = None  #: what the lens adds to the homography [px]
     offset: Float32[np.ndarray, "2 R C"] | None = None  #: the same at every pixel
     tries: int = 0  #: detections since it was lost
     blur: float | None = None  #: how much softer the image shows it [template px^2]; None: not measured yet
     blur_age: int = 0  #: frames since that was measured
     blur_scale: float = 0.0  #: size in the image when that was measured [px]
-
-
-#: A lost template, the region to look in (None: everywhere), and its last homography.
-_Place = tuple[Template, tuple[int, int, int, int] | None, np.ndarray | None]
 
 
 class TemplateTracker(Closing):
@@ -121,15 +117,18 @@ class TemplateTracker(Closing):
         self.camera = camera
         self.settings = settings or TrackerSettings()
         self._tracks = {template.name: _Track(template) for template in templates}
-        self._worker = ThreadPoolExecutor(1, thread_name_prefix="detector") if threaded else None
-        self._pending: Future[dict[str, Detection]] | None = None
+        self._search = LostSearch(self.settings.detector, threaded=threaded)
         self._last_t_s = -np.inf
 
     def close(self) -> None:
         """End the detector's thread; harmless when repeated."""
-        if self._worker is not None:
-            self._worker.shutdown(wait=True, cancel_futures=True)
-            self._worker = None
+        self._search.close()
+
+    def reset(self) -> None:
+        """Forget all frames; every template is looked for again."""
+        self._search.forget()
+        self._tracks = {name: _Track(track.template) for name, track in self._tracks.items()}
+        self._last_t_s = -np.inf
 
     def update(self, frame: Frame) -> tuple[TemplatePose, ...]:
         """Poses of all templates in a frame, in the order in which they were given.
@@ -149,43 +148,23 @@ class TemplateTracker(Closing):
                 f"found a frame of {grey.shape[1]} x {grey.shape[0]} px, "
                 f"expected {self.camera.width} x {self.camera.height} as the camera's model says",
             )
-        self._collect()
+        for name, detection in self._search.collected().items():
+            if self._tracks[name].homography is None:
+                self._tracks[name].homography = detection.homography
         results = {name: self._follow(track, grey, frame.t_s) for name, track in self._tracks.items()}
         lost = [track for track in self._tracks.values() if track.homography is None]
-        if lost:
-            found = self._search(lost, grey)
+        if lost and not self._search.busy:
+            found = self._search.search([self._place(track) for track in lost], grey)
             for name, detection in found.items():
                 self._tracks[name].homography = detection.homography
                 results[name] = self._follow(self._tracks[name], grey, frame.t_s)
         return tuple(results.values())
 
-    # -- detection ---------------------------------------------------------------------
-
-    def _collect(self) -> None:
-        """Take what the detector's thread has found in an earlier frame."""
-        if self._pending is None or not self._pending.done():
-            return
-        found, self._pending = self._pending.result(), None
-        for name, detection in found.items():
-            if self._tracks[name].homography is None:
-                self._tracks[name].homography = detection.homography
-
-    def _search(self, lost: list[_Track], grey: UInt8[np.ndarray, "height width"]) -> dict[str, Detection]:
-        """Look for lost templates: at once, or in the thread, which then answers in a later frame."""
-        if self._pending is not None:
-            return {}
-        places: list[_Place] = []
-        for track in lost:
-            track.tries += 1
-            region = None
-            if track.last_seen is not None and track.tries <= self.settings.region_tries:
-                region = _region(track.last_seen, track.template)
-            places.append((track.template, region, track.last_seen))
-        if self._worker is None:
-            return _detect(places, grey, self.settings.detector)
-        # The thread gets copies only: nothing that it reads changes meanwhile.
-        self._pending = self._worker.submit(_detect, places, grey.copy(), self.settings.detector)
-        return {}
+    def _place(self, track: _Track) -> LostPlace:
+        """Where to look for a lost template: first where it was seen last, then everywhere."""
+        track.tries += 1
+        near = track.last_seen is not None and track.tries <= self.settings.region_tries
+        return LostPlace(track.template, track.last_seen, near)
 
     # -- tracking ----------------------------------------------------------------------
 
@@ -350,23 +329,6 @@ class TemplateTracker(Closing):
         return current, True, current.covariance + weight * np.outer(apart, apart)
 
 
-def _detect(
-    places: list[_Place],
-    grey: UInt8[np.ndarray, "height width"],
-    settings: DetectorSettings,
-) -> dict[str, Detection]:
-    """Templates with a region are looked for there, the others in the whole image, all in one go."""
-    found: dict[str, Detection] = {}
-    for template, region, last_seen in places:
-        if region is not None:
-            hints = {} if last_seen is None else {template.name: last_seen}
-            found |= detect_templates((template,), grey, settings, region=region, last_seen=hints)
-    everywhere = tuple(template for template, region, _ in places if region is None)
-    if everywhere:
-        found |= detect_templates(everywhere, grey, settings)
-    return found
-
-
 def _no_pose(name: str, t_s: float, reason: Reason, detail: str, alignment: Alignment | None) -> TemplatePose:
     nothing = np.full((6, 6), np.nan)
     return TemplatePose(name, t_s, False, reason, detail, None, nothing, False, np.nan, alignment)
@@ -380,15 +342,6 @@ def _slant(pose: Pose) -> float:
     """Angle between the normal of a template and the line of sight [rad]."""
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
     return float(np.arccos(np.clip(pose.rotation[:, 2] @ sight, -1.0, 1.0)))
-
-
-def _region(homography: np.ndarray, template: Template) -> tuple[int, int, int, int]:
-    """Box around the last place, half its size larger on every side."""
-    corners = apply_homography(homography, template.esm.corners)
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    margin = np.maximum(0.5 * (high - low), 40.0)
-    box = np.concatenate([low - margin, high + margin])
-    return int(box[0]), int(box[1]), int(box[2]) + 1, int(box[3]) + 1
 
 
 def _lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:

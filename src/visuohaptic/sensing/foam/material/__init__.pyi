@@ -1,10 +1,7 @@
 from .boundary import BOUNDARIES as BOUNDARIES
 from .boundary import Boundary as Boundary
-from .boundary import Tension as Tension
 from .boundary import calibrate_tension as calibrate_tension
 from .boundary import contour_force as contour_force
-from .boundary import shear_modulus as shear_modulus
-from .boundary import softening as softening
 from .calibration import CurveFit as CurveFit
 from .calibration import FoamCalibration as FoamCalibration
 from .calibration import calibrate_foam as calibrate_foam
@@ -30,3 +27,6 @@ from .section import section_stress as section_stress
 from .section import sensitivity as sensitivity
 from .stress_curve import CurveKind as CurveKind
 from .stress_curve import StressCurve as StressCurve
+from .tension import Tension as Tension
+from .tension import shear_modulus as shear_modulus
+from .tension import softening as softening

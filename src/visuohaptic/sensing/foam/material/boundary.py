@@ -18,81 +18,26 @@ Symbols: eps = delta / w strain, theta slope angle of the front contour
         F = h * integral [ m(eps) + kappa / 6 * dG/deps * sin(theta)^2 ] ds,
 
     with sin(theta) in place of delta' because steep flanks rotate more than they
-    shear. G needs no further test: for foam with a Poisson ratio of zero (usual
-    beyond the first percents of strain), a column that is compressed to 1 - eps
-    and sheared by g stores ``G g^2 / 2`` more, with
-
-        G(eps) = m(eps) (1 - eps) / (eps (2 - eps)),
-
-    and the mean over the thickness of the squared shear of a linear column is a
-    third of that at the front. Columns are not linear and relieve their shear by
-    moving sideways, which kappa < 1 stands for. It is one number for many foams
-    and bodies (0.27 +- 0.1, chosen on small simulations of four foams under five bodies),
-    and can be calibrated with a plate narrower than the strip.
+    shear. G follows from m, see :mod:`~visuohaptic.sensing.foam.material.tension`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
-from ....core.errors import CalibrationError, InputError
+from ....core.errors import CalibrationError
+from .foam_material import FoamMaterial
+from .records import PlateRecord
+from .tension import Tension, softening
 
-if TYPE_CHECKING:
-    from .foam_material import FoamMaterial
-    from .records import PlateRecord
-
-__all__ = [
-    "BOUNDARIES",
-    "Boundary",
-    "Tension",
-    "calibrate_tension",
-    "contour_force",
-    "shear_modulus",
-    "softening",
-]
+__all__ = ["BOUNDARIES", "Boundary", "calibrate_tension", "contour_force"]
 
 Boundary = Literal["tension", "enlarged", "local"]
 BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = number used by the kernel
-
-#: Below this strain the quotient m / eps is taken at it: both vanish at zero.
-SMALL_STRAIN = 2e-3
-
-
-@dataclass(frozen=True, slots=True)
-class Tension:
-    """Lateral tension of the foam, relative to the shear modulus that its own curve implies."""
-
-    ratio: float = 0.27  #: kappa, dimensionless; the default is the mean over simulated foams and bodies
-    sigma: float = 0.10  #: standard deviation of ``ratio`` over bodies
-    calibrated: bool = False  #: True when fitted to a plate narrower than the strip
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.ratio <= 5 and 0 <= self.sigma <= 5):
-            raise InputError(
-                "Tension", f"found ratio {self.ratio}, sigma {self.sigma}; expected both in [0, 5]"
-            )
-
-
-def shear_modulus(
-    strain: Float[np.ndarray, "..."], stress_Pa: Float[np.ndarray, "..."]
-) -> Float[np.ndarray, "..."]:
-    """Shear modulus G(eps) [Pa] of a compressed column, from its stress at that strain (> 0)."""
-    return stress_Pa * (1 - strain) / (strain * (2 - strain))
-
-
-def softening(material: FoamMaterial, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-    """Loss of stress per sin(theta)^2 and unit kappa, ``- dG/deps / 6`` [Pa]."""
-    eps = np.maximum(np.asarray(strain, dtype=np.float64), SMALL_STRAIN)
-    stress, slope = material.stress(eps), material.slope(eps)
-    factor = (1 - eps) / (eps * (2 - eps))
-    # d/deps of (1 - eps) / (2 eps - eps^2) is -(eps^2 - 2 eps + 2) / (2 eps - eps^2)^2.
-    factor_slope = -(eps**2 - 2 * eps + 2) / (eps * (2 - eps)) ** 2
-    return -(slope * factor + stress * factor_slope) / 6
 
 
 def contour_force(
@@ -109,7 +54,7 @@ def contour_force(
     slope = np.diff(np.maximum(delta_m, 0.0)) / spacing
     middle = 0.5 * (strain[1:] + strain[:-1])
     sine2 = slope**2 / (1 + slope**2)
-    return enlarged, material.height_m * float(softening(material, middle) @ (sine2 * spacing))
+    return enlarged, material.height_m * float(softening(material.loading, middle) @ (sine2 * spacing))
 
 
 def calibrate_tension(

@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import CalibrationError
-from .boundary import Tension
 from .foam_material import FoamMaterial
 from .hysteresis import identify_hysteresis
 from .records import StrainStress
 from .stress_curve import CurveKind, StressCurve
+from .tension import Tension
 
 __all__ = ["CurveFit", "FoamCalibration", "calibrate_foam", "fit_curve", "plateau"]
 

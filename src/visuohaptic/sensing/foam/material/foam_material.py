@@ -15,9 +15,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ....core.errors import InputError
-from .boundary import Tension, softening
 from .hysteresis import HysteresisLaw
 from .stress_curve import CurveKind, StressCurve
+from .tension import Tension, softening
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -90,7 +90,7 @@ class FoamMaterial:
     @cached_property
     def softening_table_Pa(self) -> Float[np.ndarray, "256"]:
         """Softening of the tension law at 256 even strains from 0 to 1.2 times the calibrated end."""
-        return softening(self, np.linspace(0.0, self.softening_end, 256))
+        return softening(self.loading, np.linspace(0.0, self.softening_end, 256))
 
     @property
     def softening_end(self) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.push import PushRecord, break_away
+from visuohaptic.sensing.push import PushRecord, breakaway_force
 
 FRAME_S, NOISE_M = 1 / 30, 1e-5
 
@@ -61,7 +61,7 @@ def test_static_friction_without_the_overshoot(speed: float) -> None:
         static = dynamic * rng.uniform(1.0, 1.25)
         mass = dynamic / (rng.uniform(0.25, 0.6) * 9.81)
         record, begin, until = push(rng, speed=speed, mass=mass, static=static, dynamic=dynamic)
-        found = break_away(record, begin, until, dynamic)
+        found = breakaway_force(record, begin, until, dynamic)
         if found is None:
             continue  # two frames of phase (a) at most
         value, sigma = found
@@ -87,7 +87,7 @@ def test_a_platform_that_slows_down_and_frames_that_are_lost() -> None:
         record, begin, until = push(
             rng, speed=0.06, mass=mass, static=static, dynamic=dynamic, slower=0.33, drop=0.2
         )
-        found = break_away(record, begin, until, dynamic)
+        found = breakaway_force(record, begin, until, dynamic)
         if found is not None:
             off.append((abs(found[0] - static) / found[1], abs(found[0] / static - 1)))
     sigmas, fraction = np.array(off).T
@@ -97,7 +97,7 @@ def test_a_platform_that_slows_down_and_frames_that_are_lost() -> None:
     assert (sigmas > 3.0).sum() <= 1
 
 
-def test_soft_and_late_objects_have_no_break_away() -> None:
+def test_soft_and_late_objects_have_no_breakaway_force() -> None:
     t = np.arange(40) * FRAME_S
     x = 0.03 * t
     nothing = np.zeros(40)
@@ -106,4 +106,4 @@ def test_soft_and_late_objects_have_no_break_away() -> None:
             t, np.ones(40, bool), 1000 * deflection, np.full(40, 0.01), 0.0, deflection,
             np.full(40, NOISE_M), x, nothing, nothing, nothing,
         )  # fmt: skip
-        assert break_away(record, 2, 30, 3.0) is None
+        assert breakaway_force(record, 2, 30, 3.0) is None

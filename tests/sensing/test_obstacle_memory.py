@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import Motion, Reason
-from visuohaptic.sensing.scene import NearMemory, NearMemorySettings, Obstacle
+from visuohaptic.sensing.scene import Obstacle, ObstacleMemory, ObstacleMemorySettings
 
 STEP_m = 0.002
 
@@ -25,7 +25,7 @@ FREE = seen(math.inf)
 
 
 def approach(readings, memory=None, step_m=STEP_m, turn_rad=0.0):
-    memory = memory or NearMemory(blind_m=0.07)
+    memory = memory or ObstacleMemory(blind_m=0.07)
     return [memory.update(reading, moved(step_m, turn_rad)) for reading in readings]
 
 
@@ -54,11 +54,11 @@ def test_at_the_border_it_may_be_nearer_than_it_looks():
 
 
 def test_what_is_not_where_it_should_be_in_view_is_forgotten():
-    settings = NearMemorySettings(forget_frames=8)
-    told = approach([seen(0.20), *[FREE] * 9], NearMemory(0.07, settings))
+    settings = ObstacleMemorySettings(forget_frames=8)
+    told = approach([seen(0.20), *[FREE] * 9], ObstacleMemory(0.07, settings))
     assert math.isfinite(told[8].proximity_m)
     assert math.isinf(told[9].proximity_m)
-    behind = approach([seen(0.20), *[seen(0.40)] * 9], NearMemory(0.07, settings))
+    behind = approach([seen(0.20), *[seen(0.40)] * 9], ObstacleMemory(0.07, settings))
     assert behind[-1].proximity_m == pytest.approx(0.40)
 
 
@@ -74,7 +74,7 @@ def test_a_turn_leaves_it_aside():
 
 
 def test_a_touch_is_at_zero_and_backing_off_counts_from_there():
-    memory = NearMemory(0.07)
+    memory = ObstacleMemory(0.07)
     memory.update(seen(0.05), moved(STEP_m))
     touched = memory.update(FREE, moved(STEP_m), in_contact=True)
     assert (touched.proximity_m, touched.remembered) == (0.0, True)

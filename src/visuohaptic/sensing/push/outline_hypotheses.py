@@ -1,0 +1,170 @@
+"""Outlines that may have left an impression in the foam, and where to start to fit them.
+
+Symbols: u along the strip, v towards the base, delta = v - rest(u) >= 0 the deflection.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from ._primitive_kernels import BENT, ROUND, STRAIGHT
+from .circle_fit import fit_circle_algebraic
+
+__all__ = ["Hypothesis", "Impression", "hypotheses"]
+
+#: "No tip here" in the kernels' parameters [m].
+FAR_M = 1e3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Impression:
+    """The contour that an object leaves in the foam, in coordinates of the strip; K points."""
+
+    u_m: Float[np.ndarray, "K"]  #: increasing
+    delta_m: Float[np.ndarray, "K"]
+    sigma_m: Float[np.ndarray, "K"]
+    rest: Float[np.ndarray, "3"]  #: rest(u) = r0 + r1 u + r2 u² [m], v of the unpressed front
+    spacing_m: float
+
+    @property
+    def scale_m(self) -> float:
+        """Largest deflection [m]."""
+        return float(self.delta_m.max())
+
+    @property
+    def cut(self) -> tuple[bool, bool]:
+        """Whether the strip ends (left, right) before the foam is back at rest."""
+        limit = np.maximum(0.1 * self.scale_m, 10 * self.sigma_m)
+        return bool(self.delta_m[0] > limit[0]), bool(self.delta_m[-1] > limit[-1])
+
+    @property
+    def v_m(self) -> Float[np.ndarray, "K"]:
+        """Depth of the points [m]."""
+        return self.delta_m + self.rest[0] + (self.rest[1] + self.rest[2] * self.u_m) * self.u_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """One outline that may have touched the foam."""
+
+    name: str
+    family: int
+    free: tuple[int, ...]  #: shape parameters that are fitted
+    starts: tuple[Float[np.ndarray, "p"], ...]  #: full shape parameters, without the flank's
+
+
+def hypotheses(impression: Impression) -> list[Hypothesis]:
+    """All outlines worth a try, with their starts from simple fits to the deepest points.
+
+    Parameters
+    ----------
+    impression
+        The measured contour.
+    """
+    peak = _Peak.of(impression)
+    half = 0.5 * impression.spacing_m
+    faces, bends = _faces(impression, peak), _bends(impression, peak)
+    left_slope, right_slope = max(faces[0][1], 0.05), max(-faces[1][1], 0.05)
+    places = (peak.u, peak.core_centre)
+    tip_left = (
+        *peak.tips(half, left=True),
+        np.array([*faces[1], peak.u - half, FAR_M]),
+        np.array([*bends[1][:2], bends[1][2] - half, FAR_M]),
+    )
+    tip_right = (
+        *peak.tips(half, right=True),
+        np.array([*faces[0], -FAR_M, peak.u + half]),
+        np.array([*bends[0][:2], -FAR_M, bends[0][2] + half]),
+    )
+    points = tuple(np.array([u, peak.v, 50.0, 50.0]) for u in places)
+    corners = tuple(np.array([u, peak.v, left_slope, right_slope]) for u in places)
+    return [
+        Hypothesis("line", STRAIGHT, (0, 1), peak.tips(half)),
+        Hypothesis("tip_left", STRAIGHT, (0, 1, 2), tip_left),
+        Hypothesis("tip_right", STRAIGHT, (0, 1, 3), tip_right),
+        Hypothesis("two_tips", STRAIGHT, (0, 1, 2, 3), peak.tips(half, left=True, right=True)),
+        Hypothesis("point", BENT, (0, 1), points),
+        Hypothesis("corner", BENT, (0, 1, 2, 3), corners),
+        Hypothesis("circle", ROUND, (0, 1, 2), _circles(impression, peak)),
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Peak:
+    """The deepest point of an impression, and lines through the points that are nearly as deep."""
+
+    u: float
+    v: float
+    lines: list[tuple[float, float]]  #: depth at u = 0 and slope, of the deepest 15 %, 40 % and 70 %
+    spans: list[tuple[float, float]]  #: first and last u of the same points
+
+    @classmethod
+    def of(cls, impression: Impression) -> _Peak:
+        u, delta = impression.u_m, impression.delta_m
+        deepest = int(np.argmax(delta))
+        cores = [delta >= fraction * impression.scale_m for fraction in (0.85, 0.6, 0.3)]
+        return cls(
+            float(u[deepest]),
+            float(impression.v_m[deepest]),
+            [_line(impression, core) for core in cores],
+            [(float(u[core].min()), float(u[core].max())) for core in cores],
+        )
+
+    @property
+    def core_centre(self) -> float:
+        return 0.5 * (self.spans[0][0] + self.spans[0][1])
+
+    def tips(self, half: float, *, left: bool = False, right: bool = False) -> tuple[np.ndarray, ...]:
+        """Starts of a straight outline with or without tips half a spacing beyond the core."""
+        return tuple(
+            np.array([a, m, low - half if left else -FAR_M, high + half if right else FAR_M])
+            for (a, m), (low, high) in zip(self.lines, self.spans, strict=True)
+        )
+
+
+def _line(impression: Impression, keep: Bool[np.ndarray, "K"]) -> tuple[float, float]:
+    """Weighted line v = level + slope u through some points."""
+    u, v, w = impression.u_m[keep], impression.v_m[keep], 1.0 / impression.sigma_m[keep]
+    if len(u) < 2:
+        return float(impression.v_m.max()), 0.0
+    slope, level = np.polyfit(u, v, 1, w=w)
+    return float(level), float(slope)
+
+
+def _faces(impression: Impression, peak: _Peak) -> list[tuple[float, float]]:
+    """Lines of the faces that begin at the deepest point, from the points on their own side."""
+    faces = []
+    for side in (-1, 1):
+        own = side * (impression.u_m - peak.u) >= 0
+        near = own & (impression.delta_m >= 0.5 * impression.scale_m)
+        faces.append(_line(impression, near if near.sum() >= 2 else own))
+    return faces
+
+
+def _bends(impression: Impression, peak: _Peak) -> list[tuple[float, float, float]]:
+    """Lines to both sides of the sharpest bend away from the object, and its u: a tip wherever the peak is."""
+    u, v = impression.u_m, impression.v_m
+    bend = v[2:] - 2 * v[1:-1] + v[:-2]
+    kink = float(u[1 + int(np.argmin(bend))]) if len(u) >= 5 else peak.u
+    return [(*_line(impression, side * (u - kink) >= 0), kink) for side in (-1, 1)]
+
+
+def _circles(impression: Impression, peak: _Peak) -> tuple[Float[np.ndarray, "3"], ...]:
+    """Circles through the deepest points, and two of usual size that touch the deepest one."""
+    u, v = impression.u_m, impression.v_m
+    rounds = []
+    for fraction in (0.8, 0.5, 0.3):
+        core = impression.delta_m >= fraction * impression.scale_m
+        if core.sum() < 3:
+            core = np.abs(u - peak.u) <= 2.1 * impression.spacing_m
+        try:
+            a, b, radius = fit_circle_algebraic(np.column_stack([u[core], v[core]]))
+        except ValueError:
+            continue
+        below = b < v[core].mean()  # the object's body lies at smaller v than its tip
+        radius = float(np.clip(radius if below else 0.3, 0.006, 0.5))
+        rounds.append(np.array([a if below else peak.u, b + radius if below else peak.v, np.log(radius)]))
+    return (*rounds, *(np.array([peak.u, peak.v, np.log(radius)]) for radius in (0.012, 0.05)))
