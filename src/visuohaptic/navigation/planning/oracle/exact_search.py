@@ -164,11 +164,9 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
     links = _push_links(domain, places, pushes, number)
     tables = _push_costs(domain, problem, costs, [b for b, _ in pushes])
     moves = _moves(domain, number, fits)
-    robot = _start_cell(domain, start)
-    ends, end_cost = seed_cells(domain.clearance, goal, domain.radius, domain.slow, UNITS, reach=0)
-    if not ends.size:
-        ends, end_cost = seed_cells(domain.clearance, goal, domain.radius, domain.slow, UNITS)
-    if robot is None or not ends.size:
+    cells, start_cost = _cells_at(domain, domain.clearance_with(np.zeros((len(places), 2))), start, 2)
+    ends, end_cost = _cells_at(domain, domain.clearance, goal, 1)
+    if not cells.size or not ends.size:
         return GridOptimum(False, float("inf"), 0)
     home = np.array([int(place.index[-place.low[1], -place.low[0]]) for place in places], dtype=np.int64)
     near, near_low, shifts = _near(domain, places)
@@ -176,7 +174,7 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
         *moves, *np.divmod(fits, columns), domain.clearance.ravel()[fits], near, near_low, shifts,
         domain.radius, domain.slow, UNITS, blocks, blocks_start, _together(domain, places), counts,
         np.array([b for b, _ in pushes], dtype=np.int64), links.next, links.free, tables, links.cells, links.cost,
-        len(fits), int(number[robot]), home, number[ends], end_cost,
+        len(fits), int(number[cells[start_cost.argmin()]]), home, number[ends], end_cost,
     )  # fmt: skip
     if cost >= NEVER:
         return GridOptimum(False, float("inf"), int(settled))
@@ -225,15 +223,19 @@ def _push_costs(
     return tables
 
 
-def _start_cell(domain: SearchDomain, start: Float[np.ndarray, "2"]) -> int | None:
-    """The free cell that the robot starts from."""
+def _cells_at(
+    domain: SearchDomain,
+    clearance: Float32[np.ndarray, "rows columns"],
+    point: Float[np.ndarray, "2"],
+    reach: int,
+) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+    """The free cell of a point, or those around it, with their costs to the point [units]."""
     from .._travel_kernels import UNITS
 
-    clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
-    cells, cost = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=0)
-    if not cells.size:
-        cells, cost = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=2)
-    return int(cells[cost.argsort()[0]]) if cells.size else None
+    own = seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=0)
+    return (
+        own if own[0].size else seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=reach)
+    )
 
 
 def _places(domain: SearchDomain, body: Body) -> _Places:
