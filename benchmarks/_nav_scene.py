@@ -14,9 +14,9 @@ from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import (
+    build_search_domain,
     fill_cells,
     grid_from_world,
-    push_world,
     without_pushing,
     world_from_grid,
 )
@@ -177,7 +177,7 @@ def _ends(walls: OccupancyMap, rng: np.random.Generator) -> tuple[np.ndarray, np
         start, goal = walls.world_from_cell(one), walls.world_from_cell(other)
         if not 3.0 < np.hypot(*(goal - start)) < 10.0:
             continue
-        world = push_world(PlanningProblem(walls, robot, start, goal))
+        world = build_search_domain(PlanningProblem(walls, robot, start, goal))
         path, _ = pull_string(
             world, world.clearance, grid_from_world(walls, start), grid_from_world(walls, goal)
         )

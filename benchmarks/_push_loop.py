@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
-from visuohaptic.navigation.pushing.quasi_static import rest_m
+from visuohaptic.navigation.pushing.quasi_static import remaining_m
 from visuohaptic.simulation.floor import FloorPush, FloorThing
 
 RADIUS_M = 0.17
@@ -69,7 +69,7 @@ def closed_loop(seed: int) -> LoopTrial | None:
                 rest = list(bent[1:])
     whole = np.array(driven)
     last = np.flatnonzero(touched)
-    dropped = bool(len(last)) and rest_m(whole, int(last[-1])) > 0.01
+    dropped = bool(len(last)) and remaining_m(whole, int(last[-1])) > 0.01
     place = monitor.estimate().object_m
     told = simulate_push(estimated, start, whole, RADIUS_M).object_m[-1]
     return LoopTrial(
@@ -89,6 +89,6 @@ def _plan(
         start = (RADIUS_M + model.reach_m + 0.02, float(rng.uniform(-0.12, 0.12)), yaw)
         path = line_path(np.zeros(2), np.array([start[0] + float(rng.uniform(0.4, 0.9)), 0.0]))
         trace = simulate_push(model, start, path, RADIUS_M)
-        if trace.dropped and 0.05 < rest_m(path, trace.last_contact) < 0.2 and trace.moved_m > 0.15:
+        if trace.released and 0.05 < remaining_m(path, trace.last_contact) < 0.2 and trace.moved_m > 0.15:
             return start, path
     return None

@@ -126,11 +126,13 @@ def run_pushing() -> None:
     from benchmarks.peers.impulse_push import simulate_impulses
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.pushing import (
-        Footprint,
+        DirectPushSettings,
+        FootprintSamples,
+        LocalCostmap,
+        PushedObject,
         PushModel,
         goal_map,
         line_path,
-        local_ground,
         plan_direct_push,
         plan_sideward_push,
     )
@@ -139,11 +141,11 @@ def run_pushing() -> None:
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
     map = OccupancyMap(cells, 0.05)
     box = np.array([[1.4, 1.4], [1.6, 1.4], [1.6, 1.6], [1.4, 1.6]])
-    plan_direct_push(map, box, samples=1)
-    plan_sideward_push(map, box, (0.5, 1.5), (2.5, 1.5), samples=0)
+    plan_direct_push(map, PushedObject(box), settings=DirectPushSettings(samples=1))
+    plan_sideward_push(map, PushedObject(box), (0.5, 1.5), (2.5, 1.5))
     model = PushModel.patch(box - 1.5)
-    ground = local_ground(map, box, 0.5)
-    goal_map(ground, Footprint.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
+    costmap = LocalCostmap.around(map, box, 0.5)
+    goal_map(costmap, FootprintSamples.of(box - 1.5, 0.17, 0.05), (1.5, 1.5, 0.0), 0.17)
     simulate_impulses(model, (0.4, 0.0, 0.0), line_path(np.zeros(2), np.array([0.2, 0.0])), 0.17)
 
 

@@ -22,10 +22,10 @@ from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 from visuohaptic.navigation.planning import (
     alternatives,
+    build_search_domain,
     extend_graph,
     grid_from_world,
     make_plan,
-    push_world,
     search_pushes,
     without_pushing,
 )
@@ -121,7 +121,7 @@ def oracle_rows(count: int) -> list[dict[str, Any]]:
         impossible += 1
         beyond += plan.reachable
         start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
-        result = search_pushes(push_world(problem), start, goal)
+        result = search_pushes(build_search_domain(problem), start, goal)
         proved += result.exhausted and not result.found
     note = f"{count} scenes, push-free {free}"
     return [

@@ -48,7 +48,7 @@ def sideward_errors(count: int, seed: int = SEED) -> dict[str, np.ndarray]:
             off = trace.object_m[-1] - truth.object_m[-1]
             rows[f"{name} position"].append(float(np.hypot(off[0], off[1])))
             rows[f"{name} turn"].append(abs(float(np.angle(np.exp(1j * off[2])))))
-            rows[f"{name} drop"].append(float(trace.dropped == truth.dropped))
+            rows[f"{name} drop"].append(float(trace.released == truth.dropped))
     return {name: np.array(values) for name, values in rows.items()}
 
 

@@ -32,11 +32,11 @@ from .nav_doors import data_folder
 
 __all__ = ["play", "run"]
 
-LIMITS = SearchLimits(expansions=180, first_expansions=15, weighted_expansions=60)
+LIMITS = SearchLimits(expansions=180, first_expansions=15, opening_expansions=60)
 
 
 #: What a scene is called solvable with: more than the travels have.
-PATIENT = SearchLimits(expansions=300, first_expansions=10, weighted_expansions=200)
+PATIENT = SearchLimits(expansions=300, first_expansions=10, opening_expansions=200)
 
 
 def plan(problem: PlanningProblem) -> Any:

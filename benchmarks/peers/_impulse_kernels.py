@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from visuohaptic.core import kernel
-from visuohaptic.navigation.pushing._push_kernels import features
+from visuohaptic.navigation.pushing._contact_kernels import features
 
 
 @kernel

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from visuohaptic.core import InputError
 from visuohaptic.core.geometry import polygon_centroid, polygon_second_moments
 from visuohaptic.navigation.pushing import PushModel, PushTrace, check_path
-from visuohaptic.navigation.pushing.quasi_static import DROP_M, rest_m
+from visuohaptic.navigation.pushing.quasi_static import RELEASE_M, remaining_m
 
 __all__ = ["CONTACT_RANGE_M", "simulate_impulses"]
 
@@ -55,7 +55,7 @@ def simulate_impulses(
         trace,
         contact,
     )
-    dropped = last >= 0 and rest_m(path, last) > DROP_M
+    dropped = last >= 0 and remaining_m(path, last) > RELEASE_M
     return PushTrace(path, trace, np.zeros((len(path), 2)), contact, last, dropped)
 
 

@@ -11,6 +11,8 @@ import shapely
 from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.pushing import (
+    DirectPushSettings,
+    PushedObject,
     PushLimits,
     PushModel,
     centre_from_tag,
@@ -37,7 +39,13 @@ def doorway():
 
 
 def test_a_stool_in_a_doorway_is_pushed_through_and_aside(doorway):
-    plans = plan_direct_push(doorway, STOOL + PLACE, robot_m=(1.0, 2.0), blocked_path_m=PATH, reach_m=1.5)
+    plans = plan_direct_push(
+        doorway,
+        PushedObject(STOOL + PLACE),
+        robot_m=(1.0, 2.0),
+        blocked_path_m=PATH,
+        settings=DirectPushSettings(reach_m=1.5),
+    )
     assert plans
     free = doorway.cells.copy()
     free[37:43, 57:63] = 0
@@ -74,7 +82,10 @@ def test_a_corridor_without_room_has_no_plan():
     map = OccupancyMap(cells, 0.05)
     path = np.array([[0.5, 0.95], [5.5, 0.95]])
     assert (
-        plan_direct_push(map, STOOL + np.array([3.0, 0.95]), robot_m=(0.5, 0.95), blocked_path_m=path) == ()
+        plan_direct_push(
+            map, PushedObject(STOOL + np.array([3.0, 0.95])), robot_m=(0.5, 0.95), blocked_path_m=path
+        )
+        == ()
     )
 
 
@@ -87,12 +98,17 @@ def test_a_corridor_without_room_has_no_plan():
     ],
 )
 def test_what_cannot_be_pushed_has_no_plan(doorway, tag):
-    assert plan_direct_push(doorway, STOOL + PLACE, tag=tag) == ()
+    assert plan_direct_push(doorway, PushedObject(STOOL + PLACE, tag)) == ()
 
 
 def test_what_is_fixed_for_one_platform_is_not_for_a_stronger_one(doorway):
     tag = HapticTag(static_friction_N=Estimate(25.0, 1.0))
-    assert plan_direct_push(doorway, STOOL + PLACE, PushLimits(push_force_max_N=40.0), tag=tag, samples=0)
+    assert plan_direct_push(
+        doorway,
+        PushedObject(STOOL + PLACE, tag),
+        PushLimits(push_force_max_N=40.0),
+        settings=DirectPushSettings(samples=0),
+    )
 
 
 def test_the_contact_is_moved_to_the_centre_that_the_first_push_told():
@@ -118,11 +134,10 @@ def test_the_contact_is_moved_to_the_centre_that_the_first_push_told():
 def test_curves_are_tried_when_asked_for(doorway):
     plans = plan_direct_push(
         doorway,
-        STOOL + PLACE,
+        PushedObject(STOOL + PLACE),
         robot_m=(1.0, 2.0),
         blocked_path_m=PATH,
-        curvatures_per_m=(0.0, 1.0, -1.0),
-        samples=0,
+        settings=DirectPushSettings(curvatures_per_m=(0.0, 1.0, -1.0), samples=0),
     )
     assert any(abs(plan.path_m[-1, 2] - plan.path_m[0, 2]) > 0.1 for plan in plans)
     curved = next(plan for plan in plans if abs(plan.path_m[-1, 2] - plan.path_m[0, 2]) > 0.1)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from visuohaptic.core import InputError
 from visuohaptic.io.maps import OccupancyMap
-from visuohaptic.navigation.pushing import Footprint, goal_map, local_ground
+from visuohaptic.navigation.pushing import FootprintSamples, LocalCostmap, goal_map
 from visuohaptic.navigation.pushing._ground_kernels import blocked_parts, first_clash, fits
 
 RADIUS_M = 0.17
@@ -28,34 +28,34 @@ def rooms(door=True, yaw=0.0):
 
 def goals(map, place, **rest):
     outline = STOOL + place
-    ground = local_ground(map, outline, 1.5)
-    footprint = Footprint.of(STOOL, RADIUS_M, map.resolution_m)
-    return ground, goal_map(ground, footprint, (*place, 0.0), RADIUS_M, reach_m=1.5, **rest)
+    costmap = LocalCostmap.around(map, outline, 1.5)
+    footprint = FootprintSamples.of(STOOL, RADIUS_M, map.resolution_m)
+    return costmap, goal_map(costmap, footprint, (*place, 0.0), RADIUS_M, reach_m=1.5, **rest)
 
 
-def at(ground, layer, point):
-    row, column = ground.map.cell_from_world(np.array(point))
+def at(costmap, layer, point):
+    row, column = costmap.map.cell_from_world(np.array(point))
     return bool(layer[row, column])
 
 
 def test_open_floor_and_a_wall_are_goals_a_doorway_is_not():
-    ground, found = goals(rooms(), np.array([2.0, 2.0]))
-    assert at(ground, found.goal, (1.5, 2.0))
+    costmap, found = goals(rooms(), np.array([2.0, 2.0]))
+    assert at(costmap, found.goal, (1.5, 2.0))
     # Close to the wall in the middle: one part of the ring is blocked.
-    assert at(ground, found.goal, (2.65, 1.2))
+    assert at(costmap, found.goal, (2.65, 1.2))
     # In the doorway it fits, and two parts are blocked: a plug.
-    assert at(ground, found.free, (3.0, 2.0))
-    assert not at(ground, found.goal, (3.0, 2.0))
+    assert at(costmap, found.free, (3.0, 2.0))
+    assert not at(costmap, found.goal, (3.0, 2.0))
     # In the wall it does not fit.
-    assert not at(ground, found.free, (3.0, 1.2))
+    assert not at(costmap, found.free, (3.0, 1.2))
 
 
 def test_the_blocked_path_stays_free():
     path = np.array([[0.5, 2.0], [5.5, 2.0]])
-    ground, found = goals(rooms(), np.array([2.0, 2.0]), blocked_path_m=path)
-    assert not at(ground, found.goal, (1.5, 2.0))
-    assert not at(ground, found.goal, (1.5, 2.25))  # 0.1 m between outline and path
-    assert at(ground, found.goal, (1.5, 2.4))  # 0.25 m
+    costmap, found = goals(rooms(), np.array([2.0, 2.0]), blocked_path_m=path)
+    assert not at(costmap, found.goal, (1.5, 2.0))
+    assert not at(costmap, found.goal, (1.5, 2.25))  # 0.1 m between outline and path
+    assert at(costmap, found.goal, (1.5, 2.4))  # 0.25 m
 
 
 def test_a_turned_map_has_the_same_goals():
@@ -65,16 +65,18 @@ def test_a_turned_map_has_the_same_goals():
     map = rooms(yaw=0.5)
     place = rotation @ [2.0, 2.0]
     outline = STOOL @ rotation.T
-    ground = local_ground(map, outline + place, 1.5)
-    turned = goal_map(ground, Footprint.of(outline, RADIUS_M, 0.05), (*place, 0.0), RADIUS_M, reach_m=1.5)
+    costmap = LocalCostmap.around(map, outline + place, 1.5)
+    turned = goal_map(
+        costmap, FootprintSamples.of(outline, RADIUS_M, 0.05), (*place, 0.0), RADIUS_M, reach_m=1.5
+    )
     rows, columns = np.nonzero(
         straight.map.inside(np.stack(np.mgrid[: found.goal.shape[0], : found.goal.shape[1]], -1))
     )
     points = straight.map.world_from_cell(np.column_stack([rows, columns]))
     other = np.array(
         [
-            at(ground, turned.goal, rotation @ p)
-            if bool(ground.map.inside(ground.map.cell_from_world(rotation @ p)))
+            at(costmap, turned.goal, rotation @ p)
+            if bool(costmap.map.inside(costmap.map.cell_from_world(rotation @ p)))
             else False
             for p in points
         ]
@@ -87,13 +89,13 @@ def test_a_turned_map_has_the_same_goals():
 def test_the_object_itself_is_no_obstacle_and_unknown_is_one():
     map = rooms()
     map.cells[37:43, 37:43] = 100
-    ground, found = goals(map, np.array([2.0, 2.0]))
-    assert at(ground, found.goal, (2.1, 2.0))
+    costmap, found = goals(map, np.array([2.0, 2.0]))
+    assert at(costmap, found.goal, (2.1, 2.0))
     map.cells[60:, :] = -1
     outline = STOOL + np.array([2.0, 2.0])
-    seen = local_ground(map, outline, 1.5)
+    seen = LocalCostmap.around(map, outline, 1.5)
     assert not at(seen, seen.distance_m > 0, (2.0, 3.2))
-    bold = local_ground(map, outline, 1.5, unknown_is_free=True)
+    bold = LocalCostmap.around(map, outline, 1.5, unknown_is_free=True)
     assert at(bold, bold.distance_m > 0, (2.0, 3.2))
 
 
@@ -104,26 +106,28 @@ def test_kernels_do_what_plain_python_does(seed):
     cells = np.where(rng.random((30, 40)) < 0.06, 100, 0).astype(np.int8)
     map = OccupancyMap(cells, 0.05, (0.3, -0.2, float(rng.uniform(-3, 3))))
     centre = map.world_from_cell(np.array([15, 20]))
-    ground = local_ground(map, STOOL * 0.2 + centre, 2.0)
-    footprint = Footprint.of(STOOL, RADIUS_M, 0.05)
+    costmap = LocalCostmap.around(map, STOOL * 0.2 + centre, 2.0)
+    footprint = FootprintSamples.of(STOOL, RADIUS_M, 0.05)
     pose = (*(centre + rng.uniform(-0.3, 0.3, 2)), float(rng.uniform(-3, 3)))
     c, s = np.cos(pose[2]), np.sin(pose[2])
 
     def placed(points):
         return points @ np.array([[c, s], [-s, c]]) + pose[:2]
 
-    near = ground.distance_at(placed(footprint.ring_m)) < RADIUS_M
+    near = costmap.distance_at(placed(footprint.ring_m)) < RADIUS_M
     runs = int((near & ~np.roll(near, 1)).sum()) if not near.all() else 1
-    found = blocked_parts(ground.distance_m, ground.grid, footprint.ring_m, RADIUS_M, *pose)
+    found = blocked_parts(costmap.distance_m, costmap.grid, footprint.ring_m, RADIUS_M, *pose)
     assert found == runs
-    told = bool((ground.distance_at(placed(footprint.inner_m)) >= ground.margin_m).all())
-    assert fits(ground.distance_m, ground.grid, footprint.inner_m, ground.margin_m, 0.0, 99.0, *pose) == told
+    told = bool((costmap.distance_at(placed(footprint.inner_m)) >= costmap.margin_m).all())
+    assert (
+        fits(costmap.distance_m, costmap.grid, footprint.inner_m, costmap.margin_m, 0.0, 99.0, *pose) == told
+    )
     # The short cuts of two circles only say what the samples would.
     if fits(
-        ground.distance_m,
-        ground.grid,
+        costmap.distance_m,
+        costmap.grid,
         footprint.inner_m,
-        ground.margin_m,
+        costmap.margin_m,
         footprint.inside_m,
         footprint.reach_m,
         *pose,
@@ -133,22 +137,22 @@ def test_kernels_do_what_plain_python_does(seed):
 
 def test_a_footprint_off_the_map_is_refused():
     with pytest.raises(InputError, match="expected one on the map"):
-        local_ground(rooms(), STOOL + np.array([50.0, 50.0]), 1.0)
+        LocalCostmap.around(rooms(), STOOL + np.array([50.0, 50.0]), 1.0)
 
 
 def test_an_object_at_a_wall_may_leave_it_but_not_go_into_it():
     map = rooms(door=False)
     place = np.array([2.9 - 0.15, 2.0])  # its side is on the wall's cells
-    ground = local_ground(map, STOOL + place, 1.0)
-    footprint = Footprint.of(STOOL, RADIUS_M, 0.05)
+    costmap = LocalCostmap.around(map, STOOL + place, 1.0)
+    footprint = FootprintSamples.of(STOOL, RADIUS_M, 0.05)
 
     def clash(step):
         poses = np.column_stack([place + np.arange(20)[:, None] * np.array(step), np.zeros(20)])
         return first_clash(
-            ground.distance_m,
-            ground.grid,
+            costmap.distance_m,
+            costmap.grid,
             footprint.inner_m,
-            ground.margin_m,
+            costmap.margin_m,
             footprint.inside_m,
             footprint.reach_m,
             poses,

@@ -16,13 +16,13 @@ from visuohaptic.navigation.planning import (
     after_failure,
     after_push,
     alternatives,
+    build_search_domain,
     grid_from_world,
     make_plan,
-    push_world,
     search_pushes,
     without_pushing,
 )
-from visuohaptic.navigation.planning.oracle import prove, solve_exact
+from visuohaptic.navigation.planning.oracle import certify, solve_exact
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, plan_from_json
 
 from .plan_check import faults
@@ -128,7 +128,7 @@ def test_clearing_one_passage_does_not_block_the_next():
     if plan.reachable:
         assert faults(problem, plan) == []
     else:
-        assert prove(problem).reachable is False
+        assert certify(problem).reachable is False
 
 
 def test_an_unknown_object_is_explored_first_and_only_when_that_is_expected_to_pay():
@@ -196,7 +196,7 @@ def test_random_scenes_against_the_exact_oracle(seed):
     objects = 1 + seed % 2
     problem = random_scene(rng, objects, 30 if objects == 1 else 20)
     oracle = solve_exact(problem)
-    world = push_world(problem)
+    world = build_search_domain(problem)
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     result = search_pushes(world, start, goal)
     assert result.found == oracle.reachable
@@ -212,7 +212,7 @@ def test_random_scenes_against_the_exact_oracle(seed):
 def test_the_search_says_when_it_gave_up():
     problem = corridor(STOOL, STOOL, STOOL)
     result = search_pushes(
-        push_world(problem),
+        build_search_domain(problem),
         grid_from_world(problem.map, problem.start_m),
         grid_from_world(problem.map, problem.goal_m),
         limits=SearchLimits(expansions=1),

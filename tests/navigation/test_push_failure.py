@@ -15,7 +15,7 @@ def test_a_short_push_of_a_box_holds_and_one_beside_its_centre_does_not():
     def failure(aside):
         path = line_path(np.array([0.0, aside]), np.array([0.5, aside]))
         return simulated_failure(
-            model, (0.33, 0.0, 0.0), path, 0.17, rng, doubt=PushUncertainty(), samples=40
+            model, (0.33, 0.0, 0.0), path, 0.17, rng, uncertainty=PushUncertainty(), samples=40
         )
 
     assert failure(0.0) < 0.3
@@ -27,9 +27,11 @@ def test_an_object_drawn_into_the_platform_is_met_earlier():
     plank = np.array([[-0.05, -0.4], [0.05, -0.4], [0.05, 0.4], [-0.05, 0.4]])
     model, rng = PushModel.patch(plank, 0.3), np.random.default_rng(2)
     path = line_path(np.array([0.0, 0.3]), np.array([0.3, 0.3]))
-    doubt = PushUncertainty(place_m=0.03, yaw_rad=0.15)
+    uncertainty = PushUncertainty(place_m=0.03, yaw_rad=0.15)
     for _ in range(5):
-        fraction = simulated_failure(model, (0.22, 0.0, 0.0), path, 0.17, rng, doubt=doubt, samples=40)
+        fraction = simulated_failure(
+            model, (0.22, 0.0, 0.0), path, 0.17, rng, uncertainty=uncertainty, samples=40
+        )
         assert 0.5 < fraction <= 1.0
 
 

@@ -9,11 +9,11 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
 from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
-from visuohaptic.navigation.planning._push_search_kernels import (
+from visuohaptic.navigation.planning._push_search_kernels import free_push_steps
+from visuohaptic.navigation.planning._travel_kernels import (
     FAR,
     UNITS,
     flood,
-    free_push_steps,
     segment_cost,
     string_pull,
     travel_field,
@@ -25,7 +25,7 @@ from .plan_scenes import box
 RADIUS, SLOW = 2.0, 6.0
 
 
-def price(clearance):
+def cost_per_cell(clearance):
     fraction = np.clip((clearance / RADIUS - 1) / 2, 0, 1)
     return SLOW + fraction * (1 - SLOW)
 
@@ -34,7 +34,7 @@ def plain_field(clearance, source):
     """The same costs in floating point on a graph of SciPy's."""
     rows, columns = clearance.shape
     free = clearance >= RADIUS
-    cost = price(clearance)
+    cost = cost_per_cell(clearance)
     entries = []
     for r, c in np.argwhere(free):
         for dr in (-1, 0, 1):

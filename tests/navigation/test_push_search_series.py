@@ -37,18 +37,18 @@ def test_doors_in_series(doors):
 def test_the_hasty_pass_changes_no_cheapest_plan():
     problem = series(1)
     with_it = make_plan(problem)
-    without = make_plan(problem, limits=SearchLimits(weighted_expansions=0))
+    without = make_plan(problem, limits=SearchLimits(opening_expansions=0))
     assert with_it.cost_s == pytest.approx(without.cost_s, abs=1e-6)
 
 
 def test_contacts_follow_the_learnt_centre_of_friction():
-    from visuohaptic.navigation.planning import push_world, world_from_grid
+    from visuohaptic.navigation.planning import build_search_domain, world_from_grid
 
     problem = series(1)
     stool = problem.objects[0]
     moved = MovableObject(stool.id, stool.footprint_m, stool.tag, friction_offset_m=(0.0, 0.1))
     told = PlanningProblem(problem.map, ROBOT, problem.start_m, problem.goal_m, (moved,))
-    body = push_world(told).bodies[0]
+    body = build_search_domain(told).bodies[0]
     centre = stool.centre_m + np.array([0.0, 0.1])
     for push in body.contacts:
         robot = world_from_grid(told.map, body.centre + push.robot)

@@ -177,7 +177,7 @@ def test_an_object_that_is_passed_stays_where_it_is():
         PushModel.patch(SQUARE), (0.5, 0.5, 0.2), line_path(np.zeros(2), np.array([1.0, 0.0])), RADIUS_M
     )
     assert not trace.touched
-    assert not trace.dropped
+    assert not trace.released
     assert trace.moved_m == 0.0
 
 

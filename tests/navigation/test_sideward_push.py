@@ -1,4 +1,4 @@
-"""Sideward pushes drop the object before the end, and what fails is told why."""
+"""Sideward pushes release the object before the end, and each failure is named."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import shapely
 from visuohaptic.core import HapticTag, InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.pushing import (
-    Footprint,
-    Outcome,
+    LocalCostmap,
+    PushedObject,
+    PushLimits,
     PushModel,
-    judge_push,
+    PushScene,
+    SidewardOutcome,
+    SidewardPushSettings,
+    evaluate_push,
     line_path,
-    local_ground,
     plan_sideward_push,
 )
 
@@ -44,7 +47,7 @@ def check(map, plan, place):
     walls = shapely.union_all(
         shapely.box(columns * 0.05, rows * 0.05, columns * 0.05 + 0.05, rows * 0.05 + 0.05)
     )
-    assert plan.outcome is Outcome.DROPPED
+    assert plan.outcome is SidewardOutcome.RELEASED
     assert shapely.LineString(plan.path_m[:, :2]).distance(walls) > RADIUS_M - 0.05
     for x, y, yaw in plan.trace.object_m[:: max(1, len(plan.path_m) // 15)]:
         c, s = np.cos(yaw), np.sin(yaw)
@@ -57,7 +60,7 @@ def check(map, plan, place):
 
 
 def test_a_box_in_a_hall_is_brushed_aside(hall):
-    plans = plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (4.5, 2.0))
+    plans = plan_sideward_push(hall, PushedObject(BOX + PLACE), (1.5, 2.0), (4.5, 2.0))
     assert plans
     for plan in plans[:5]:
         check(hall, plan, PLACE)
@@ -67,35 +70,39 @@ def test_a_box_in_a_hall_is_brushed_aside(hall):
 
 def test_a_box_in_a_corridor_needs_the_bay(corridor):
     place = np.array([3.0, 2.0])
-    for plan in plan_sideward_push(corridor, BOX + place, (1.5, 2.0), (4.5, 2.0), samples=8)[:3]:
+    settings = SidewardPushSettings(samples=8)
+    for plan in plan_sideward_push(
+        corridor, PushedObject(BOX + place), (1.5, 2.0), (4.5, 2.0), settings=settings
+    )[:3]:
         check(corridor, plan, place)
     closed = OccupancyMap(corridor.cells.copy(), 0.05)
     closed.cells[45:, :] = 100
     # 0.6 m; box 0.3 m and platform 0.34 m wide.
-    assert plan_sideward_push(closed, BOX + place, (1.5, 2.0), (4.5, 2.0), samples=0) == ()
+    assert plan_sideward_push(closed, PushedObject(BOX + place), (1.5, 2.0), (4.5, 2.0)) == ()
 
 
 def test_each_failure_has_its_name(hall):
     model = PushModel.patch(BOX)
-    ground = local_ground(hall, BOX + PLACE, 2.5)
-    footprint = Footprint.of(BOX, RADIUS_M, 0.05)
+    costmap = LocalCostmap.around(hall, BOX + PLACE, 2.5)
+    scene = PushScene.with_model(costmap, model, (3.0, 2.0, 0.0), PushLimits(RADIUS_M))
 
-    def outcome(begin, end, place=(3.0, 2.0, 0.0)):
-        return judge_push(
-            ground, footprint, model, place, line_path(np.array(begin), np.array(end)), RADIUS_M
-        )[0]
+    def outcome(start, end):
+        return evaluate_push(scene, line_path(np.array(start), np.array(end)))[0]
 
-    assert outcome((2.5, 2.0), (3.5, 2.0)) is Outcome.CONTACT
-    assert outcome((2.5, 2.6), (3.5, 2.6)) is Outcome.UNTOUCHED
-    assert outcome((2.5, 2.25), (3.9, 2.25)) is Outcome.DROPPED
-    assert outcome((3.0, 2.5), (3.0, 0.4)) is Outcome.COLLISION
-    assert outcome((2.5, 3.9), (3.5, 3.9)) is Outcome.BLOCKED
+    assert outcome((2.5, 2.0), (3.5, 2.0)) is SidewardOutcome.CONTACT
+    assert outcome((2.5, 2.6), (3.5, 2.6)) is SidewardOutcome.UNTOUCHED
+    assert outcome((2.5, 2.25), (3.9, 2.25)) is SidewardOutcome.RELEASED
+    assert outcome((3.0, 2.5), (3.0, 0.4)) is SidewardOutcome.COLLISION
+    assert outcome((2.5, 3.9), (3.5, 3.9)) is SidewardOutcome.BLOCKED
 
 
 def test_a_fixed_object_is_never_pushed(hall):
-    assert plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (4.5, 2.0), tag=HapticTag(fixed=True)) == ()
+    assert (
+        plan_sideward_push(hall, PushedObject(BOX + PLACE, HapticTag(fixed=True)), (1.5, 2.0), (4.5, 2.0))
+        == ()
+    )
 
 
 def test_the_way_has_to_lead_somewhere(hall):
     with pytest.raises(InputError, match="expected two places"):
-        plan_sideward_push(hall, BOX + PLACE, (1.5, 2.0), (1.5, 2.0))
+        plan_sideward_push(hall, PushedObject(BOX + PLACE), (1.5, 2.0), (1.5, 2.0))

@@ -15,7 +15,12 @@ from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.planner import pull_string
 from ..navigation.planning.policies import without_pushing
-from ..navigation.planning.search_domain import fill_cells, grid_from_world, push_world, world_from_grid
+from ..navigation.planning.search_domain import (
+    build_search_domain,
+    fill_cells,
+    grid_from_world,
+    world_from_grid,
+)
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.mobile.laser import SimulatedLaser
@@ -129,7 +134,7 @@ def _round() -> Float[np.ndarray, "n 3"]:
     """Poses of the first round, every ten centimetres."""
     grid = office_map()
     problem = PlanningProblem(grid, RobotModel(0.25), np.array(ROUND[0]), np.array(ROUND[-1]))
-    world = push_world(problem, pushes=False)
+    world = build_search_domain(problem, pushes=False)
     clearance = world.clearance_with(np.zeros((0, 2)))
     parts = []
     for begin, end in itertools.pairwise(ROUND):

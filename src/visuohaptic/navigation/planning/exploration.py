@@ -9,17 +9,17 @@ import numpy as np
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
-from .planner import plan_world, pull_string
-from .push_search import STAND_OFF
+from .planner import plan_in_domain, pull_string
 from .push_states import SearchLimits
-from .search_domain import grid_from_world, push_world, world_from_grid
+from .push_successors import STAND_OFF
+from .search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["via_exploration"]
 
 
 def via_exploration(
     problem: PlanningProblem,
-    item: MovableObject,
+    obj: MovableObject,
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
 ) -> Plan:
@@ -28,18 +28,18 @@ def via_exploration(
     The contact is the one that is reached cheapest without pushing anything.
     """
     costs = costs or PushCosts()
-    world = push_world(problem, costs)
-    index = next((k for k, body in enumerate(world.bodies) if body.item.id == item.id), None)
-    refused = Plan(False, reason=f"{item.id} cannot be touched from where the robot gets")
+    domain = build_search_domain(problem, costs)
+    index = next((k for k, body in enumerate(domain.bodies) if body.obj.id == obj.id), None)
+    refused = Plan(False, reason=f"{obj.id} cannot be touched from where the robot gets")
     if index is None:
         return refused
-    body = world.bodies[index]
-    clearance = world.clearance_with(np.zeros((len(world.bodies), 2)))
+    body = domain.bodies[index]
+    clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
     start = grid_from_world(problem.map, problem.start_m)
     ways = []
     for contact in body.contacts:
         stand = body.centre + contact.robot - STAND_OFF * contact.direction
-        path, cost = pull_string(world, clearance, start, stand)
+        path, cost = pull_string(domain, clearance, start, stand)
         if len(path):
             ways.append((cost, path, contact))
     if not ways:
@@ -49,19 +49,19 @@ def via_exploration(
     contact_m = world_from_grid(problem.map, body.centre + contact.contact)
     drive = Task(
         "navigate",
-        world.seconds(cost),
+        domain.seconds(cost),
         float(np.hypot(*np.diff(path_m, axis=0).T).sum()),
         tuple((float(x), float(y)) for x, y in path_m),
     )
     touch = Task(
         "explore",
         costs.explore_time_s,
-        object=item.id,
+        object=obj.id,
         contact_m=(float(contact_m[0]), float(contact_m[1])),
-        failure_probability=failure_probability(item.tag, 0.0, problem.robot, costs),
+        failure_probability=failure_probability(obj.tag, 0.0, problem.robot, costs),
     )
     onward = replace(problem, start_m=path_m[-1])
-    rest = plan_world(onward, push_world(onward, costs, unknown=False), costs, limits)
+    rest = plan_in_domain(onward, build_search_domain(onward, costs, unknown=False), costs, limits)
     if not rest.reachable:
         return replace(rest, tasks=())
     return replace(rest, tasks=(*((drive,) if len(path) > 1 else ()), touch, *rest.tasks))

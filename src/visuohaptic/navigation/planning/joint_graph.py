@@ -274,7 +274,7 @@ class _Builder:
     """Arrays that all nodes of one extension share."""
 
     def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
-        from ._push_search_kernels import UNITS
+        from ._travel_kernels import UNITS
 
         self.visual, self.regions, self.robot = visual, regions, robot
         self.map = regions.layers.map

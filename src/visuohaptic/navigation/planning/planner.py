@@ -9,58 +9,58 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
 from .push_search import search_pushes
-from .push_states import PushStep, SearchLimits, SearchResult, anchors
-from .search_domain import PushWorld, grid_from_world, world_from_grid
+from .push_states import PushStep, SearchLimits, SearchResult, seed_cells
+from .search_domain import SearchDomain, grid_from_world, world_from_grid
 
-__all__ = ["assemble", "plan_world"]
+__all__ = ["assemble", "plan_in_domain"]
 
 #: Points of a grid path that one straight piece may span.
-TAUT_WINDOW = 80
+STRING_WINDOW = 80
 #: Corners are cut at most so many times.
-TAUT_ROUNDS = 12
+STRING_ROUNDS = 12
 
 
-def plan_world(
+def plan_in_domain(
     problem: PlanningProblem,
-    world: PushWorld,
+    domain: SearchDomain,
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
     *,
     name: str = "cheapest",
-    told: PushCosts | None = None,
+    report_costs: PushCosts | None = None,
 ) -> Plan:
-    """Search and assemble a plan in a world that was prepared before.
+    """Search and assemble a plan in a domain that was prepared before.
 
     Parameters
     ----------
     problem
-        Start and goal; its map and objects are those that ``world`` was made from.
-    world
-        From :func:`~visuohaptic.navigation.planning.search_domain.push_world`.
+        Start and goal; its map and objects are those that ``domain`` was made from.
+    domain
+        From :func:`~visuohaptic.navigation.planning.search_domain.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
     name
         Side condition, for the plan's label.
-    told
+    report_costs
         What the tasks' seconds are computed with, where ``costs`` weighs something else than time.
     """
     costs = costs or PushCosts()
     start = grid_from_world(problem.map, problem.start_m)
     goal = grid_from_world(problem.map, problem.goal_m)
-    result = search_pushes(world, start, goal, costs, limits)
-    return assemble(problem, world, result, told or costs, name=name)
+    result = search_pushes(domain, start, goal, costs, limits)
+    return assemble(problem, domain, result, report_costs or costs, name=name)
 
 
 def assemble(
     problem: PlanningProblem,
-    world: PushWorld,
+    domain: SearchDomain,
     result: SearchResult,
     costs: PushCosts,
     *,
     name: str = "cheapest",
 ) -> Plan:
     """Tasks of a search result: driving pulled taut, pushes with contact, goal and risk."""
-    notes = _notes(world)
+    notes = _notes(domain)
     if not result.found:
         return Plan(
             False,
@@ -72,32 +72,32 @@ def assemble(
         )
     tasks: list[Task] = []
     at = grid_from_world(problem.map, problem.start_m)
-    shifts = np.zeros((len(world.bodies), 2))
+    shifts = np.zeros((len(domain.bodies), 2))
     for step in result.steps:
-        tasks += _drive(world, shifts, at, step.stand_before)
-        tasks += _push_tasks(world, step, costs)
-        at, shifts = step.stand_after, step.shifts_after
-    tasks += _drive(world, shifts, at, grid_from_world(problem.map, problem.goal_m))
+        tasks += _drive(domain, shifts, at, step.approach)
+        tasks += _push_tasks(domain, step, costs)
+        at, shifts = step.retreat, step.shifts_after
+    tasks += _drive(domain, shifts, at, grid_from_world(problem.map, problem.goal_m))
     return Plan(True, tuple(tasks), expanded=result.expanded, name=name, notes=notes)
 
 
 def _drive(
-    world: PushWorld,
+    domain: SearchDomain,
     shifts: Float[np.ndarray, "bodies 2"],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> list[Task]:
-    clearance = world.clearance_with(shifts)
-    path, cost = pull_string(world, clearance, start, goal)
+    clearance = domain.clearance_with(shifts)
+    path, cost = pull_string(domain, clearance, start, goal)
     if len(path) < 2:
         return []
-    path_m = world_from_grid(world.map, path)
+    path_m = world_from_grid(domain.map, path)
     length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
-    return [Task("navigate", world.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
+    return [Task("navigate", domain.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
 
 
 def pull_string(
-    world: PushWorld,
+    domain: SearchDomain,
     clearance: Float32[np.ndarray, "rows columns"],
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
@@ -108,13 +108,13 @@ def pull_string(
     -------
     corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is no way
     """
-    from ._push_search_kernels import FAR, UNITS, string_pull, travel_field
+    from ._travel_kernels import FAR, UNITS, string_pull, travel_field
 
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
-    radius, slow = world.radius, world.slow
-    cells, costs = anchors(clearance, start, radius, slow, UNITS, reach=2)
-    ends, end_costs = anchors(clearance, goal, radius, slow, UNITS, reach=1)
+    radius, slow = domain.radius, domain.slow
+    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=2)
+    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1)
     nothing = np.zeros((0, 0), np.int32)
     none = np.zeros(0, np.int32)
     if not cells.size or not ends.size:
@@ -131,15 +131,15 @@ def pull_string(
         cell = int(came[cell])
     points.append(start)
     path = np.array(points[::-1])
-    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, TAUT_WINDOW)
+    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
     path = path[kept]
     # A second look joins pieces that were cut by the window.
-    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, TAUT_WINDOW)
+    kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
     path = path[kept]
     # The way over cells knows eight directions only; chords between points along it cut its corners.
-    for _ in range(TAUT_ROUNDS):
-        dense = _resampled(path, TAUT_WINDOW)
-        kept, cost_now = string_pull(clearance, radius, slow, dense, TAUT_WINDOW)
+    for _ in range(STRING_ROUNDS):
+        dense = _resampled(path, STRING_WINDOW)
+        kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
         if not cost_now < string_pulled_cost:
             break
         gain = 1.0 - cost_now / string_pulled_cost
@@ -158,8 +158,8 @@ def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, 
     return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
 
 
-def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task]:
-    body = world.bodies[step.body]
+def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:
+    body = domain.bodies[step.body]
     contact = body.contacts[step.contact]
     before, after = step.shifts_before[step.body], step.shifts_after[step.body]
     grid = np.array(
@@ -167,15 +167,15 @@ def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task
             body.centre + before + contact.contact,
             body.centre + after,
             body.centre + before,
-            step.stand_before,
-            step.stand_before + after - before + (step.touch - step.stand_before),
-            step.stand_after,
+            step.approach,
+            step.approach + after - before + (step.touch - step.approach),
+            step.retreat,
         ]
     )
-    contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(world.map, grid)
+    contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    price = push_cost(body.item.tag, length_m, world.robot, costs, oblique=contact.oblique)
+    price = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []
@@ -185,7 +185,7 @@ def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task
             Task(
                 "explore",
                 costs.explore_time_s,
-                object=body.item.id,
+                object=body.obj.id,
                 contact_m=_pair(contact_m),
                 failure_probability=price.failure_probability,
             )
@@ -200,7 +200,7 @@ def _push_tasks(world: PushWorld, step: PushStep, costs: PushCosts) -> list[Task
             cost_s,
             driven_m,
             path_m,
-            body.item.id,
+            body.obj.id,
             _pair(contact_m),
             _pair(goal_m),
             _pair(moved_m),
@@ -214,7 +214,7 @@ def _pair(point: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _notes(world: PushWorld) -> tuple[str, ...]:
-    notes = [f"{item.id} is not pushed: {world.why_immovable[item.id]}" for item in world.immovable]
-    notes += [f"{body.item.id} has no stable contact" for body in world.bodies if not body.contacts]
+def _notes(domain: SearchDomain) -> tuple[str, ...]:
+    notes = [f"{obj.id} is not pushed: {domain.why_immovable[obj.id]}" for obj in domain.immovable]
+    notes += [f"{body.obj.id} has no stable contact" for body in domain.bodies if not body.contacts]
     return tuple(notes)

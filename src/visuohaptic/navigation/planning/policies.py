@@ -10,18 +10,18 @@ from ...core.objects import HapticTag
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts
-from .planner import plan_world
+from .planner import plan_in_domain
 from .push_states import SearchLimits
-from .search_domain import push_world
+from .search_domain import build_search_domain
 
 __all__ = ["alternatives", "make_plan", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Slanting pushes are searched with this share of the budget: they are a last resort.
-SLANTING_SHARE = 0.25
+#: Oblique pushes are searched with this share of the budget: they are a last resort.
+OBLIQUE_BUDGET = 0.25
 #: ... of which little goes to the cheapest one: that there is one at all is what counts.
-SLANTING_FIRST, SLANTING_GREED = 60, (4.0,)
+OBLIQUE_FIRST, OBLIQUE_WEIGHTS = 60, (4.0,)
 #: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
 MAX_UNKNOWN = 5
 
@@ -43,28 +43,30 @@ def make_plan(
         What the text leaves open; how long to search.
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    unknown = [item for item in problem.objects if item.tag is None]
-    sure = _planned(problem, costs, limits, unknown=False)
-    if sure.pushes:
+    unknown = [obj for obj in problem.objects if obj.tag is None]
+    safe_plan = _planned(problem, costs, limits, unknown=False)
+    if safe_plan.pushes:
         # The search compares estimates on the grid; what is driven is pulled taut.
         around = without_pushing(problem, limits)
-        if around.reachable and around.cost_s < sure.cost_s:
-            sure = replace(around, name=sure.name, notes=sure.notes)
+        if around.reachable and around.cost_s < safe_plan.cost_s:
+            safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes)
     if not unknown:
-        return sure
+        return safe_plan
     risky_plan = _planned(problem, costs, limits, unknown=True)
     first = next((i for i, task in enumerate(risky_plan.tasks) if task.kind == "explore"), None)
     if not risky_plan.reachable or first is None:
-        return sure if sure.reachable else risky_plan
+        return safe_plan if safe_plan.reachable else risky_plan
     expected_s = _expected(problem, risky_plan, first, costs, limits)
-    if sure.reachable and sure.cost_s <= expected_s:
-        return sure
+    if safe_plan.reachable and safe_plan.cost_s <= expected_s:
+        return safe_plan
     return replace(risky_plan, expected_s=expected_s)
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
     """The cheapest plan that leaves everything where it is."""
-    return plan_world(problem, push_world(problem, pushes=False), None, limits, name="no pushing")
+    return plan_in_domain(
+        problem, build_search_domain(problem, pushes=False), None, limits, name="no pushing"
+    )
 
 
 def alternatives(
@@ -72,7 +74,9 @@ def alternatives(
 ) -> dict[str, Plan]:
     """Plans under side conditions: cheapest, most reliable, no pushing, most information."""
     costs, limits = costs or PushCosts(), limits or SearchLimits()
-    reliable = _planned(problem, replace(costs, risk_s=RELIABLE_RISK_S), limits, unknown=True, told=costs)
+    reliable = _planned(
+        problem, replace(costs, risk_s=RELIABLE_RISK_S), limits, unknown=True, report_costs=costs
+    )
     cheapest = make_plan(problem, costs, limits)
     free = without_pushing(problem, limits)
     found = {
@@ -94,22 +98,22 @@ def _planned(
     limits: SearchLimits,
     *,
     unknown: bool,
-    told: PushCosts | None = None,
+    report_costs: PushCosts | None = None,
 ) -> Plan:
-    world = push_world(problem, costs, unknown=unknown)
-    found = plan_world(problem, world, costs, limits, told=told)
-    if found.reachable or not world.bodies:
+    domain = build_search_domain(problem, costs, unknown=unknown)
+    found = plan_in_domain(problem, domain, costs, limits, report_costs=report_costs)
+    if found.reachable or not domain.bodies:
         return found
-    # Slanting pushes hold by friction alone: only where nothing else opens a way.
-    world = push_world(problem, costs, unknown=unknown, oblique=True)
+    # Oblique pushes hold by friction alone: only where nothing else opens a way.
+    domain = build_search_domain(problem, costs, unknown=unknown, oblique=True)
     less = replace(
         limits,
-        expansions=max(1, int(limits.expansions * SLANTING_SHARE)),
-        first_expansions=min(limits.first_expansions, SLANTING_FIRST),
-        heuristic_weight=SLANTING_GREED,
+        expansions=max(1, int(limits.expansions * OBLIQUE_BUDGET)),
+        first_expansions=min(limits.first_expansions, OBLIQUE_FIRST),
+        heuristic_weights=OBLIQUE_WEIGHTS,
     )
-    slanting = plan_world(problem, world, costs, less, told=told)
-    return slanting if slanting.reachable or not slanting.proved else found
+    oblique = plan_in_domain(problem, domain, costs, less, report_costs=report_costs)
+    return oblique if oblique.reachable or not oblique.proved else found
 
 
 def _expected(
@@ -119,14 +123,14 @@ def _expected(
     explore = risky_plan.tasks[first]
     before_s = sum(task.cost_s for task in risky_plan.tasks[: first + 1])
     after_s = sum(task.cost_s for task in risky_plan.tasks[first + 1 :])
-    stand_m = next((task.path_m[-1] for task in reversed(risky_plan.tasks[:first]) if task.path_m), None)
-    at = problem.start_m if stand_m is None else np.array(stand_m)
+    retreat_m = next((task.path_m[-1] for task in reversed(risky_plan.tasks[:first]) if task.path_m), None)
+    at = problem.start_m if retreat_m is None else np.array(retreat_m)
     refused = replace(
         problem,
         start_m=at,
         objects=tuple(
-            replace(item, tag=HapticTag(fixed=True)) if item.id == explore.object else item
-            for item in problem.objects
+            replace(obj, tag=HapticTag(fixed=True)) if obj.id == explore.object else obj
+            for obj in problem.objects
         ),
     )
     other = _planned(refused, costs, limits, unknown=False)
@@ -138,30 +142,30 @@ def _most_information(
     problem: PlanningProblem, costs: PushCosts, limits: SearchLimits, cheapest: Plan
 ) -> Plan:
     """The plan that learns most per second: of what it touches, the entropy of "it moves"."""
-    world = push_world(problem, costs)
+    domain = build_search_domain(problem, costs)
     middle = 0.5 * (problem.start_m + problem.goal_m)
-    doubtful = sorted(
-        (body.item for body in world.bodies if _entropy(body.item, costs) > 0.3),
-        key=lambda item: float(np.hypot(*(item.centre_m - middle))),
+    uncertain = sorted(
+        (body.obj for body in domain.bodies if _entropy(body.obj, costs) > 0.3),
+        key=lambda obj: float(np.hypot(*(obj.centre_m - middle))),
     )
     best, best_rate = cheapest, _rate(problem, cheapest, costs)
-    for item in doubtful[:MAX_UNKNOWN]:
+    for obj in uncertain[:MAX_UNKNOWN]:
         from .exploration import via_exploration
 
-        plan = via_exploration(problem, item, costs, limits)
+        plan = via_exploration(problem, obj, costs, limits)
         rate = _rate(problem, plan, costs)
         if rate > best_rate:
             best, best_rate = plan, rate
     return best
 
 
-def _entropy(item: MovableObject, costs: PushCosts) -> float:
+def _entropy(obj: MovableObject, costs: PushCosts) -> float:
     """Bits that touching an object once yields: of its probability to move."""
-    if item.tag is None:
+    if obj.tag is None:
         p = costs.unknown_movable
     else:
-        tries = max(item.tag.explored, item.tag.failed)
-        p = (item.tag.failed + costs.prior_failures) / (tries + costs.prior_failures + costs.prior_successes)
+        tries = max(obj.tag.explored, obj.tag.failed)
+        p = (obj.tag.failed + costs.prior_failures) / (tries + costs.prior_failures + costs.prior_successes)
     return float(-(p * np.log2(p) + (1 - p) * np.log2(1 - p))) if 0 < p < 1 else 0.0
 
 
@@ -169,5 +173,5 @@ def _rate(problem: PlanningProblem, plan: Plan, costs: PushCosts) -> float:
     if not plan.reachable:
         return -1.0
     touched = {task.object for task in plan.tasks if task.kind in {"push", "explore"}}
-    bits = sum(_entropy(item, costs) for item in problem.objects if item.id in touched)
+    bits = sum(_entropy(obj, costs) for obj in problem.objects if obj.id in touched)
     return bits / max(plan.cost_s, 1e-9)

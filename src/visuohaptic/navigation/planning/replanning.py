@@ -40,21 +40,21 @@ def after_push(
     turn_rad
         By which the object has turned, about its centroid.
     """
-    item = _object(problem, id)
-    tag = item.tag or HapticTag()
+    obj = _object(problem, id)
+    tag = obj.tag or HapticTag()
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     turned = np.array([[c, s], [-s, c]])
-    aside_m = np.array(item.friction_offset_m) @ turned
+    aside_m = np.array(obj.friction_offset_m) @ turned
     moved = replace(
-        item,
-        footprint_m=(item.footprint_m - item.centre_m) @ turned + item.centre_m + np.asarray(displacement_m),
+        obj,
+        footprint_m=(obj.footprint_m - obj.centre_m) @ turned + obj.centre_m + np.asarray(displacement_m),
         friction_offset_m=(float(aside_m[0]), float(aside_m[1])),
         tag=tag.updated(explored=tag.explored + 1, fixed=False),
     )
     grid = problem.map
     blocked = grid.cells >= OBSTACLE_FROM
     before = blocked.copy()
-    clear_cells(blocked, grid_from_world(grid, item.footprint_m))
+    clear_cells(blocked, grid_from_world(grid, obj.footprint_m))
     cells = grid.cells.copy()
     cells[before & ~blocked] = FREE
     filled = np.zeros(grid.shape, dtype=bool)
@@ -71,12 +71,12 @@ def after_failure(
     With ``fixed`` no plan goes through this object until it was explored again;
     without, as after an object that slipped away, the next push is only thought less reliable.
     """
-    item = _object(problem, id)
-    tag = item.tag or HapticTag()
+    obj = _object(problem, id)
+    tag = obj.tag or HapticTag()
     failed = tag.updated(explored=tag.explored + 1, failed=tag.failed + 1)
     if fixed:
         failed = failed.updated(fixed=True)
-    return _with(problem, replace(item, tag=failed), robot_m)
+    return _with(problem, replace(obj, tag=failed), robot_m)
 
 
 def after_exploration(
@@ -87,10 +87,10 @@ def after_exploration(
 
 
 def _object(problem: PlanningProblem, id: str) -> MovableObject:
-    for item in problem.objects:
-        if item.id == id:
-            return item
-    names = ", ".join(item.id for item in problem.objects) or "none"
+    for obj in problem.objects:
+        if obj.id == id:
+            return obj
+    names = ", ".join(obj.id for obj in problem.objects) or "none"
     raise InputError("problem", f"has no object '{id}', there are: {names}", field="objects")
 
 
@@ -100,5 +100,5 @@ def _with(
     robot_m: Float[np.ndarray, "2"],
     grid: OccupancyMap | None = None,
 ) -> PlanningProblem:
-    objects = tuple(changed if item.id == changed.id else item for item in problem.objects)
+    objects = tuple(changed if obj.id == changed.id else obj for obj in problem.objects)
     return replace(problem, map=grid or problem.map, start_m=np.asarray(robot_m), objects=objects)

@@ -1,4 +1,4 @@
-"""The world that the search over pushes moves in: what never moves, and where each object is.
+"""The domain that the search over pushes moves in: what never moves, and where each object is.
 
 Everything here is in grid coordinates: cells, x along the columns and y along
 the rows of the map, so that a turned origin needs no thought further in.
@@ -20,11 +20,11 @@ from ..pushing.contact_candidates import PushContact, push_contacts
 
 __all__ = [
     "Body",
-    "PushWorld",
+    "SearchDomain",
+    "build_search_domain",
     "clear_cells",
     "fill_cells",
     "grid_from_world",
-    "push_world",
     "world_from_grid",
 ]
 
@@ -40,7 +40,7 @@ MAX_PATCHES = 5000
 class Body:
     """A pushable object in grid coordinates, where the map has it."""
 
-    item: MovableObject
+    obj: MovableObject
     outline: Float[np.ndarray, "p 2"]
     samples: Float[np.ndarray, "k 2"]  #: points along the outline, a little inside
     around: Float[np.ndarray, "m 2"]  #: points the robot's ``push_margin_m`` outside; none without a margin
@@ -50,7 +50,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PushWorld:
+class SearchDomain:
     """Static map and pushable bodies."""
 
     map: OccupancyMap
@@ -128,14 +128,14 @@ def world_from_grid(
     return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
 
 
-def push_world(
+def build_search_domain(
     problem: PlanningProblem,
     costs: PushCosts | None = None,
     *,
     pushes: bool = True,
     unknown: bool = True,
     oblique: bool = False,
-) -> PushWorld:
+) -> SearchDomain:
     """Separate a map into what never moves and the bodies that may be pushed.
 
     Parameters
@@ -161,33 +161,33 @@ def push_world(
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
-    for item in problem.objects:
-        outline = grid_from_world(grid, item.footprint_m)
+    for obj in problem.objects:
+        outline = grid_from_world(grid, obj.footprint_m)
         clear_cells(occupied, outline)
-        allowed = manipulability(item.tag, robot, costs)
+        allowed = manipulability(obj.tag, robot, costs)
         if not pushes or not allowed.possible or (allowed.unknown and not unknown):
-            fixed.append(item)
-            why[item.id] = allowed.reason or "objects stay where they are"
+            fixed.append(obj)
+            why[obj.id] = allowed.reason or "objects stay where they are"
             continue
-        centre = grid_from_world(grid, item.centre_m)
+        centre = grid_from_world(grid, obj.centre_m)
         movable.append(
             Body(
-                item,
+                obj,
                 outline,
                 _samples(outline, -OUTLINE_INSET),
                 _samples(outline, margin) if margin > 0 else np.zeros((0, 2)),
                 centre,
-                _contacts(item, grid, outline, centre, radius, oblique),
+                _contacts(obj, grid, outline, centre, radius, oblique),
                 allowed,
             )
         )
     # An object is as large as its outline, whether it may be moved or not.
     clearance = _distance(occupied, radius)
-    for item in fixed:
-        outline = grid_from_world(grid, item.footprint_m)
+    for obj in fixed:
+        outline = grid_from_world(grid, obj.footprint_m)
         lower_clearance(clearance, outline, _reach(radius))
         _keep_cells(occupied, drawn, outline)
-    return PushWorld(
+    return SearchDomain(
         grid,
         robot,
         radius * (1.0 - 1e-9),
@@ -201,15 +201,15 @@ def push_world(
 
 
 def _contacts(
-    item: MovableObject,
+    obj: MovableObject,
     grid: OccupancyMap,
     outline: Float[np.ndarray, "p 2"],
     centre: Float[np.ndarray, "2"],
     radius: float,
     oblique: bool,
 ) -> tuple[PushContact, ...]:
-    """Stable pushes through the centre of friction, told from the centroid."""
-    aside = grid_from_world(grid, item.centre_m + np.array(item.friction_offset_m)) - centre
+    """Stable pushes through the centre of friction, report_costs from the centroid."""
+    aside = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
     found = push_contacts(outline, centre + aside, radius, oblique=oblique)
     if not aside.any():
         return found

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
+from ._contact_kernels import MAX_CONTACTS, advance, features
 
 #: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
 SOFT_M = 1e-4
@@ -29,85 +30,6 @@ X, Y, YAW, FORCE_X, FORCE_Y, CONTACT_X, CONTACT_Y, GAP = range(8)
 
 #: Sums over support points may be taken in any order, four at a time.
 _SUMS = {"reassoc", "contract", "arcp", "nsz"}
-#: Largest number of places where the rim can touch an outline at once.
-_CONTACTS = 4
-
-
-@kernel
-def features(outline, round_m, x, y, yaw, cx, cy, radius, reach, out):
-    """Places where the rim of a disc is nearest to the outline, those nearer than ``reach``.
-
-    Every local minimum of the distance is one: a foot of the perpendicular
-    inside an edge, or a corner that both its edges lead to. Rows of ``out``:
-    normal into the object (2), contact point from the object's reference
-    point (2), gap, and 1 for an edge. Returns their number and the smallest gap of all.
-    """
-    c, s = np.cos(yaw), np.sin(yaw)
-    # Centre of the disc in the object's frame.
-    px = c * (cx - x) + s * (cy - y)
-    py = -s * (cx - x) + c * (cy - y)
-    m = outline.shape[0]
-    found, least = 0, np.inf
-    for i in range(m):
-        ax, ay = outline[i, 0], outline[i, 1]
-        nx, ny = px - ax, py - ay
-        j = i + 1 if i + 1 < m else 0
-        h = i - 1 if i > 0 else m - 1
-        ex, ey = outline[j, 0] - ax, outline[j, 1] - ay
-        ahead = nx * ex + ny * ey
-        length2 = ex * ex + ey * ey
-        behind = nx * (outline[h, 0] - ax) + ny * (outline[h, 1] - ay)
-        if m > 1 and ahead > 0.0 and ahead < length2:
-            fraction = ahead / length2
-            qx, qy = ax + fraction * ex, ay + fraction * ey
-            edge = 1.0
-        elif m == 1 or (ahead <= 0.0 and behind <= 0.0):
-            qx, qy = ax, ay
-            edge = 0.0
-        else:
-            continue
-        nx, ny = px - qx, py - qy
-        distance = np.sqrt(nx * nx + ny * ny)
-        # Within an outline of three and more corners the disc's centre has no outer normal.
-        gap = distance - round_m - radius
-        least = min(least, gap)
-        if gap > reach or distance < 1e-9:
-            continue
-        nx, ny = nx / distance, ny / distance
-        qx, qy = qx + round_m * nx, qy + round_m * ny
-        at = found
-        if found == _CONTACTS:
-            at = 0
-            for k in range(1, found):
-                if out[k, 4] > out[at, 4]:
-                    at = k
-            if out[at, 4] <= gap:
-                continue
-        else:
-            found += 1
-        out[at, 0], out[at, 1] = -(c * nx - s * ny), -(s * nx + c * ny)
-        out[at, 2], out[at, 3] = c * qx - s * qy, s * qx + c * qy
-        out[at, 4], out[at, 5] = gap, edge
-    return found, least
-
-
-@kernel
-def _advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
-    """Gaps later on, when the disc has moved by ``shift`` and the object by (dx, dy, turn); the smallest."""
-    least = np.inf
-    c, s = np.cos(turn), np.sin(turn)
-    for k in range(count):
-        nx, ny, qx, qy = contacts[k, 0], contacts[k, 1], contacts[k, 2], contacts[k, 3]
-        # From the centre of the disc to the contact point of the object, before and after.
-        away = reach + contacts[k, 4]
-        bx = away * nx - shift_x + dx + (c - 1.0) * qx - s * qy
-        by = away * ny - shift_y + dy + s * qx + (c - 1.0) * qy
-        if contacts[k, 5] > 0.5:
-            contacts[k, 4] = (c * nx - s * ny) * bx + (s * nx + c * ny) * by - reach
-        else:
-            contacts[k, 4] = np.sqrt(bx * bx + by * by) - reach
-        least = min(least, contacts[k, 4])
-    return least
 
 
 @kernel(fastmath=_SUMS)
@@ -295,7 +217,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     n = support.shape[0]
     x, y, yaw = start[0], start[1], start[2]
     arms, fraction = np.zeros((n, 2)), load.copy()
-    contacts, pulls = np.zeros((_CONTACTS, 6)), np.zeros(_CONTACTS)
+    contacts, pulls = np.zeros((MAX_CONTACTS, 6)), np.zeros(MAX_CONTACTS)
     z, known, shift = np.zeros(3), np.zeros(3), np.zeros(2)
     work = np.zeros((10, 4))
     reach = 0.0
@@ -335,7 +257,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                     contacts,
                 )
                 if count > 0:
-                    gap_new = _advance(
+                    gap_new = advance(
                         contacts,
                         count,
                         0.5 * shift[0],
@@ -398,7 +320,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
         known[:] = z
         fx, fy = force_x, force_y
         best, pull = -1, 0.0
-        for a in range(_CONTACTS):
+        for a in range(MAX_CONTACTS):
             if pulls[a] > pull:
                 best, pull = a, pulls[a]
         moving = best >= 0
@@ -412,29 +334,3 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
             trace[j, CONTACT_Y] = cy + radius * contacts[best, 1]
             trace[j, GAP] = -SOFT_M * pull
     return touched, last, unsolved
-
-
-@kernel
-def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
-    """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
-
-    Steps by the gap, which is never more than the way that is left. Negative
-    when the disc passes; otherwise row 0 of ``contacts`` is where it touches.
-    """
-    away = far
-    for _ in range(200):
-        count, gap = features(
-            outline, round_m, 0.0, 0.0, 0.0, px - away * dx, py - away * dy, radius, 1e-4, contacts
-        )
-        if gap < 1e-5 and count > 0:
-            best = 0
-            for k in range(1, count):
-                if contacts[k, 4] < contacts[best, 4]:
-                    best = k
-            for a in range(6):
-                contacts[0, a] = contacts[best, a]
-            return away
-        away -= max(gap, 5e-6)
-        if away < -far:
-            break
-    return -1.0

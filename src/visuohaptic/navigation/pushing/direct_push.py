@@ -1,25 +1,24 @@
-"""Direct push: contact point, path and goal that open a way, one plan after the other (Alt 2016, Sec. 4.3.1)."""
+"""Direct push: contact point, path and goal of a push that clears a path (Alt 2016, Sec. 4.3.1)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ...core.errors import InputError
 from ...core.geometry import polygon_centroid, rotation_2d
 from ...core.objects import HapticTag
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
 from ..problem.push_costs import failure_probability
-from .goal_maps import _path_distance
-from .local_costmap import Footprint, LocalGround, local_ground
-from .push_failure import PushUncertainty, centre_from_tag, simulated_failure
-from .push_model import PushModel
+from .goal_maps import path_distance
+from .push_failure import centre_from_tag, simulated_failure
+from .push_scene import PushedObject, PushLimits, PushScene
 
-__all__ = ["ContactPoint", "DirectPush", "PushLimits", "contact_points", "plan_direct_push"]
+__all__ = ["ContactPoint", "DirectPush", "DirectPushSettings", "contact_points", "plan_direct_push"]
 
 #: Directions that are tried.
 DIRECTIONS = 72
@@ -30,20 +29,17 @@ REFINED = 6
 
 
 @dataclass(frozen=True, slots=True)
-class PushLimits:
-    """The platform as far as a push is concerned."""
+class DirectPushSettings:
+    """How a direct push is searched for."""
 
-    radius_m: float = 0.17
-    v_push_m_s: float = 0.05
-    setup_time_s: float = 4.0
-    push_force_max_N: float = 20.0
-    #: angle between push and the outline's normal at the contact; more would slide
-    tolerance_rad: float = 0.35
+    reach_m: float = field(default=1.0, metadata=POSITIVE)  #: r_mani: maximum length of a push
+    #: path primitives [1/m]; only the straight one is reliable with a platform that holds nothing sideways
+    curvatures_per_m: tuple[float, ...] = (0.0,)
+    unknown_is_free: bool = False  #: whether the platform may enter cells that were never observed
+    samples: int = field(default=16, metadata=NON_NEGATIVE)  #: simulated pushes per plan; 0 for the tag alone
 
     def __post_init__(self) -> None:
-        values = (self.radius_m, self.v_push_m_s, self.push_force_max_N, self.tolerance_rad)
-        if not (all(math.isfinite(v) and v > 0 for v in values) and self.setup_time_s >= 0):
-            raise InputError("PushLimits", f"found {self}, expected numbers > 0")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +53,7 @@ class ContactPoint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DirectPush:
-    """One way to push an object out of the way; all in the map frame."""
+    """One plan that pushes an object out of the way; all in the map frame."""
 
     contact: ContactPoint  #: x
     path_m: Float[np.ndarray, "k 3"]  #: v, of the platform: x, y, heading
@@ -68,30 +64,32 @@ class DirectPush:
 
 
 def contact_points(
-    ground: LocalGround,
-    model: PushModel,
-    object_m: tuple[float, float, float],
-    limits: PushLimits,
+    scene: PushScene,
     *,
     centre_offset_m: Float[np.ndarray, "2"] | None = None,
     reachable: Bool[np.ndarray, "rows columns"] | None = None,
     directions: int = DIRECTIONS,
 ) -> tuple[ContactPoint, ...]:
-    """Places (a) on the outline, (b) with room for the platform, (c) that it can reach, (d) that push straight.
+    """Contacts (a) on the outline, (b) with room for the platform, (c) that it can reach, (d) that push straight.
+
+    A fan of directions, each within ``tolerance_rad`` of the outline's normal. The search over pushes takes the
+    perpendiculars of the faces instead, see
+    :func:`~visuohaptic.navigation.pushing.contact_candidates.push_contacts`.
 
     Parameters
     ----------
-    ground
-        Surroundings without the object.
-    model, object_m
-        Outline, and where its reference point stands: x, y [m], yaw [rad].
+    scene
+        Object, local costmap and platform.
     centre_offset_m
-        Centre of friction from the outline's centroid, map frame; see ``centre_from_tag``.
+        Centre of friction from the outline's centroid [m], map frame; see ``centre_from_tag``.
     reachable
-        Cells that the platform can drive to while the object stands.
+        Cells of the costmap that the platform can drive to while the object stands.
+    directions
+        Number of push directions that are tried, evenly around the object.
     """
-    from ._push_kernels import touch_along
+    from ._contact_kernels import touch_along
 
+    model, object_m, costmap, limits = scene.model, scene.object_m, scene.costmap, scene.limits
     turn = rotation_2d(object_m[2])
     centre = polygon_centroid(model.outline_m)
     if centre_offset_m is not None:
@@ -104,27 +102,19 @@ def contact_points(
         ahead = np.array([math.cos(direction), math.sin(direction)])
         own = ahead @ turn
         away = touch_along(
-            model.outline_m,
-            model.round_m,
-            centre[0],
-            centre[1],
-            own[0],
-            own[1],
-            limits.radius_m,
-            far,
-            contacts,
-        )
+            model.outline_m, model.round_m, centre[0], centre[1], own[0], own[1], limits.radius_m, far, contacts
+        )  # fmt: skip
         if away < 0:
             continue
         normal = turn @ contacts[0, :2]
         slant = math.acos(min(1.0, max(-1.0, float(normal @ ahead))))
         platform = place + turn @ centre - away * ahead
-        if slant > limits.tolerance_rad or float(ground.distance_at(platform)) < limits.radius_m:
+        if slant > limits.tolerance_rad or float(costmap.distance_at(platform)) < limits.radius_m:
             continue
         if reachable is not None:
             # The cell where it stands touching is nearer to the object than it drives.
-            back = ground.map.cell_from_world(platform - 1.5 * ground.map.resolution_m * ahead)
-            if not (bool(ground.map.inside(back)) and reachable[back[0], back[1]]):
+            back = costmap.map.cell_from_world(platform - 1.5 * costmap.map.resolution_m * ahead)
+            if not (bool(costmap.map.inside(back)) and reachable[back[0], back[1]]):
                 continue
         point = place + turn @ contacts[0, 2:4]
         found.append(ContactPoint(point, np.array([*platform, direction]), slant))
@@ -133,18 +123,12 @@ def contact_points(
 
 def plan_direct_push(
     map: OccupancyMap,
-    footprint_m: Float[np.ndarray, "p 2"],
+    obj: PushedObject,
     limits: PushLimits | None = None,
     *,
     robot_m: Sequence[float] | None = None,
     blocked_path_m: Float[np.ndarray, "k 2"] | None = None,
-    tag: HapticTag | None = None,
-    tag_direction_rad: float | None = None,
-    model: PushModel | None = None,
-    reach_m: float = 1.0,
-    curvatures_per_m: Sequence[float] = (0.0,),
-    unknown_is_free: bool = False,
-    samples: int = 16,
+    settings: DirectPushSettings | None = None,
     rng: np.random.Generator | None = None,
 ) -> tuple[DirectPush, ...]:
     """Plans of a direct push, the best first; empty where the object cannot be pushed out of the way.
@@ -153,82 +137,71 @@ def plan_direct_push(
     ----------
     map
         With or without the object's cells.
-    footprint_m
-        Its outline in the map frame.
+    obj
+        Its footprint, and what is known of it.
     limits
         The platform.
     robot_m
-        Where the platform is (x, y); contacts that it cannot reach are left out.
+        Where the platform is: x, y [m], map frame; contacts that it cannot reach are left out.
         Without it all that have room are kept.
     blocked_path_m
-        The path to open; without it, any place that blocks nothing is a goal.
-    tag
-        What a former push has told; one that is fixed, falls or is too heavy is never pushed.
-    tag_direction_rad
-        Direction of that push on the object as it now stands, map frame: with
-        it the contact goes to the centre of friction that the tag tells of.
-    model
-        Outline about the footprint's centroid, supports, contact friction; by
-        default a flat bottom.
-    reach_m
-        r_mani: largest length of a push.
-    curvatures_per_m
-        Path primitives. Only the straight one is reliable with a platform that
-        holds nothing sideways; curves are for others.
-    samples
-        Simulated pushes per plan for its probability of failure; 0 for the tag alone.
+        The path to open, map frame [m]; without it, any place that blocks nothing is a goal.
+    settings
+        Length of the push, path primitives, number of simulations.
+    rng
+        Of the simulated pushes.
 
     Returns
     -------
     Sorted by expected cost, cost / (1 - probability of failure).
+
+    Raises
+    ------
+    InputError
+        The footprint is not an outline or not on the map.
     """
     limits = limits if limits is not None else PushLimits()
-    if tag is not None and (tag.fixed or tag.falls or tag.needs_more_than(limits.push_force_max_N)):
+    settings = settings if settings is not None else DirectPushSettings()
+    if not obj.pushable(limits):
         return ()
-    outline = np.asarray(footprint_m, dtype=np.float64)
-    ground = local_ground(map, outline, reach_m + 2.5 * limits.radius_m, unknown_is_free=unknown_is_free)
-    place = polygon_centroid(outline)
-    object_m = (float(place[0]), float(place[1]), 0.0)
-    if model is None:
-        model = PushModel.patch(outline - place)
-    footprint = Footprint.of(model.outline_m, limits.radius_m, map.resolution_m, round_m=model.round_m)
+    scene = PushScene.of(
+        map, obj, limits, settings.reach_m + 2.5 * limits.radius_m, unknown_is_free=settings.unknown_is_free
+    )
     reachable = None
     if robot_m is not None:
-        reachable = ground.reachable(np.asarray(robot_m, dtype=np.float64)[:2], outline, limits.radius_m)
+        robot = np.asarray(robot_m, dtype=np.float64)[:2]
+        reachable = scene.costmap.reachable(robot, np.asarray(obj.footprint_m, np.float64), limits.radius_m)
     offset = None
-    if tag_direction_rad is not None:
-        offset = centre_from_tag(tag, tag_direction_rad, model, limits.radius_m)
-        model = model.with_centre_moved(float(offset[0]), float(offset[1]))
-    contacts = contact_points(ground, model, object_m, limits, centre_offset_m=offset, reachable=reachable)
-    from_path = _path_distance(ground, blocked_path_m)
-    plans = []
-    for contact in contacts:
-        for curvature in curvatures_per_m:
-            plan = _push(contact, curvature, object_m, ground, footprint, from_path, limits, reach_m, tag)
-            if plan is not None:
-                plans.append(plan)
+    if obj.tag_direction_rad is not None:
+        offset = centre_from_tag(obj.tag, obj.tag_direction_rad, scene.model, limits.radius_m)
+        scene = replace(scene, model=scene.model.with_centre_moved(float(offset[0]), float(offset[1])))
+    from_path = path_distance(scene.costmap, blocked_path_m)
+    plans = [
+        plan
+        for contact in contact_points(scene, centre_offset_m=offset, reachable=reachable)
+        for curvature in settings.curvatures_per_m
+        if (plan := _shortest_push(scene, contact, curvature, from_path, settings.reach_m, obj.tag)) is not None
+    ]  # fmt: skip
     plans.sort(key=_expected_s)
-    if samples > 0 and plans:
+    if settings.samples > 0 and plans:
         rng = rng if rng is not None else np.random.default_rng(0)
-        refined = [_simulated(plan, model, object_m, limits, rng, samples) for plan in plans[:REFINED]]
+        refined = [_simulated(plan, scene, rng, settings.samples) for plan in plans[:REFINED]]
         plans = sorted(refined, key=_expected_s) + plans[REFINED:]
     return tuple(plans)
 
 
-def _push(
+def _shortest_push(
+    scene: PushScene,
     contact: ContactPoint,
     curvature: float,
-    object_m: tuple[float, float, float],
-    ground: LocalGround,
-    footprint: Footprint,
     from_path: Float[np.ndarray, "rows columns"],
-    limits: PushLimits,
     reach_m: float,
     tag: HapticTag | None,
 ) -> DirectPush | None:
     """The shortest push from one contact along one primitive, or ``None``."""
     from ._ground_kernels import first_goal
 
+    object_m, costmap, footprint, limits = scene.object_m, scene.costmap, scene.footprint, scene.limits
     platforms = _primitive(contact.platform_m, curvature, reach_m)
     turn = platforms[:, 2] - platforms[0, 2]
     lever = np.array(object_m[:2]) - platforms[0, :2]
@@ -241,19 +214,9 @@ def _push(
         ]
     )
     row = first_goal(
-        ground.distance_m,
-        from_path,
-        ground.grid,
-        footprint.inner_m,
-        footprint.ring_m,
-        footprint.border_m,
-        ground.margin_m,
-        footprint.inside_m,
-        footprint.reach_m,
-        limits.radius_m,
-        objects,
-        platforms,
-    )
+        costmap.distance_m, from_path, costmap.grid, footprint.inner_m, footprint.ring_m, footprint.border_m,
+        costmap.margin_m, footprint.inside_m, footprint.reach_m, limits.radius_m, objects, platforms,
+    )  # fmt: skip
     if row < 0:
         return None
     length = STEP_M * row
@@ -279,16 +242,10 @@ def _primitive(
     )
 
 
-def _simulated(
-    plan: DirectPush,
-    model: PushModel,
-    object_m: tuple[float, float, float],
-    limits: PushLimits,
-    rng: np.random.Generator,
-    samples: int,
-) -> DirectPush:
+def _simulated(plan: DirectPush, scene: PushScene, rng: np.random.Generator, samples: int) -> DirectPush:
+    """The plan with the larger of both failure probabilities: from the tag, and from simulation."""
     fraction = simulated_failure(
-        model, object_m, plan.path_m, limits.radius_m, rng, doubt=PushUncertainty(), samples=samples
+        scene.model, scene.object_m, plan.path_m, scene.limits.radius_m, rng, samples=samples
     )
     return replace(plan, failure_probability=max(plan.failure_probability, fraction))
 

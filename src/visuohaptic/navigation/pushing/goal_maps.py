@@ -1,4 +1,4 @@
-"""Where an object may be pushed to without blocking another way: Alt 2016, Sec. 4.3.1 and Eq. (4.3)."""
+"""Where an object may be pushed to without blocking another passage: Alt 2016, Sec. 4.3.1 and Eq. (4.3)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .local_costmap import Footprint, LocalGround, _distance_from
+from .local_costmap import FootprintSamples, LocalCostmap, distance_from
 
 __all__ = ["GoalMap", "goal_map"]
 
@@ -22,8 +22,8 @@ class GoalMap:
 
 
 def goal_map(
-    ground: LocalGround,
-    footprint: Footprint,
+    costmap: LocalCostmap,
+    footprint: FootprintSamples,
     object_m: tuple[float, float, float],
     radius_m: float,
     *,
@@ -41,7 +41,7 @@ def goal_map(
 
     Parameters
     ----------
-    ground
+    costmap
         Surroundings without the object.
     footprint
         Its samples, for ``radius_m``.
@@ -56,15 +56,15 @@ def goal_map(
     """
     from ._ground_kernels import push_goals
 
-    goal, free = np.zeros(ground.map.shape, dtype=bool), np.zeros(ground.map.shape, dtype=bool)
+    goal, free = np.zeros(costmap.map.shape, dtype=bool), np.zeros(costmap.map.shape, dtype=bool)
     push_goals(
-        ground.distance_m,
-        _path_distance(ground, blocked_path_m),
-        ground.grid,
+        costmap.distance_m,
+        path_distance(costmap, blocked_path_m),
+        costmap.grid,
         footprint.inner_m,
         footprint.ring_m,
         footprint.border_m,
-        ground.margin_m,
+        costmap.margin_m,
         footprint.inside_m,
         footprint.reach_m,
         radius_m,
@@ -78,17 +78,17 @@ def goal_map(
     return GoalMap(goal, free, object_m[2])
 
 
-def _path_distance(
-    ground: LocalGround, path_m: Float[np.ndarray, "k 2"] | None
+def path_distance(
+    costmap: LocalCostmap, path_m: Float[np.ndarray, "k 2"] | None
 ) -> Float[np.ndarray, "rows columns"]:
     """Distance of every cell from a path; infinite without one, and outside the window."""
-    on_path = np.zeros(ground.map.shape, dtype=bool)
+    on_path = np.zeros(costmap.map.shape, dtype=bool)
     if path_m is not None and len(path_m) > 1:
         path = np.asarray(path_m, dtype=np.float64)
         length = np.hypot(*np.diff(path, axis=0).T)
         for a, b, way in zip(path[:-1], path[1:], length, strict=True):
-            fraction = np.linspace(0.0, 1.0, max(2, int(way / (0.5 * ground.map.resolution_m)) + 2))
-            cells = ground.map.cell_from_world(a + fraction[:, None] * (b - a))
-            cells = cells[ground.map.inside(cells)]
+            fraction = np.linspace(0.0, 1.0, max(2, int(way / (0.5 * costmap.map.resolution_m)) + 2))
+            cells = costmap.map.cell_from_world(a + fraction[:, None] * (b - a))
+            cells = cells[costmap.map.inside(cells)]
             on_path[cells[:, 0], cells[:, 1]] = True
-    return _distance_from(ground.map, on_path)
+    return distance_from(costmap.map, on_path)

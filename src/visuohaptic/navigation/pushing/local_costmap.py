@@ -1,4 +1,4 @@
-"""The surroundings of one object: a window of the map without it, and what fits there."""
+"""Local costmap of one object: a window of the map without it, with the clearance of every cell, and what fits there."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from ...core.errors import InputError
 from ...io.maps.occupancy_map import FREE, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM, window_distance
 
-__all__ = ["Footprint", "LocalGround", "local_ground"]
+__all__ = ["FootprintSamples", "LocalCostmap"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Footprint:
+class FootprintSamples:
     """Samples of an outline at the spacing of a map, in the object's frame (reference point at the origin)."""
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners
@@ -31,8 +31,25 @@ class Footprint:
     @classmethod
     def of(
         cls, outline_m: Float[np.ndarray, "m 2"], radius_m: float, cell_m: float, *, round_m: float = 0.0
-    ) -> Footprint:
-        """Sample an outline for a platform of a radius, on cells of a size."""
+    ) -> FootprintSamples:
+        """Sample an outline for a round platform and a grid.
+
+        Parameters
+        ----------
+        outline_m
+            Corners in the object's frame [m]; one or two points only with ``round_m``.
+        radius_m
+            Of the platform [m].
+        cell_m
+            Edge length of a cell [m].
+        round_m
+            The outline is widened by this [m].
+
+        Raises
+        ------
+        InputError
+            The outline intersects itself or has no area.
+        """
         import shapely
 
         core = np.asarray(outline_m, dtype=np.float64)
@@ -71,13 +88,74 @@ class Footprint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LocalGround:
-    """A window of a map, and for each cell the distance to the nearest obstacle in it."""
+class LocalCostmap:
+    """A window of a map around an object, and the clearance of each cell: its distance to the nearest obstacle."""
 
     map: OccupancyMap
     distance_m: Float32[
         np.ndarray, "rows columns"
     ]  #: from a cell's centre to the border of the nearest obstacle's cell
+
+    @classmethod
+    def around(
+        cls,
+        map: OccupancyMap,
+        footprint_m: Float[np.ndarray, "p 2"],
+        reach_m: float,
+        *,
+        unknown_is_free: bool = False,
+    ) -> LocalCostmap:
+        """Cut out the surroundings of an object and take the object away.
+
+        Parameters
+        ----------
+        map
+            With or without the object's cells.
+        footprint_m
+            Outline of the object, map frame.
+        reach_m
+            How far from the outline planning goes, with the platform's diameter [m].
+        unknown_is_free
+            Whether the platform may enter cells that were never observed.
+
+        Raises
+        ------
+        InputError
+            The outline has fewer than three corners, is not finite, or lies outside the map.
+        """
+        outline = np.asarray(footprint_m, dtype=np.float64)
+        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
+            raise InputError(
+                "LocalCostmap.around", f"found shape {outline.shape}, expected an outline p x 2, p >= 3"
+            )
+        corners = np.concatenate(
+            [outline + np.array(d) * reach_m for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        )
+        cells = map.cell_from_world(corners)
+        low = np.maximum(cells.min(axis=0), 0)
+        high = np.minimum(cells.max(axis=0) + 1, np.array(map.shape))
+        if (high <= low).any():
+            raise InputError(
+                "LocalCostmap.around",
+                f"found a footprint about {outline.mean(axis=0).round(2)}, expected one on the map",
+                remedy="check the frame of the footprint",
+            )
+        x, y, yaw = map.origin
+        c, s = math.cos(yaw), math.sin(yaw)
+        dx, dy = low[1] * map.resolution_m, low[0] * map.resolution_m
+        window = OccupancyMap(
+            map.cells[low[0] : high[0], low[1] : high[1]].copy(),
+            map.resolution_m,
+            (x + c * dx - s * dy, y + s * dx + c * dy, yaw),
+        )
+        near = _covered_cells(window, outline)
+        window.cells[near] = FREE
+        blocked = window.cells >= OBSTACLE_FROM
+        if not unknown_is_free:
+            blocked |= window.cells < 0
+        rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
+        distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
+        return cls(window, distance * np.float32(map.resolution_m))
 
     @property
     def grid(self) -> Float[np.ndarray, "5"]:
@@ -94,7 +172,13 @@ class LocalGround:
         return 0.25 * self.map.resolution_m
 
     def distance_at(self, points_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch"]:
-        """Distance to the nearest obstacle [m]; 0 outside the window."""
+        """Distance to the nearest obstacle [m]; 0 outside the window.
+
+        Parameters
+        ----------
+        points_m
+            x, y in the map frame [m].
+        """
         cells = self.map.cell_from_world(points_m)
         inside = self.map.inside(cells)
         values = self.distance_m[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
@@ -106,11 +190,20 @@ class LocalGround:
         """Cells that the platform can drive to in the window from ``robot_m`` while the object stands.
 
         From outside the window it may come in over every part of its border.
+
+        Parameters
+        ----------
+        robot_m
+            Where the platform is: x, y [m], map frame.
+        footprint_m
+            Outline of the object, map frame.
+        radius_m
+            Of the platform [m].
         """
         from scipy import ndimage
 
         free = (self.distance_m >= radius_m) & (
-            _distance_from(self.map, _burnt(self.map, footprint_m)) >= radius_m
+            distance_from(self.map, _covered_cells(self.map, footprint_m)) >= radius_m
         )
         labels, _ = ndimage.label(free, structure=np.ones((3, 3), dtype=int))
         cell = self.map.cell_from_world(np.asarray(robot_m, dtype=np.float64))
@@ -126,57 +219,6 @@ class LocalGround:
         return np.isin(labels, found[found > 0])
 
 
-def local_ground(
-    map: OccupancyMap,
-    footprint_m: Float[np.ndarray, "p 2"],
-    reach_m: float,
-    *,
-    unknown_is_free: bool = False,
-) -> LocalGround:
-    """Cut out the surroundings of an object and take the object away.
-
-    Parameters
-    ----------
-    map
-        With or without the object's cells.
-    footprint_m
-        Its outline in the map frame.
-    reach_m
-        How far from the outline planning goes, with the platform's diameter.
-    unknown_is_free
-        Whether the platform may enter cells that were never seen.
-    """
-    outline = np.asarray(footprint_m, dtype=np.float64)
-    if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
-        raise InputError("local_ground", f"found shape {outline.shape}, expected an outline p x 2, p >= 3")
-    corners = np.concatenate([outline + np.array(d) * reach_m for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
-    cells = map.cell_from_world(corners)
-    low = np.maximum(cells.min(axis=0), 0)
-    high = np.minimum(cells.max(axis=0) + 1, np.array(map.shape))
-    if (high <= low).any():
-        raise InputError(
-            "local_ground",
-            f"found a footprint about {outline.mean(axis=0).round(2)}, expected one on the map",
-            remedy="check the frame of the footprint",
-        )
-    x, y, yaw = map.origin
-    c, s = math.cos(yaw), math.sin(yaw)
-    dx, dy = low[1] * map.resolution_m, low[0] * map.resolution_m
-    window = OccupancyMap(
-        map.cells[low[0] : high[0], low[1] : high[1]].copy(),
-        map.resolution_m,
-        (x + c * dx - s * dy, y + s * dx + c * dy, yaw),
-    )
-    near = _burnt(window, outline)
-    window.cells[near] = FREE
-    blocked = window.cells >= OBSTACLE_FROM
-    if not unknown_is_free:
-        blocked |= window.cells < 0
-    rows, columns = slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1]))
-    distance = window_distance(blocked, (rows, columns), map.shape, outside_blocks=not unknown_is_free)
-    return LocalGround(window, distance * np.float32(map.resolution_m))
-
-
 def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
     """Points on a closed line, at most ``spacing_m`` apart, its corners among them."""
     import shapely
@@ -185,7 +227,9 @@ def _along(line: object, spacing_m: float) -> Float[np.ndarray, "n 2"]:
     return np.array(dense.coords)[:-1]
 
 
-def _burnt(map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"]) -> Bool[np.ndarray, "rows columns"]:
+def _covered_cells(
+    map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"]
+) -> Bool[np.ndarray, "rows columns"]:
     """Cells that an outline covers in part, and those next to its border by less than half a cell."""
     import shapely
 
@@ -201,7 +245,7 @@ def _burnt(map: OccupancyMap, footprint_m: Float[np.ndarray, "p 2"]) -> Bool[np.
     return burnt
 
 
-def _distance_from(
+def distance_from(
     map: OccupancyMap, blocked: Bool[np.ndarray, "rows columns"]
 ) -> Float32[np.ndarray, "rows columns"]:
     """Distance of every cell from the nearest blocked one [m]; infinite where there is none."""

@@ -1,9 +1,9 @@
-"""How likely a push fails by simulation with what is not known; from the tag alone: ``node_costs``."""
+"""Probability that a push fails, by Monte Carlo simulation; from the tag alone: ``problem.push_costs``."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +15,8 @@ from .quasi_static import PushTrace
 
 __all__ = ["PushUncertainty", "centre_from_tag", "simulated_failure"]
 
+#: The object has arrived within this distance of where it was to go (m), turned by at most this (rad).
+ARRIVAL_M, MAX_TURN_RAD = 0.1, 0.7
 #: A platform that would begin in the object begins so much earlier (m): up to 4 sigma of place and turn.
 BACK_M = (0.0, 0.04, 0.08, 0.16, 0.32)
 
@@ -28,17 +30,25 @@ class PushUncertainty:
     place_m: float = 0.01  #: of the object against the platform, along x and y
     yaw_rad: float = 0.05
 
-    def draw(
+    def sample(
         self, model: PushModel, object_m: tuple[float, float, float], rng: np.random.Generator
     ) -> tuple[PushModel, Float[np.ndarray, "3"]]:
-        """A model and a pose that may be the true ones."""
-        from dataclasses import replace
+        """Sample a model and a pose about the nominal ones.
 
+        Parameters
+        ----------
+        model
+            Nominal model; its contact friction and its supports are varied.
+        object_m
+            Nominal pose: x, y [m], yaw [rad].
+        rng
+            Source of the samples.
+        """
         friction = max(0.0, model.contact_friction + self.contact_friction * rng.standard_normal())
         support = model.support_m + self.centre_m * rng.standard_normal(2)
-        spread = np.array([self.place_m, self.place_m, self.yaw_rad])
+        sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
         drawn = replace(model, contact_friction=friction, support_m=support)
-        return drawn, np.asarray(object_m, dtype=np.float64) + spread * rng.standard_normal(3)
+        return drawn, np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal(3)
 
 
 def centre_from_tag(
@@ -91,32 +101,47 @@ def simulated_failure(
     radius_m: float,
     rng: np.random.Generator,
     *,
-    doubt: PushUncertainty | None = None,
-    near_m: float = 0.1,
-    turn_limit_rad: float = 0.7,
+    uncertainty: PushUncertainty | None = None,
     samples: int = 32,
 ) -> float:
-    """Share of drawn worlds in which a direct push does not bring the object where the platform goes.
+    """Fraction of simulated direct pushes that do not bring the object where the platform goes.
 
-    The object has to end within ``near_m`` of the place it would have if it
-    stuck to the platform, turned by no more than ``turn_limit_rad``.
+    The object has to end within ``ARRIVAL_M`` of the place it would have if it
+    stuck to the platform, turned by no more than ``MAX_TURN_RAD``.
+
+    Parameters
+    ----------
+    model
+        Nominal model of the object.
+    object_m
+        Nominal pose: x, y [m], yaw [rad], map frame.
+    path_m
+        Poses of the platform: x, y [m], heading [rad].
+    radius_m
+        Of the platform [m].
+    rng
+        Source of the samples.
+    uncertainty
+        Standard deviations of friction, centre of friction and pose.
+    samples
+        Number of simulated pushes.
     """
-    doubt = doubt if doubt is not None else PushUncertainty()
+    uncertainty = uncertainty if uncertainty is not None else PushUncertainty()
     path = np.asarray(path_m, dtype=np.float64)
     way = path[-1, :2] - path[0, :2]
-    wanted = np.asarray(object_m[:2]) + way * max(
-        0.0, 1.0 - _free_way(model, object_m, path, radius_m) / max(float(np.hypot(*way)), 1e-9)
+    target = np.asarray(object_m[:2]) + way * max(
+        0.0, 1.0 - _approach_m(model, object_m, path, radius_m) / max(float(np.hypot(*way)), 1e-9)
     )
     failed = 0
     for _ in range(samples):
-        drawn, place = doubt.draw(model, object_m, rng)
-        trace = _from_outside(drawn, place, path, radius_m)
+        sampled, place = uncertainty.sample(model, object_m, rng)
+        trace = _from_outside(sampled, place, path, radius_m)
         if trace is None:
             failed += 1
             continue
-        off = np.hypot(*(trace.object_m[-1, :2] - wanted))
+        error = np.hypot(*(trace.object_m[-1, :2] - target))
         turned = abs(trace.object_m[-1, 2] - place[2])
-        failed += bool(off > near_m or turned > turn_limit_rad)
+        failed += bool(error > ARRIVAL_M or turned > MAX_TURN_RAD)
     return failed / samples
 
 
@@ -126,7 +151,7 @@ def _from_outside(
     path: Float[np.ndarray, "k 3"],
     radius_m: float,
 ) -> PushTrace | None:
-    """The push; begun earlier on its line where the object was drawn into the platform.
+    """The push; begun earlier on its line where the object was sampled into the platform.
 
     ``None`` where the object is in the way of the whole approach.
     """
@@ -143,7 +168,7 @@ def _from_outside(
     return None
 
 
-def _free_way(
+def _approach_m(
     model: PushModel, object_m: tuple[float, float, float], path: Float[np.ndarray, "k 3"], radius_m: float
 ) -> float:
     """Length that the platform drives before it meets the object."""

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from .push_model import PushModel
-from .quasi_static import DROP_M, STEP_M, PushTrace, arc_path, rest_m, simulate_push
+from .quasi_static import RELEASE_M, STEP_M, PushTrace, arc_path, remaining_m, simulate_push
 
 __all__ = ["PushEstimate", "PushMonitor"]
 
@@ -165,7 +165,7 @@ class PushMonitor:
             return False
         if allowed is not None and not allowed(path, trace):
             return False
-        return not trace.touched or rest_m(whole, trace.last_contact) > max(reserve_m, DROP_M)
+        return not trace.touched or remaining_m(whole, trace.last_contact) > max(reserve_m, RELEASE_M)
 
     def _with(self, value: Float[np.ndarray, "4"]) -> tuple[PushModel, Float[np.ndarray, "3"]]:
         """Model and start with the four numbers changed."""

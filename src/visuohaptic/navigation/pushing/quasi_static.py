@@ -28,7 +28,7 @@ __all__ = ["PushTrace", "arc_path", "check_path", "line_path", "simulate_push"]
 #: Distance between poses of the platform (m): trajectories are of second order in it, 2 mm off at 2 cm.
 STEP_M = 0.02
 #: Length before the path's end in which a contact counts as not lost yet (m).
-DROP_M = 0.01
+RELEASE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +40,7 @@ class PushTrace:
     force: Float[np.ndarray, "k 2"]  #: on the object, by the floor's whole friction; 0 without contact
     contact_m: Float[np.ndarray, "k 2"]  #: where the rim touches; NaN without contact
     last_contact: int  #: row of the last contact; -1 when it was never touched
-    dropped: bool  #: touched, and lost before the end of the path
+    released: bool  #: touched, and lost before the end of the path
     unsolved: int = 0  #: steps whose balance was not found to its tolerance
 
     @property
@@ -118,13 +118,13 @@ def simulate_push(
         trace[:, FORCE_X : FORCE_X + 2],
         trace[:, FORCE_X + 2 : FORCE_X + 4],
         int(last),
-        last >= 0 and rest_m(path, int(last)) > DROP_M,
+        last >= 0 and remaining_m(path, int(last)) > RELEASE_M,
         int(unsolved),
     )
 
 
-def rest_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:
-    """Length of a path after one of its rows."""
+def remaining_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:
+    """Length of a path after one of its rows [m]."""
     steps = np.diff(path_m[row:, :2], axis=0)
     return float(np.hypot(steps[:, 0], steps[:, 1]).sum())
 

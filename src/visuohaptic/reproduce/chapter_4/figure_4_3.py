@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ...navigation.pushing.direct_push import plan_direct_push
+from ...navigation.pushing.direct_push import DirectPushSettings, plan_direct_push
 from ...navigation.pushing.goal_maps import GoalMap, goal_map
-from ...navigation.pushing.local_costmap import Footprint, LocalGround, local_ground
+from ...navigation.pushing.local_costmap import FootprintSamples, LocalCostmap
+from ...navigation.pushing.push_scene import PushedObject
 from ...report.charts import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, draw_map, outline, with_all
@@ -30,48 +31,57 @@ def run(out: Output) -> None:
     item = OBJECTS[0]
     centre = item.centre_m
     radius = ROBOT.radius_m
-    ground = local_ground(with_all(), item.footprint_m, 2.2)
-    footprint = Footprint.of(item.footprint_m - centre, radius, ground.map.resolution_m)
+    costmap = LocalCostmap.around(with_all(), item.footprint_m, 2.2)
+    footprint = FootprintSamples.of(item.footprint_m - centre, radius, costmap.map.resolution_m)
     at = (float(centre[0]), float(centre[1]), 0.0)
     path = np.array([[centre[0], centre[1] - 1.3], [centre[0], centre[1] + 1.2]])
-    goals = goal_map(ground, footprint, at, radius, blocked_path_m=path, reach_m=REACH_m)
-    anywhere = goal_map(ground, footprint, at, radius, reach_m=REACH_m)
+    goals = goal_map(costmap, footprint, at, radius, blocked_path_m=path, reach_m=REACH_m)
+    anywhere = goal_map(costmap, footprint, at, radius, reach_m=REACH_m)
     # In the open, at a wall, in the hallway, in the door frame.
     spots = np.array([[6.1, 2.1], [8.2, 3.05], [8.1, 4.5], [float(centre[0]), 3.55]])
-    parts = [_occupied_parts(ground, footprint, spot, radius) for spot in spots]
-    found = [bool(_value(ground, anywhere, spot)) for spot in spots]
+    parts = [_occupied_parts(costmap, footprint, spot, radius) for spot in spots]
+    found = [bool(_value(costmap, anywhere, spot)) for spot in spots]
     out.table("candidates", {"x_m": spots[:, 0], "y_m": spots[:, 1], "occupied_parts": parts, "goal": found})
     cells = np.argwhere(goals.goal)
-    places = ground.map.world_from_cell(cells)
+    places = costmap.map.world_from_cell(cells)
     out.table("goals", {"x_m": places[:, 0], "y_m": places[:, 1]})
-    out.picture("push_goals", draw_axes(1, 1, lambda axes: _draw(axes, ground, goals, footprint, spots, path),
+    out.picture("push_goals", draw_axes(1, 1, lambda axes: _draw(axes, costmap, goals, footprint, spots, path),
                                         size=(7.0, 6.4)))  # fmt: skip
-    plans = plan_direct_push(with_all(), item.footprint_m, robot_m=(float(centre[0]), 1.2),
-                             blocked_path_m=path, reach_m=REACH_m, samples=0)  # fmt: skip
+    plans = plan_direct_push(
+        with_all(), PushedObject(item.footprint_m), robot_m=(float(centre[0]), 1.2), blocked_path_m=path,
+        settings=DirectPushSettings(reach_m=REACH_m, samples=0),
+    )  # fmt: skip
     out.compare("candidates with two occupied parts", sum(n >= 2 for n in parts), f"of {len(spots)}",
                 dissertation=1, note="the one in the door frame")  # fmt: skip
     out.compare("occupied parts in the door frame", parts[-1], dissertation=2)
-    out.compare("goals that open the path", float(goals.goal.sum()) * ground.map.resolution_m**2, "m^2")
+    out.compare("goals that open the path", float(goals.goal.sum()) * costmap.map.resolution_m**2, "m^2")
     out.compare("direct push plans to them", len(plans))
 
 
-def _value(ground: LocalGround, goals: GoalMap, spot: np.ndarray) -> bool:
-    row, column = ground.map.cell_from_world(spot)
+def _value(costmap: LocalCostmap, goals: GoalMap, spot: np.ndarray) -> bool:
+    row, column = costmap.map.cell_from_world(spot)
     return bool(goals.goal[row, column])
 
 
-def _occupied_parts(ground: LocalGround, footprint: Footprint, spot: np.ndarray, radius_m: float) -> int:
+def _occupied_parts(
+    costmap: LocalCostmap, footprint: FootprintSamples, spot: np.ndarray, radius_m: float
+) -> int:
     """Parts of the encircling path that are nearer to obstacles than the radius: l of Eq. (4.3)."""
-    near = ground.distance_at(footprint.ring_m + spot) < radius_m
+    near = costmap.distance_at(footprint.ring_m + spot) < radius_m
     return int(np.count_nonzero(near & ~np.roll(near, 1)))
 
 
 def _draw(
-    axes: Any, ground: LocalGround, goals: GoalMap, footprint: Footprint, spots: np.ndarray, path: np.ndarray
+    axes: Any,
+    costmap: LocalCostmap,
+    goals: GoalMap,
+    footprint: FootprintSamples,
+    spots: np.ndarray,
+    path: np.ndarray,
 ) -> None:
-    draw_map(axes, ground.map)
-    x, y, _ = ground.map.origin
-    wide, high = ground.map.size_m
+    draw_map(axes, costmap.map)
+    x, y, _ = costmap.map.origin
+    wide, high = costmap.map.size_m
     green = np.zeros((*goals.goal.shape, 4))
     green[goals.goal] = (0.3, 0.75, 0.35, 0.45)
     axes.imshow(green, origin="lower", extent=(x, x + wide, y, y + high), interpolation="nearest")
@@ -79,7 +89,7 @@ def _draw(
     axes.plot(*path.T, "--", color=COLOURS["ink"], lw=1.2, label="path to be opened")
     for number, spot in enumerate(spots):
         ring = footprint.ring_m + spot
-        bad = ground.distance_at(ring) < ROBOT.radius_m
+        bad = costmap.distance_at(ring) < ROBOT.radius_m
         outline(axes, footprint.outline_m + spot, color="#8a5a2b", lw=0.8, ls=":")
         axes.plot(*ring[~bad].T, ".", color=COLOURS["blue"], ms=3, label="free" if number == 0 else None)
         axes.plot(*ring[bad].T, "x", color="red", ms=4, label="occupied" if number == 1 else None)

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from ...io.maps.occupancy_map import OccupancyMap
-from ...navigation.pushing.local_costmap import Footprint, local_ground
+from ...navigation.pushing.local_costmap import LocalCostmap
 from ...navigation.pushing.push_model import PushModel, load_of_feet, patch_points
+from ...navigation.pushing.push_scene import PushLimits, PushScene
 from ...navigation.pushing.quasi_static import PushTrace, arc_path
-from ...navigation.pushing.sideward_push import Outcome, judge_push, sideward_candidates
+from ...navigation.pushing.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
 from ...report.charts import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
 from ...simulation.floor.floor_push import FloorPush, FloorThing
@@ -47,7 +48,7 @@ class Candidate:
     """One straight drive."""
 
     path_m: np.ndarray
-    outcome: Outcome
+    outcome: SidewardOutcome
     trace: PushTrace | None
 
 
@@ -67,7 +68,7 @@ def run(out: Output) -> None:
     """Judge all straight candidates, then drive one good and one bad in MuJoCo."""
     rows: dict[str, list[Any]] = {k: [] for k in ("scene", "x0_m", "y0_m", "x1_m", "y1_m", "outcome")}
     shown, off, agree = [], [], []
-    counts = dict.fromkeys(Outcome, 0)
+    counts = dict.fromkeys(SidewardOutcome, 0)
     for scene in scenes()[:1] if out.quick else scenes():
         found, model, at = _candidates(scene)
         for one in found:
@@ -83,11 +84,11 @@ def run(out: Output) -> None:
             assert one.trace is not None
             away = truth.object_m[-1, :2] - one.trace.object_m[-1, :2]
             off.append(float(np.hypot(*away)))
-            agree.append(truth.dropped == one.trace.dropped)
+            agree.append(truth.dropped == one.trace.released)
         shown.append((scene, found, model, chosen, truths))
     out.table("candidates", rows)
     out.picture("sideward_push", draw_axes(2, 3, lambda *axes: _draw(axes, shown), size=(13.0, 6.4)))
-    for outcome in (Outcome.DROPPED, Outcome.CONTACT, Outcome.COLLISION):
+    for outcome in (SidewardOutcome.RELEASED, SidewardOutcome.CONTACT, SidewardOutcome.COLLISION):
         out.compare(
             f"straight candidates that end as: {outcome}", counts[outcome], f"of {sum(counts.values())}"
         )
@@ -104,25 +105,25 @@ def _candidates(scene: Scene) -> tuple[list[Candidate], PushModel, tuple[float, 
     outline_m = (scene.footprint_m - centre) * (1 - ROUND_m / 0.15)
     feet, _ = patch_points(outline_m, 16)
     model = PushModel(outline_m, feet, load_of_feet(feet), FRICTION, ROUND_m, FLOOR * HEIGHT_m)
-    ground = local_ground(scene.grid, scene.footprint_m, LENGTH_m + 3 * radius)
-    footprint = Footprint.of(model.outline_m, radius, scene.grid.resolution_m, round_m=ROUND_m)
-    begins, ends = sideward_candidates(
-        ground, model, at, scene.enter_m, scene.leave_m, radius, slide_m=LENGTH_m, starts=7, ends=4
+    costmap = LocalCostmap.around(scene.grid, scene.footprint_m, LENGTH_m + 3 * radius)
+    pushed = PushScene.with_model(costmap, model, at, PushLimits(radius))
+    starts, ends = sideward_candidates(
+        pushed, scene.enter_m, scene.leave_m, slide_m=LENGTH_m, starts=7, ends=4
     )
     found = []
-    for begin in begins:
+    for start in starts:
         for end in ends:
-            path = arc_path(begin, end, 0.0)
-            outcome, trace = judge_push(ground, footprint, model, at, path, radius)
+            path = arc_path(start, end, 0.0)
+            outcome, trace = evaluate_push(pushed, path)
             found.append(Candidate(path, outcome, trace))
     return found, model, at
 
 
 def _two(found: list[Candidate]) -> list[Candidate]:
     """The success that moves the object most, and a failure: a collision before contact at the end."""
-    good = [one for one in found if one.outcome is Outcome.DROPPED]
+    good = [one for one in found if one.outcome is SidewardOutcome.RELEASED]
     chosen = sorted(good, key=lambda one: -one.trace.moved_m if one.trace else 0.0)[:1]
-    for outcome in (Outcome.COLLISION, Outcome.CONTACT):
+    for outcome in (SidewardOutcome.COLLISION, SidewardOutcome.CONTACT):
         bad = [one for one in found if one.outcome is outcome]
         if bad:
             return [*chosen, bad[len(bad) // 2]]
@@ -148,7 +149,7 @@ def _draw(axes: Any, shown: list[Any]) -> None:
                 xlabel="x [m]" if row == len(shown) - 1 else "", ylabel="y [m]" if axis is three[0] else ""
             )
         for one in found:
-            good = one.outcome is Outcome.DROPPED
+            good = one.outcome is SidewardOutcome.RELEASED
             three[0].plot(*one.path_m[:, :2].T, "-" if good else ":", lw=1.1 if good else 0.8,
                           color=COLOURS["green"] if good else COLOURS["grey"])  # fmt: skip
         three[0].set_title(f"{'ad'[row]}  {scene.name}: candidates")

@@ -13,7 +13,8 @@ from ...navigation.planning.joint_graph import JointGraph, extend_graph
 from ...navigation.planning.policies import alternatives, make_plan
 from ...navigation.problem.node_types import ManipulationNode
 from ...navigation.problem.path_plan import Plan
-from ...navigation.pushing.direct_push import DirectPush, plan_direct_push
+from ...navigation.pushing.direct_push import DirectPush, DirectPushSettings, plan_direct_push
+from ...navigation.pushing.push_scene import PushedObject
 from ...report.charts import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
@@ -99,8 +100,10 @@ def _direct(out: Output, problem: Any, detour: Plan) -> list[DirectPush]:
         if item.id in ways:
             start = (float(ways[item.id][0][0]), float(ways[item.id][0][1]))
             try:
-                plans = plan_direct_push(problem.map, item.footprint_m, robot_m=start, tag=item.tag, reach_m=1.0,
-                                         blocked_path_m=ways[item.id], rng=out.rng(1))  # fmt: skip
+                plans = plan_direct_push(
+                    problem.map, PushedObject(item.footprint_m, item.tag), robot_m=start,
+                    blocked_path_m=ways[item.id], settings=DirectPushSettings(reach_m=1.0), rng=out.rng(1),
+                )  # fmt: skip
             except InputError:
                 continue
             found += list(plans[:3])

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
+from ...core.geometry import so3_log
 from ...tracking.points.homography import decompose_homography, estimate_homography_robust, facing_motions
 from ...tracking.pose.plane_pose import lens_numbers
 
@@ -40,7 +41,7 @@ def turn_angle(motion: Pose) -> float:
     motion
         Rigid motion.
     """
-    return math.acos(min(1.0, max(-1.0, 0.5 * (float(np.trace(motion.rotation)) - 1.0))))
+    return float(np.linalg.norm(so3_log(motion.rotation)))
 
 
 def turn_about_vertical(motion: Pose) -> float:

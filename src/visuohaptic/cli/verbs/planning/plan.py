@@ -111,9 +111,9 @@ def _report(args: Any, plan: Plan) -> None:
 
 
 def _prove(args: Any, problem: PlanningProblem, found: Plan) -> dict[str, Any]:
-    from ....navigation.planning.oracle.exact_search import prove
+    from ....navigation.planning.oracle.exact_search import certify
 
-    proof = prove(problem)
+    proof = certify(problem)
     text = proof.text
     if found.reachable and not proof.reachable:
         text += "; the plan has what it does not look at: slanting pushes, which friction holds"

@@ -1,10 +1,10 @@
-"""The exact oracle: every place of the robot times every place of one or two objects.
+"""Exact search of small problems: every place of the robot times every place of one or two objects.
 
 A test instrument, and ``visuohaptic plan --prove``. It shares with the planner
 what a push costs and where an object may be touched, and nothing of its
 search: Dijkstra over the whole product of robot cells and object places, with
 straight pushes along the grid's axes by whole cells. Where its queue runs
-empty there is no plan of that kind. Objects that stand across the grid have no
+empty, there is no plan of that kind. Objects that stand across the grid have no
 such pushes; for them the planner's own exhausted search is the proof.
 """
 
@@ -19,22 +19,24 @@ from jaxtyping import Bool, Float, Float32, Int32
 from ....core.errors import InputError
 from ...problem.planning_problem import PlanningProblem
 from ...problem.push_costs import PushCosts, push_cost
-from ..push_search import STAND_OFF, STAND_SLACK, search_pushes
-from ..push_states import SearchLimits, anchors
-from ..search_domain import Body, PushWorld, grid_from_world, push_world
+from ...pushing.contact_candidates import PushContact
+from ..push_search import search_pushes
+from ..push_states import SearchLimits, seed_cells
+from ..push_successors import STAND_OFF, STAND_SLACK
+from ..search_domain import Body, SearchDomain, build_search_domain, grid_from_world, lower_clearance
 
-__all__ = ["Oracle", "Proof", "prove", "solve_exact"]
+__all__ = ["GridOptimum", "Proof", "certify", "solve_exact"]
 
 #: States that fit: 4 bytes each.
 MAX_STATES = 150_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Oracle:
+class GridOptimum:
     """The optimum on the grid."""
 
     reachable: bool
-    cost_s: float
+    cost_s: float  #: infinite without a plan
     states: int  #: settled
 
 
@@ -58,6 +60,16 @@ class Proof:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Links:
+    """How the robot gets to a push, and what the push does, by push (several) and place of the body."""
+
+    cells: Int32[np.ndarray, "*pushes q 9"]  #: around the approach pose, -1 where there is none
+    cost: Int32[np.ndarray, "*pushes q 9"]  #: from those to the approach pose [units]
+    next: Int32[np.ndarray, "*pushes q"]  #: place one cell on, -1 where there is none
+    free: Bool[np.ndarray, "*pushes q"]  #: whether the robot fits at the contact
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Places:
     """Where one body may stand: whole-cell shifts at which it covers no occupied cell."""
 
@@ -66,31 +78,39 @@ class _Places:
     low: Int32[np.ndarray, "2"]
 
 
-def prove(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
-    """Ask the oracle, or where it does not apply exhaust the planner's own search."""
+def certify(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
+    """Certify a plan or its absence: by exact search, or where that does not apply by the planner's exhausted search.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    costs
+        What a push costs.
+    """
     costs = costs or PushCosts()
-    world = push_world(problem, costs)
+    domain = build_search_domain(problem, costs)
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     try:
         found = solve_exact(problem, costs)
     except InputError as error:
         limits = SearchLimits(expansions=100_000, pushes=30)
-        result = search_pushes(world, start, goal, costs, limits)
-        cost_s = world.seconds(result.cost)
+        result = search_pushes(domain, start, goal, costs, limits)
+        cost_s = domain.seconds(result.cost)
         if result.found:
             return Proof(True, True, cost_s, f"{error.problem}; the search found a plan of {cost_s:.1f} s")
         said = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
         return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {said}")
     if found.reachable:
         return Proof(True, True, found.cost_s, f"the optimum on the grid is {found.cost_s:.1f} s")
-    axes = all(_on_axes(body) for body in world.bodies)
+    axes = all(_on_axes(body) for body in domain.bodies)
     if axes:
         return Proof(False, True, float("inf"), f"no plan, all {found.states} states were looked at")
-    result = search_pushes(world, start, goal, costs, SearchLimits(expansions=100_000, pushes=30))
+    result = search_pushes(domain, start, goal, costs, SearchLimits(expansions=100_000, pushes=30))
     return Proof(
         result.found,
         result.found or result.exhausted,
-        world.seconds(result.cost),
+        domain.seconds(result.cost),
         "no plan along the axes; the search over all contacts "
         + ("found one" if result.found else "found none, exhausted" if result.exhausted else "gave up"),
     )
@@ -100,97 +120,137 @@ def _on_axes(body: Body) -> bool:
     return all(float(np.abs(contact.direction).max()) > 1 - 1e-9 for contact in body.contacts)
 
 
-def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Oracle:
-    """The cheapest plan with pushes along the axes, by looking at every state.
+def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> GridOptimum:
+    """The cheapest plan with pushes along the axes, by Dijkstra over every state.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    costs
+        What a push costs.
 
     Raises
     ------
     InputError
         More than two objects that can be pushed, or more states than fit.
     """
-    from .._push_search_kernels import UNITS
+    from .._travel_kernels import UNITS
     from ._oracle_kernels import NEVER, product_search
 
     costs = costs or PushCosts()
-    world = push_world(problem, costs)
-    if len(world.bodies) > 2:
+    domain = build_search_domain(problem, costs)
+    if len(domain.bodies) > 2:
         raise InputError(
-            "oracle", f"found {len(world.bodies)} objects that can be pushed, expected at most 2"
+            "solve_exact", f"found {len(domain.bodies)} objects that can be pushed, expected at most 2"
         )
-    rows, columns = world.clearance.shape
+    rows, columns = domain.clearance.shape
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     number = np.full(rows * columns, -1, np.int32)
-    fits = np.flatnonzero(world.clearance.ravel() >= world.radius)
+    fits = np.flatnonzero(domain.clearance.ravel() >= domain.radius)
     number[fits] = np.arange(len(fits), dtype=np.int32)
-    places = [_places(world, body) for body in world.bodies]
+    places = [_places(domain, body) for body in domain.bodies]
     counts = np.array([len(place.shifts) for place in places], dtype=np.int64)
     pushes = [
         (b, contact)
-        for b, body in enumerate(world.bodies)
+        for b, body in enumerate(domain.bodies)
         for contact in body.contacts
         if float(np.abs(contact.direction).max()) > 1 - 1e-9
     ]
     states = int(np.prod(counts)) * (len(fits) + len(pushes))
     if states > MAX_STATES:
-        raise InputError("oracle", f"found {states} states, expected at most {MAX_STATES}")
-    blocks, blocks_start = _blocks(world, places, number)
-    links = [_links(world, places[b], b, contact, number) for b, contact in pushes]
-    most = int(counts.max()) if len(counts) else 1
-    link_cells = np.full((len(pushes), most, 9), -1, np.int32)
-    link_cost = np.zeros((len(pushes), most, 9), np.int32)
-    push_next = np.full((len(pushes), most), -1, np.int32)
-    push_free = np.zeros((len(pushes), most), np.bool_)
-    for p, (cells_at, cost_at, after, clear) in enumerate(links):
-        n = len(after)
-        link_cells[p, :n], link_cost[p, :n], push_next[p, :n], push_free[p, :n] = (
-            cells_at, cost_at, after, clear,
-        )  # fmt: skip
-    longest = int(costs.longest_push_m / problem.map.resolution_m) + 2
-    tables = np.full((len(pushes), longest), NEVER, np.int32)
-    units_per_s = UNITS * problem.robot.v_max_m_s / problem.map.resolution_m
-    for p, (b, _) in enumerate(pushes):
-        for steps in range(1, longest):
-            length_m = steps * problem.map.resolution_m
-            price = push_cost(world.bodies[b].item.tag, length_m, problem.robot, costs).total_s
-            if np.isfinite(price):
-                tables[p, steps] = int(price * units_per_s + 0.5)
-    moves = _moves(world, number, fits)
-    home = np.zeros((len(world.bodies), 2))
-    at, _ = anchors(world.clearance_with(home), start, world.radius, world.slow, UNITS, reach=0)
-    if not at.size:
-        at, extra = anchors(world.clearance_with(home), start, world.radius, world.slow, UNITS, reach=2)
-        at = at[extra.argsort()][:1]
-    ends, end_cost = anchors(world.clearance, goal, world.radius, world.slow, UNITS, reach=0)
-    if not ends.size:
-        ends, end_cost = anchors(world.clearance, goal, world.radius, world.slow, UNITS)
-    if not at.size or not ends.size:
-        return Oracle(False, float("inf"), 0)
-    begin = np.array([int(place.index[-place.low[1], -place.low[0]]) for place in places], dtype=np.int64)
-    near, near_low, shifts = _near(world, places)
+        raise InputError("solve_exact", f"found {states} states, expected at most {MAX_STATES}")
+    blocks, blocks_start = _blocks(domain, places, number)
+    links = _push_links(domain, places, pushes, number)
+    tables = _push_costs(domain, problem, costs, [b for b, _ in pushes])
+    moves = _moves(domain, number, fits)
+    cells, start_cost = _cells_at(domain, domain.clearance_with(np.zeros((len(places), 2))), start, 2)
+    ends, end_cost = _cells_at(domain, domain.clearance, goal, 1)
+    if not cells.size or not ends.size:
+        return GridOptimum(False, float("inf"), 0)
+    home = np.array([int(place.index[-place.low[1], -place.low[0]]) for place in places], dtype=np.int64)
+    near, near_low, shifts = _near(domain, places)
     cost, settled = product_search(
-        *moves, *np.divmod(fits, columns), world.clearance.ravel()[fits], near, near_low, shifts,
-        world.radius, world.slow, UNITS, blocks, blocks_start, _together(world, places), counts,
-        np.array([b for b, _ in pushes], dtype=np.int64), push_next, push_free, tables, link_cells, link_cost,
-        len(fits), int(number[at[0]]), begin, number[ends], end_cost,
+        *moves, *np.divmod(fits, columns), domain.clearance.ravel()[fits], near, near_low, shifts,
+        domain.radius, domain.slow, UNITS, blocks, blocks_start, _together(domain, places), counts,
+        np.array([b for b, _ in pushes], dtype=np.int64), links.next, links.free, tables, links.cells, links.cost,
+        len(fits), int(number[cells[start_cost.argmin()]]), home, number[ends], end_cost,
     )  # fmt: skip
     if cost >= NEVER:
-        return Oracle(False, float("inf"), int(settled))
-    return Oracle(True, world.seconds(cost / UNITS), int(settled))
+        return GridOptimum(False, float("inf"), int(settled))
+    return GridOptimum(True, domain.seconds(cost / UNITS), int(settled))
 
 
-def _places(world: PushWorld, body: Body) -> _Places:
+def _push_links(
+    domain: SearchDomain,
+    places: list[_Places],
+    pushes: list[tuple[int, PushContact]],
+    number: Int32[np.ndarray, "n"],
+) -> _Links:
+    """The links of all pushes, padded to equally many places."""
+    most = max((len(place.shifts) for place in places), default=1)
+    shape = (len(pushes), most)
+    links = _Links(
+        np.full((*shape, 9), -1, np.int32),
+        np.zeros((*shape, 9), np.int32),
+        np.full(shape, -1, np.int32),
+        np.zeros(shape, np.bool_),
+    )
+    for p, (b, contact) in enumerate(pushes):
+        one = _links(domain, places[b], b, contact, number)
+        n = len(one.next)
+        links.cells[p, :n], links.cost[p, :n] = one.cells, one.cost
+        links.next[p, :n], links.free[p, :n] = one.next, one.free
+    return links
+
+
+def _push_costs(
+    domain: SearchDomain, problem: PlanningProblem, costs: PushCosts, bodies: list[int]
+) -> Int32[np.ndarray, "pushes steps"]:
+    """Cost of each push by its length in whole cells [units]."""
+    from .._travel_kernels import UNITS
+    from ._oracle_kernels import NEVER
+
+    longest = int(costs.longest_push_m / problem.map.resolution_m) + 2
+    tables = np.full((len(bodies), longest), NEVER, np.int32)
+    units_per_s = UNITS * problem.robot.v_max_m_s / problem.map.resolution_m
+    for p, b in enumerate(bodies):
+        for steps in range(1, longest):
+            length_m = steps * problem.map.resolution_m
+            cost_s = push_cost(domain.bodies[b].obj.tag, length_m, problem.robot, costs).total_s
+            if np.isfinite(cost_s):
+                tables[p, steps] = int(cost_s * units_per_s + 0.5)
+    return tables
+
+
+def _cells_at(
+    domain: SearchDomain,
+    clearance: Float32[np.ndarray, "rows columns"],
+    point: Float[np.ndarray, "2"],
+    reach: int,
+) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
+    """The free cell of a point, or those around it, with their costs to the point [units]."""
+    from .._travel_kernels import UNITS
+
+    own = seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=0)
+    return (
+        own if own[0].size else seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=reach)
+    )
+
+
+def _places(domain: SearchDomain, body: Body) -> _Places:
     """By brute force, a cell at a time: the truth that the planner's sweep is tested against."""
-    rows, columns = world.occupied.shape
+    rows, columns = domain.occupied.shape
     low = -np.floor(body.samples.min(axis=0)).astype(np.int32)
     high = np.array([columns, rows], dtype=np.int32) - np.ceil(body.samples.max(axis=0)).astype(np.int32)
     inner = np.concatenate([body.samples, _inside(body)])
-    leans = _hits(world, inner)
+    leans = _hits(domain, inner)
     size = high - low + 1
     index = np.full((max(int(size[1]), 1), max(int(size[0]), 1)), -1, np.int32)
     shifts: list[tuple[int, int]] = []
     for dy in range(int(low[1]), int(high[1]) + 1):
         for dx in range(int(low[0]), int(high[0]) + 1):
-            hit = _hits(world, inner + np.array([dx, dy])) & ~leans
+            hit = _hits(domain, inner + np.array([dx, dy])) & ~leans
             if not hit.any() or (dx == 0 and dy == 0):
                 index[dy - low[1], dx - low[0]] = len(shifts)
                 shifts.append((dx, dy))
@@ -208,32 +268,32 @@ def _inside(body: Body) -> Float[np.ndarray, "k 2"]:
     return np.column_stack([xs[inside], ys[inside]])
 
 
-def _hits(world: PushWorld, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
-    rows, columns = world.occupied.shape
+def _hits(domain: SearchDomain, points: Float[np.ndarray, "k 2"]) -> Bool[np.ndarray, "k"]:
+    rows, columns = domain.occupied.shape
     cells = np.floor(points).astype(np.int64)
     outside = (cells < 0).any(axis=1) | (cells[:, 0] >= columns) | (cells[:, 1] >= rows)
     cells = np.where(outside[:, None], 0, cells)
-    return outside | world.occupied[cells[:, 1], cells[:, 0]]
+    return outside | domain.occupied[cells[:, 1], cells[:, 0]]
 
 
 def _blocks(
-    world: PushWorld, places: list[_Places], number: Int32[np.ndarray, "n"]
+    domain: SearchDomain, places: list[_Places], number: Int32[np.ndarray, "n"]
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "q"]]:
     """Robot cells denied by each body at each place, one body after the other, padded to equally many places."""
     from ...pushing._outline_kernels import distance_patch
 
     most = max((len(place.shifts) for place in places), default=1)
-    rows, columns = world.clearance.shape
+    rows, columns = domain.clearance.shape
     found: list[Int32[np.ndarray, "k"]] = []
     starts = [0]
-    for body, place in zip(world.bodies, places, strict=True):
+    for body, place in zip(domain.bodies, places, strict=True):
         for k in range(most):
             cells = np.zeros(0, np.int32)
             if k < len(place.shifts):
                 patch, row, column = distance_patch(
-                    rows, columns, body.outline + place.shifts[k], world.radius
+                    rows, columns, body.outline + place.shifts[k], domain.radius
                 )
-                rr, cc = np.nonzero(patch < world.radius)
+                rr, cc = np.nonzero(patch < domain.radius)
                 cells = number[(rr + row) * columns + cc + column]
                 cells = cells[cells >= 0]
             found.append(cells)
@@ -243,13 +303,12 @@ def _blocks(
 
 
 def _links(
-    world: PushWorld, place: _Places, index: int, contact: Any, number: Int32[np.ndarray, "n"]
-) -> tuple[Any, Any, Any, Any]:
-    """By place: cells around the stand with costs, the next place, and whether the robot fits."""
-    from ...pushing._outline_kernels import distance_patch
-    from .._push_search_kernels import UNITS, clearance_at
+    domain: SearchDomain, place: _Places, index: int, contact: PushContact, number: Int32[np.ndarray, "n"]
+) -> _Links:
+    """The links of one push."""
+    from .._travel_kernels import UNITS, clearance_at
 
-    body = world.bodies[index]
+    body = domain.bodies[index]
     step = np.rint(contact.direction).astype(np.int32)
     count = len(place.shifts)
     cells = np.full((count, 9), -1, np.int32)
@@ -258,33 +317,31 @@ def _links(
     clear = np.zeros(count, np.bool_)
     for k, shift in enumerate(place.shifts):
         touch = body.centre + shift + contact.robot
-        stand = touch - STAND_OFF * contact.direction
+        approach = touch - STAND_OFF * contact.direction
         x, y = shift + step - place.low
         if 0 <= y < place.index.shape[0] and 0 <= x < place.index.shape[1]:
             after[k] = place.index[y, x]
-        clear[k] = clearance_at(world.clearance, touch[0], touch[1]) >= world.radius - 0.05
-        if clearance_at(world.clearance, stand[0], stand[1]) < world.radius - STAND_SLACK:
-            continue  # nobody can stand there
-        # With the body where it is: beside it the robot is slow. The other body's share is left out.
-        patch, row, column = distance_patch(*world.clearance.shape, body.outline + shift, world.reach)
-        layer = world.clearance.copy()
-        part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
-        np.minimum(part, patch, out=part)
-        near, extra = anchors(layer, stand, world.radius, world.slow, UNITS)
+        clear[k] = clearance_at(domain.clearance, touch[0], touch[1]) >= domain.radius - 0.05
+        if clearance_at(domain.clearance, approach[0], approach[1]) < domain.radius - STAND_SLACK:
+            continue  # the robot cannot be there
+        # With the body where it is: beside it the robot is slow. The other body is left out.
+        layer = domain.clearance.copy()
+        lower_clearance(layer, body.outline + shift, domain.reach)
+        near, extra = seed_cells(layer, approach, domain.radius, domain.slow, UNITS)
         order = extra.argsort()  # the nearest first: it stands for the robot against the other body
         cells[k, : near.size] = number[near[order]]
         cost[k, : near.size] = extra[order]
-    return cells, cost, after, clear
+    return _Links(cells, cost, after, clear)
 
 
-def _together(world: PushWorld, places: list[_Places]) -> Bool[np.ndarray, "q0 q1"]:
+def _together(domain: SearchDomain, places: list[_Places]) -> Bool[np.ndarray, "q0 q1"]:
     """Whether two bodies at their places stay apart; only their difference in place matters."""
     if len(places) < 2:
         return np.ones((1, 1), dtype=np.bool_)
     from shapely import Polygon
     from shapely.affinity import translate
 
-    one, two = (Polygon(body.outline).buffer(-0.1, join_style="mitre") for body in world.bodies)
+    one, two = (Polygon(body.outline).buffer(-0.1, join_style="mitre") for body in domain.bodies)
     apart: dict[tuple[int, int], bool] = {}
     result = np.ones((len(places[0].shifts), len(places[1].shifts)), dtype=np.bool_)
     for i, a in enumerate(places[0].shifts):
@@ -298,16 +355,16 @@ def _together(world: PushWorld, places: list[_Places]) -> Bool[np.ndarray, "q0 q
 
 
 def _near(
-    world: PushWorld, places: list[_Places]
+    domain: SearchDomain, places: list[_Places]
 ) -> tuple[Float32[np.ndarray, "b r c"], Int32[np.ndarray, "b 2"], Int32[np.ndarray, "b q 2"]]:
     """Distance to each body around it, where the patch begins, and the shifts of the body's places."""
     from ...pushing._outline_kernels import distance_patch
 
     patches, lows = [], []
-    for body in world.bodies:
-        low = np.floor(body.outline.min(axis=0) - world.reach).astype(np.int32)
-        size = np.ceil(body.outline.max(axis=0) + world.reach).astype(np.int32) - low + 1
-        patches.append(distance_patch(int(size[1]), int(size[0]), body.outline - low, world.reach + 1)[0])
+    for body in domain.bodies:
+        low = np.floor(body.outline.min(axis=0) - domain.reach).astype(np.int32)
+        size = np.ceil(body.outline.max(axis=0) + domain.reach).astype(np.int32) - low + 1
+        patches.append(distance_patch(int(size[1]), int(size[0]), body.outline - low, domain.reach + 1)[0])
         lows.append(low)
     shape = np.max([patch.shape for patch in patches], axis=0) if patches else (1, 1)
     near = np.full((len(patches), *shape), np.float32(np.inf))
@@ -320,10 +377,10 @@ def _near(
 
 
 def _moves(
-    world: PushWorld, number: Int32[np.ndarray, "n"], fits: Int32[np.ndarray, "f"]
+    domain: SearchDomain, number: Int32[np.ndarray, "n"], fits: Int32[np.ndarray, "f"]
 ) -> tuple[Int32[np.ndarray, "m"], Int32[np.ndarray, "f+1"], Float[np.ndarray, "m"]]:
     """Neighbours of every cell and how far they are [cells]."""
-    rows, columns = world.clearance.shape
+    rows, columns = domain.clearance.shape
     r, c = np.divmod(fits, columns)
     sources, targets, lengths = [], [], []
     for dr in (-1, 0, 1):

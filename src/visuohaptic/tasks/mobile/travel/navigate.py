@@ -28,7 +28,7 @@ from ....core.geometry import wrap_angle
 from ....core.objects import Estimate, HapticTag
 from ....core.robots import BaseState, MobileBase, require_members
 from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
-from ....navigation.planning.off_centre_push import TurningPush
+from ....navigation.planning.off_centre_push import OffCentrePush
 from ....navigation.planning.path_follower import FollowLimits, PathFollower
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan, Task
@@ -114,7 +114,7 @@ class _Machine:
     margin_m: float = 0.0
     clearance: Callable[[Float[np.ndarray, "2"]], float] = field(default=lambda _: math.inf)
     pushes: int = 0
-    turning: TurningPush | None = None  #: what follows the tasks
+    turning: OffCentrePush | None = None  #: what follows the tasks
     length_m: float = 0.0
     as_planned: bool = False  #: the last push did what the plan said
     motion: TravelMotion = field(init=False)
@@ -336,7 +336,7 @@ class _Machine:
         assert wanted is not None
         before = self._look(wanted.object)
         way_m = max(wanted.length_m - wanted.free_m, 0.01)
-        push = self._touch(wanted.object, wanted.stand_m, wanted.direction_rad, way_m, None)
+        push = self._touch(wanted.object, wanted.start_m, wanted.direction_rad, way_m, None)
         self.pushes += 1
         after = self._look(wanted.object)
         off = np.zeros(3) if before is None or after is None else after - before

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from ....navigation.planning.off_centre_push import TurningPush, plan_turning_pushes
+from ....navigation.planning.off_centre_push import OffCentrePush, plan_off_centre_pushes
 from ....navigation.problem.path_plan import Plan
 from ....navigation.problem.planning_problem import PlanningProblem
 from .travel_memory import TravelMemory
@@ -54,7 +54,7 @@ class TravelPlans:
                 break
         return best, found
 
-    def turning(self, pose_m: Float[np.ndarray, "3"]) -> tuple[float, PlanningProblem, TurningPush] | None:
+    def turning(self, pose_m: Float[np.ndarray, "3"]) -> tuple[float, PlanningProblem, OffCentrePush] | None:
         """A push that turns an object, where there is no plan of straight ones; with its margin and problem."""
         if self.turns >= self.settings.turns:
             return None
@@ -62,7 +62,7 @@ class TravelPlans:
             if not self._trusted(margin_m):
                 continue
             problem = self.memory.problem(pose_m, margin_m)
-            found = plan_turning_pushes(problem, self.planner, margin_m=margin_m)
+            found = plan_off_centre_pushes(problem, self.planner, margin_m=margin_m)
             self.note("planned turns", margin_m=margin_m, found=len(found))
             if found:
                 self.turns += 1

@@ -10,7 +10,7 @@ import pytest
 
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
 from visuohaptic.core import InputError
-from visuohaptic.navigation.planning import after_push, make_plan, plan_turning_pushes, without_pushing
+from visuohaptic.navigation.planning import after_push, make_plan, plan_off_centre_pushes, without_pushing
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 from visuohaptic.navigation.pushing import PushModel, line_path, simulate_push
 
@@ -34,7 +34,7 @@ def problem(outline, tag=STOOL, walls=WALLS):
 
 def test_a_slanting_box_is_turned_out_of_the_way():
     asked = problem(slanting(0.9))
-    pushes = plan_turning_pushes(asked, make_plan)
+    pushes = plan_off_centre_pushes(asked, make_plan)
     assert pushes
     for push in pushes:
         assert 0.0 <= push.failure_probability <= 1.0
@@ -45,7 +45,7 @@ def test_a_slanting_box_is_turned_out_of_the_way():
         trace = simulate_push(
             PushModel.patch(asked.objects[0].footprint_m - centre),
             (*centre, 0.0),
-            line_path(push.stand_m, push.stand_m + push.length_m * ahead),
+            line_path(push.start_m, push.start_m + push.length_m * ahead),
             ROBOT.radius_m,
         )
         # Paths are cut into steps of other lengths: of second order in 2 cm (quasi_static).
@@ -61,18 +61,18 @@ def test_a_slanting_box_is_turned_out_of_the_way():
 
 def test_nothing_is_pushed_that_is_fixed_or_unknown():
     outline = slanting(0.9)
-    assert plan_turning_pushes(problem(outline, replace(STOOL, fixed=True)), make_plan) == ()
-    assert plan_turning_pushes(problem(outline, None), make_plan) == ()
+    assert plan_off_centre_pushes(problem(outline, replace(STOOL, fixed=True)), make_plan) == ()
+    assert plan_off_centre_pushes(problem(outline, None), make_plan) == ()
 
 
 def test_without_a_planner_only_pushes_that_open_a_way_are_told():
-    pushes = plan_turning_pushes(problem(box(1.95, 1.45, 0.35)))
+    pushes = plan_off_centre_pushes(problem(box(1.95, 1.45, 0.35)))
     assert all(push.opens for push in pushes)
 
 
 def test_a_wall_behind_it_holds_it():
     walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0), (2.2, 0.5, 2.3, 2.4)])
-    for push in plan_turning_pushes(problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls)):
+    for push in plan_off_centre_pushes(problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls)):
         outline = (
             after_push(
                 problem(slanting(math.pi / 2, 0.7, 0.5), walls=walls),
@@ -89,4 +89,4 @@ def test_a_wall_behind_it_holds_it():
 
 def test_a_margin_without_sense_is_refused():
     with pytest.raises(InputError, match="margin"):
-        plan_turning_pushes(problem(slanting(0.9)), margin_m=1.0)
+        plan_off_centre_pushes(problem(slanting(0.9)), margin_m=1.0)

@@ -1,0 +1,56 @@
+"""Length, travel cost and clearance of a path over cells, and arrays that grow."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+
+__all__ = ["cost", "longer", "measure"]
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def longer(array: np.ndarray) -> np.ndarray:
+    """The same array with room for as much again."""
+    larger = np.empty(2 * len(array) + 16, array.dtype)
+    larger[: len(array)] = array
+    return larger
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def cost(distance: float, speeds: np.ndarray) -> float:
+    """Eq. (4.1) [s/m]; ``speeds`` = (radius, 1 / v_min, 1 / v_max)."""
+    fraction = min(max((distance / speeds[0] - 1.0) / 2.0, 0.0), 1.0)
+    return speeds[1] + fraction * (speeds[2] - speeds[1])
+
+
+@kernel(error_model="numpy", boundscheck=False)
+def measure(
+    path: np.ndarray,
+    begin: int,
+    end: int,
+    distance: np.ndarray,
+    resolution_m: float,
+    speeds: np.ndarray,
+) -> tuple[float, float, float]:
+    """Length [m], cost [s] and clearance [m] of path cells ``begin..end - 1``."""
+    columns = distance.shape[1]
+    flat = distance.ravel()
+    straight, diagonal = 0, 0
+    total = 0.0
+    before = cost(flat[path[begin]], speeds)
+    clearance = float(flat[path[begin]])
+    for k in range(begin + 1, end):
+        a, b = path[k - 1], path[k]
+        here = cost(flat[b], speeds)
+        clearance = min(clearance, float(flat[b]))
+        if a // columns != b // columns and a % columns != b % columns:
+            diagonal += 1
+            total += math.sqrt(2.0) * (before + here)
+        else:
+            straight += 1
+            total += before + here
+        before = here
+    return (straight + math.sqrt(2.0) * diagonal) * resolution_m, 0.5 * total * resolution_m, clearance

@@ -1,0 +1,312 @@
+"""Kernels of driving on a grid: clearance, field of travel costs, reachable cells, string pulling.
+
+All lengths are in cells, points are (x, y) with cell (row, column) covering
+``column..column + 1`` and ``row..row + 1``.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...core.kernels import kernel
+from ..pushing._outline_kernels import polygon_distance
+
+#: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
+UNITS = 256
+FAR = np.int32(2**30)
+
+
+@kernel
+def reach_cost(
+    clearance: np.ndarray, cost: np.ndarray, x: float, y: float, radius: float, slow: float
+) -> int:
+    """Least cost [units] of reaching a point over the free cells around it; FAR when none is."""
+    rows, columns = clearance.shape
+    c, r = int(math.floor(x)), int(math.floor(y))
+    best = int(FAR)
+    for rr in range(max(r - 1, 0), min(r + 2, rows)):
+        for cc in range(max(c - 1, 0), min(c + 2, columns)):
+            d = clearance[rr, cc]
+            if d < radius:
+                continue
+            fraction = min((d / radius - 1.0) * 0.5, 1.0)
+            length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
+            total = int(cost[rr * columns + cc]) + int(
+                length * (slow + fraction * (1.0 - slow)) * UNITS + 0.5
+            )
+            best = min(best, total)
+    return best
+
+
+@kernel
+def mark_region(region: np.ndarray, polygon: np.ndarray, radius: float, label: int) -> None:
+    """Label the cells whose centre is nearer than ``radius`` to a polygon; the first label stays."""
+    rows, columns = region.shape
+    c0 = max(0, int(math.floor(polygon[:, 0].min() - radius)))
+    c1 = min(columns, int(math.ceil(polygon[:, 0].max() + radius)) + 1)
+    r0 = max(0, int(math.floor(polygon[:, 1].min() - radius)))
+    r1 = min(rows, int(math.ceil(polygon[:, 1].max() + radius)) + 1)
+    for r in range(r0, r1):
+        for c in range(c0, c1):
+            if region[r, c] == 0 and polygon_distance(c + 0.5, r + 0.5, polygon) < radius:
+                region[r, c] = label
+
+
+@kernel
+def travel_field(
+    clearance: np.ndarray,
+    radius: float,
+    slow: float,
+    seeds: np.ndarray,
+    seed_cost: np.ndarray,
+    region: np.ndarray,
+    charge: np.ndarray,
+    rest: np.ndarray,
+    bound: int,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Cheapest travel from the seeds to every cell.
+
+    A step costs its length times the mean of both cells' costs, Eq. (4.1), 1 far
+    away and ``slow`` at the radius. Bucket queue over whole units; buckets are as
+    wide as the cheapest step, so that nothing in one can shorten another of it.
+
+    Parameters
+    ----------
+    clearance
+        Distance to obstacles [cells].
+    radius
+        Of the robot [cells].
+    slow
+        v_max / v_min.
+    seeds, seed_cost
+        Start cells (flat index) and what they cost already [units].
+    region, charge
+        Where ``region`` is not empty, leaving a labelled cell (seen from the seeds)
+        into an unlabelled one costs ``charge[label]`` more [units].
+    rest, bound
+        Where ``rest`` is not empty, cells with cost + rest > bound are not followed.
+
+    Returns
+    -------
+    cost [units], the flat index each cell was reached from (-1), least flat index reached
+    """
+    rows, columns = clearance.shape
+    n = rows * columns
+    flat = clearance.ravel()
+    cost = np.full(n, FAR, np.int32)
+    came = np.full(n, -1, np.int32)
+    charged = region.size > 0
+    labels = region.ravel()
+    limited = rest.size > 0
+    rests = rest.ravel()
+    top = 0
+    for i in range(len(charge)):
+        top = max(top, charge[i])
+    for i in range(len(seed_cost)):
+        top = max(top, seed_cost[i])
+    count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
+    price = np.zeros(n, np.int32)  # of a cell [units], 0 where the robot does not fit
+    for i in range(n):
+        if flat[i] >= radius:
+            fraction = min((flat[i] / radius - 1.0) * 0.5, 1.0)
+            price[i] = int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+    heads = np.full(count, -1, np.int32)
+    capacity = max(1024, n // 4)
+    pool_cell = np.empty(capacity, np.int32)
+    pool_next = np.empty(capacity, np.int32)
+    pool_cost = np.empty(capacity, np.int32)
+    used = 0
+    free = -1
+    waiting = 0
+    for i in range(len(seeds)):
+        s = seeds[i]
+        if price[s] > 0 and seed_cost[i] < cost[s]:
+            cost[s] = seed_cost[i]
+            slot = (cost[s] // UNITS) % count
+            pool_cell[used] = s
+            pool_cost[used] = cost[s]
+            pool_next[used] = heads[slot]
+            heads[slot] = used
+            used += 1
+            waiting += 1
+    level = 0
+    least = n
+    while waiting > 0:
+        slot = level % count
+        while heads[slot] >= 0:
+            entry = heads[slot]
+            heads[slot] = pool_next[entry]
+            pool_next[entry] = free
+            free = entry
+            waiting -= 1
+            u = pool_cell[entry]
+            reached = cost[u]
+            if pool_cost[entry] != reached:
+                continue
+            if limited and reached + rests[u] > bound:
+                continue
+            least = min(least, u)
+            r, c = u // columns, u % columns
+            for dr in range(-1, 2):
+                rr = r + dr
+                if rr < 0 or rr >= rows:
+                    continue
+                for dc in range(-1, 2):
+                    cc = c + dc
+                    if cc < 0 or cc >= columns or (dr == 0 and dc == 0):
+                        continue
+                    v = rr * columns + cc
+                    if price[v] == 0:
+                        continue
+                    step = price[u] + price[v]
+                    # Half of it for a straight step, sqrt(1/2) of it for a diagonal one.
+                    step = (step * 512 if dr == 0 or dc == 0 else step * 724) >> 10
+                    if charged and labels[u] > 0 and labels[v] == 0:
+                        step += charge[labels[u]]
+                    total = reached + step
+                    if total < cost[v]:
+                        cost[v] = total
+                        came[v] = u
+                        if free >= 0:
+                            entry = free
+                            free = pool_next[entry]
+                        else:
+                            if used == capacity:
+                                larger = capacity * 2
+                                grown_cell = np.empty(larger, np.int32)
+                                grown_next = np.empty(larger, np.int32)
+                                grown_cell[:capacity] = pool_cell
+                                grown_next[:capacity] = pool_next
+                                grown_cost = np.empty(larger, np.int32)
+                                grown_cost[:capacity] = pool_cost
+                                pool_cell, pool_next, pool_cost = grown_cell, grown_next, grown_cost
+                                capacity = larger
+                            entry = used
+                            used += 1
+                        pool_cell[entry] = v
+                        pool_cost[entry] = total
+                        slot_v = (total // UNITS) % count
+                        pool_next[entry] = heads[slot_v]
+                        heads[slot_v] = entry
+                        waiting += 1
+        level += 1
+    return cost, came, least
+
+
+@kernel
+def clearance_at(clearance: np.ndarray, x: float, y: float) -> float:
+    """Clearance between cell centres, bilinear; 0 off the map."""
+    rows, columns = clearance.shape
+    if x < 0.0 or y < 0.0 or x >= columns or y >= rows:
+        return 0.0
+    fx = min(max(x - 0.5, 0.0), columns - 1.0)
+    fy = min(max(y - 0.5, 0.0), rows - 1.0)
+    c, r = int(fx), int(fy)
+    c1, r1 = min(c + 1, columns - 1), min(r + 1, rows - 1)
+    u, v = fx - c, fy - r
+    low = clearance[r, c] * (1.0 - u) + clearance[r, c1] * u
+    high = clearance[r1, c] * (1.0 - u) + clearance[r1, c1] * u
+    return low * (1.0 - v) + high * v
+
+
+@kernel
+def segment_cost(
+    clearance: np.ndarray,
+    radius: float,
+    slow: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    forced: bool,
+) -> float:
+    """Integral of the cost (4.1) along a segment [cells at full speed]; infinite where it touches.
+
+    ``forced`` counts what is nearer than the radius as at the radius.
+    """
+    length = math.hypot(x1 - x0, y1 - y0)
+    count = max(1, int(math.ceil(length * 2.0)))
+    total = 0.0
+    for i in range(count + 1):
+        t = i / count
+        d = clearance_at(clearance, x0 + t * (x1 - x0), y0 + t * (y1 - y0))
+        if d < radius - 1e-4 and not forced:
+            return np.inf
+        fraction = min((d / radius - 1.0) * 0.5, 1.0)
+        if forced:
+            fraction = max(fraction, 0.0)
+        weight = 0.5 if i == 0 or i == count else 1.0
+        total += weight * (slow + fraction * (1.0 - slow))
+    return total * length / count
+
+
+@kernel
+def string_pull(
+    clearance: np.ndarray, radius: float, slow: float, path: np.ndarray, window: int
+) -> tuple[np.ndarray, float]:
+    """Cheapest selection of a path's points, joined by straight segments that touch nothing.
+
+    A shortest-path problem over pairs of points at most ``window`` apart; steps
+    between neighbours are always allowed, they were free on the grid.
+
+    Returns
+    -------
+    indices of the kept points, cost [cells at full speed]
+    """
+    n = len(path)
+    best = np.full(n, np.inf)
+    came = np.zeros(n, np.int32)
+    best[0] = 0.0
+    for j in range(1, n):
+        for i in range(max(0, j - window), j):
+            length = math.hypot(path[j, 0] - path[i, 0], path[j, 1] - path[i, 1])
+            if best[i] + length >= best[j]:
+                continue
+            x0, y0, x1, y1 = path[i, 0], path[i, 1], path[j, 0], path[j, 1]
+            cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, False)
+            if not cost < np.inf and i == j - 1:
+                cost = segment_cost(clearance, radius, slow, x0, y0, x1, y1, True)
+            # 1e-9 per kept point: of equal paths the one with fewer corners.
+            if best[i] + cost + 1e-9 < best[j]:
+                best[j] = best[i] + cost + 1e-9
+                came[j] = i
+    count = 1
+    j = n - 1
+    while j > 0:
+        j = came[j]
+        count += 1
+    kept = np.empty(count, np.int32)
+    j = n - 1
+    for i in range(count - 1, -1, -1):
+        kept[i] = j
+        j = came[j]
+    return kept, best[n - 1]
+
+
+@kernel
+def flood(clearance: np.ndarray, radius: float, seeds: np.ndarray) -> np.ndarray:
+    """Cells that hang together with the seeds, 8-connected, clearance at least the radius."""
+    rows, columns = clearance.shape
+    flat = clearance.ravel()
+    found = np.zeros(rows * columns, np.bool_)
+    stack = np.empty(rows * columns, np.int32)
+    used = 0
+    for s in seeds:
+        if flat[s] >= radius and not found[s]:
+            found[s] = True
+            stack[used] = s
+            used += 1
+    while used > 0:
+        used -= 1
+        u = stack[used]
+        r, c = u // columns, u % columns
+        for rr in range(max(r - 1, 0), min(r + 2, rows)):
+            for cc in range(max(c - 1, 0), min(c + 2, columns)):
+                v = rr * columns + cc
+                if not found[v] and flat[v] >= radius:
+                    found[v] = True
+                    stack[used] = v
+                    used += 1
+    return found

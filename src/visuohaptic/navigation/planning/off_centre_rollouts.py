@@ -1,0 +1,228 @@
+"""Simulated drives against a body beside its centre, and what each of them leaves; grid coordinates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Float32
+
+from ...core.errors import InputError
+from ..pushing.contact_candidates import push_contacts
+from ..pushing.push_model import PushModel
+from ..pushing.quasi_static import line_path, simulate_push
+from .push_states import seed_cells
+from .search_domain import Body, SearchDomain, fill_cells, grid_from_world, lower_clearance
+
+#: Directions that are tried, and places across the object as fractions of half its width.
+DIRECTIONS = 24
+PLACES = (-0.85, -0.5, -0.2, 0.2, 0.5, 0.85)
+#: Maximum length of the drive in contact [m], and distance between the ends that are kept.
+MAX_LENGTH_M, SPACING_M = 0.5, 0.06
+#: The platform starts so far off the outline [cells], and backs off by so much [m].
+STAND_OFF, BACK_OFF_M = 0.6, 0.10
+#: What moves or turns less has not changed anything [m, rad].
+MIN_M, MIN_RAD = 0.02, 0.08
+#: Rollouts of one object that are kept.
+MAX_ROLLOUTS = 240
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OffCentreScene:
+    """One body to be turned, everything else as it is; grid coordinates."""
+
+    domain: SearchDomain
+    body: Body
+    model: PushModel  #: in metres along the grid's axes, about the centroid
+    without: Float32[np.ndarray, "rows columns"]  #: clearance without the body [cells]
+    blocked: Bool[np.ndarray, "rows columns"]  #: cells that the body must not enter
+    goal: Float[np.ndarray, "2"]
+    radius_m: float  #: of the rim
+    stand_off: float  #: drives start so far from where the rim touches [cells]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rollout:
+    """A straight drive against the body, and where it leaves it."""
+
+    scene: OffCentreScene
+    direction: Float[np.ndarray, "2"]  #: of the drive, unit vector
+    approach_at: Float[np.ndarray, "2"]  #: where it starts [cells]
+    approach_s: float  #: cost of getting there
+    length_m: float  #: of the drive
+    pose: Float[np.ndarray, "3"]  #: of the body from where it was [m, m, rad]
+
+
+def rollouts(
+    domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
+) -> list[Rollout]:
+    """Drives against every body from all sides that cause no collision."""
+    from ._travel_kernels import UNITS, travel_field
+
+    still = np.zeros((len(domain.bodies), 2))
+    clearance = domain.clearance_with(still)
+    cells, costs = seed_cells(clearance, start, domain.radius, domain.slow, UNITS, reach=2)
+    if not cells.size:
+        return []
+    nothing = np.zeros((0, 0), np.int32)
+    none = np.zeros(0, np.int32)
+    cost, _, _ = travel_field(clearance, domain.radius, domain.slow, cells, costs, nothing, none, none, 0)
+    found: list[Rollout] = []
+    for index, body in enumerate(domain.bodies):
+        blocked = domain.occupied.copy()
+        for other in domain.bodies:
+            if other is not body:
+                fill_cells(blocked, other.outline)
+        resolution_m = domain.map.resolution_m
+        aside = grid_from_world(domain.map, body.obj.centre_m + np.array(body.obj.friction_offset_m))
+        offset_m = (aside - body.centre) * resolution_m
+        model = PushModel.patch((body.outline - body.centre) * resolution_m)
+        model = model.with_centre_moved(float(offset_m[0]), float(offset_m[1]))
+        scene = OffCentreScene(
+            domain, body, model, domain.clearance_with(still, index), blocked, goal,
+            domain.robot.radius_m - margin_m, STAND_OFF + margin_m / resolution_m,
+        )  # fmt: skip
+        ends = [
+            rollout
+            for direction, approach_at, approach in _approaches(scene, clearance, cost)
+            for rollout in _rollouts_of(scene, direction, approach_at, domain.seconds(approach / UNITS))
+        ]
+        found += ends[:: max(1, -(-len(ends) // MAX_ROLLOUTS))]
+    return found
+
+
+def _approaches(
+    scene: OffCentreScene, clearance: Float32[np.ndarray, "rows columns"], cost: np.ndarray
+) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
+    """Directions of drives, where they start, and what it costs to get there [units]."""
+    from ..pushing._outline_kernels import disc_touches_at
+    from ._travel_kernels import FAR, reach_cost
+
+    domain, body = scene.domain, scene.body
+    shape = np.ascontiguousarray(body.outline - body.centre)
+    radius = scene.radius_m / domain.map.resolution_m
+    reach = 3.0 * float(np.abs(shape).max()) + 3.0 * domain.radius
+    for angle in np.arange(DIRECTIONS) * (2 * math.pi / DIRECTIONS):
+        ahead = np.array([math.cos(angle), math.sin(angle)])
+        left = np.array([-ahead[1], ahead[0]])
+        across = shape @ left
+        middle, half = 0.5 * (across.max() + across.min()), 0.5 * float(np.ptp(across))
+        for place in (*PLACES, -1.0 - 0.5 * radius / half, 1.0 + 0.5 * radius / half):
+            aside = (middle + place * half) * left
+            away = disc_touches_at(shape - aside, ahead[0], ahead[1], radius, reach)
+            if away == -1.0:
+                continue  # it passes
+            approach_at = body.centre + aside - (away + scene.stand_off) * ahead
+            approach = reach_cost(clearance, cost, approach_at[0], approach_at[1], domain.radius, domain.slow)
+            if approach < FAR:
+                yield ahead, approach_at, float(approach)
+
+
+def _rollouts_of(
+    scene: OffCentreScene,
+    ahead: Float[np.ndarray, "2"],
+    approach_at: Float[np.ndarray, "2"],
+    approach_s: float,
+) -> Iterator[Rollout]:
+    """One drive at several lengths, as far as it is free of collisions."""
+    from ._travel_kernels import clearance_at
+
+    domain, resolution_m = scene.domain, scene.domain.map.resolution_m
+    path = drive_of(scene, ahead, approach_at, MAX_LENGTH_M + scene.stand_off * resolution_m)
+    try:
+        trace = simulate_push(scene.model, (0.0, 0.0, 0.0), path, scene.radius_m)
+    except InputError:
+        return  # the platform would start inside a dent of the outline
+    robot = path[:, :2] / resolution_m + scene.body.centre
+    room = [clearance_at(scene.without, x, y) >= domain.radius - 0.05 for x, y in robot]
+    clear = np.logical_and.accumulate(np.array(room) & fits(scene, trace.object_m))
+    gone = np.hypot(*(path[:, :2] - path[0, :2]).T)
+    next_m = 0.0
+    for row in np.flatnonzero(clear):
+        moved = float(np.hypot(*trace.object_m[row, :2]))
+        if (moved < MIN_M and abs(trace.object_m[row, 2]) < MIN_RAD) or gone[row] < next_m:
+            continue
+        next_m = float(gone[row]) + SPACING_M
+        yield Rollout(scene, ahead, approach_at, approach_s, float(gone[row]), trace.object_m[row])
+
+
+def drive_of(
+    scene: OffCentreScene, ahead: Float[np.ndarray, "2"], approach_at: Float[np.ndarray, "2"], length_m: float
+) -> Float[np.ndarray, "k 3"]:
+    """The drive about the body's centre [m]."""
+    begin_m = (approach_at - scene.body.centre) * scene.domain.map.resolution_m
+    return line_path(begin_m, begin_m + length_m * ahead)
+
+
+def placed(
+    points: Float[np.ndarray, "k 2"], scene: OffCentreScene, pose: np.ndarray
+) -> Float[np.ndarray, "k 2"]:
+    """Points of the body [cells] after it has moved by a pose [m, m, rad]."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    own = (points - scene.body.centre) @ np.array([[c, s], [-s, c]])
+    return own + scene.body.centre + pose[:2] / scene.domain.map.resolution_m
+
+
+def fits(scene: OffCentreScene, poses: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, "k"]:
+    """Whether the body is free of everything at each pose; points that begin in something are not looked at."""
+    rows, columns = scene.blocked.shape
+
+    def hit(points: np.ndarray) -> np.ndarray:
+        c, r = np.floor(points).astype(np.int64).T
+        off = (c < 0) | (r < 0) | (c >= columns) | (r >= rows)
+        return off | scene.blocked[np.where(off, 0, r), np.where(off, 0, c)]
+
+    points = np.concatenate([scene.body.samples, scene.body.around])
+    points = points[~hit(points)]
+    return np.array([not hit(placed(points, scene, pose)).any() for pose in poses])
+
+
+def _clearance_after(rollout: Rollout, pose: np.ndarray) -> Float32[np.ndarray, "rows columns"]:
+    scene = rollout.scene
+    layer = scene.without.copy()
+    lower_clearance(layer, np.ascontiguousarray(placed(scene.body.outline, scene, pose)), scene.domain.reach)
+    return layer
+
+
+def retreat(rollout: Rollout) -> Float[np.ndarray, "2"]:
+    back = max(rollout.length_m - BACK_OFF_M, 0.0) / rollout.scene.domain.map.resolution_m
+    return rollout.approach_at + back * rollout.direction
+
+
+def _reached(
+    rollout: Rollout, pose: np.ndarray
+) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
+    """Clearance, and the cells that the robot reaches after a push."""
+    from ._travel_kernels import UNITS, flood
+
+    domain = rollout.scene.domain
+    clearance = _clearance_after(rollout, pose)
+    near, _ = seed_cells(clearance, retreat(rollout), domain.radius, domain.slow, UNITS, reach=2)
+    return clearance, flood(clearance, domain.radius, near)
+
+
+def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
+    """Whether the goal can be reached when the body has moved by a pose."""
+    from ._travel_kernels import UNITS
+
+    domain = rollout.scene.domain
+    clearance, reached = _reached(rollout, pose)
+    goal, _ = seed_cells(clearance, rollout.scene.goal, domain.radius, domain.slow, UNITS)
+    return bool(goal.size) and bool(reached[goal].any())
+
+
+def contacts_after(rollout: Rollout) -> int:
+    """How many straight pushes the body has afterwards from where the robot can approach_at."""
+    domain = rollout.scene.domain
+    _, reached = _reached(rollout, rollout.pose)
+    shape = rollout.scene.domain.clearance.shape
+    outline = placed(rollout.scene.body.outline, rollout.scene, rollout.pose)
+    centre = placed(rollout.scene.body.centre[None], rollout.scene, rollout.pose)[0]
+    found = 0
+    for contact in push_contacts(outline, centre, domain.radius):
+        column, row = np.floor(centre + contact.robot - STAND_OFF * contact.direction).astype(int)
+        near = reached.reshape(shape)[max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2]
+        found += bool(near.any())
+    return found
