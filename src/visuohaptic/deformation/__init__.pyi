@@ -40,7 +40,8 @@ from .nonlinear.self_contact import wall_gap_m as wall_gap_m
 from .shapes.container import ContainerDescription as ContainerDescription
 from .shapes.container import class_names as class_names
 from .shapes.container import load_container as load_container
-from .shapes.import_mesh import import_object as import_object
+from .shapes.import_mesh import MeshConvention as MeshConvention
+from .shapes.import_mesh import import_container as import_container
 from .shapes.load_shell import load_object as load_object
 from .shapes.mesher import ShellObject as ShellObject
 from .shapes.mesher import mesh_container as mesh_container
@@ -52,6 +53,9 @@ from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
 from .shapes.symmetry_reduction import Symmetry as Symmetry
 from .shapes.symmetry_reduction import detect_symmetry as detect_symmetry
 from .shapes.symmetry_reduction import symmetric_part as symmetric_part
+from .shapes.variants import draw_variant as draw_variant
+from .shapes.variants import draw_variants as draw_variants
+from .shapes.wall_properties import WallProperties as WallProperties
 from .shells.corotational import CorotationalShell as CorotationalShell
 from .shells.corotational import PressureLaw as PressureLaw
 from .shells.corotational import ShellState as ShellState

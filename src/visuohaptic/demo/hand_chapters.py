@@ -185,9 +185,10 @@ def _sorted(belief: Mapping[str, float]) -> list[tuple[str, float]]:
 def _nearest(name: str, outline_m: Float[np.ndarray, "k 2"]) -> ContainerDescription:
     """The variant of the class that is most like the measured outline."""
     from ..deformation.shapes.container import load_container
+    from ..deformation.shapes.variants import draw_variants
 
     base = load_container(GROUPS.get(name, (name,))[0])
-    variants = base.variants(24, 0)
+    variants = draw_variants(base, 24, 0)
     fraction = np.linspace(0.05, 0.9, 20)
 
     def off(one: ContainerDescription) -> float:

@@ -17,6 +17,7 @@ from ..core.errors import InputError
 from ..core.files import parse_yaml
 from ..deformation.shapes.container import ContainerDescription, load_container
 from ..deformation.shapes.mesher import STIFF_CAP_M, mesh_container
+from ..deformation.shapes.variants import draw_variant
 from ..deformation.shells.shell_material import IsotropicMaterial
 from ..recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
@@ -129,7 +130,7 @@ def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle
 def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
     """One draw of an unseen object: of the nine it is always the same container, perturbed, unless varied."""
     key = sorted({*REAL, *UNKNOWN, "elliptic"}).index(name)
-    base = description(name).variant(draw if varied or name in UNKNOWN else 0, seed)
+    base = draw_variant(description(name), draw if varied or name in UNKNOWN else 0, seed)
     for attempt in range(20):
         rng = np.random.default_rng([seed, key, draw, attempt])
         try:

@@ -27,6 +27,7 @@ from ...core.files import atomic_path, load_yaml_model, read_npz, write_text
 from ..nonlinear.contents import Contents
 from ..shapes.container import ContainerDescription, load_container
 from ..shapes.mesher import ShellObject, mesh_container
+from ..shapes.variants import draw_variant
 from .banded_map import object_map
 from .curve_features import nonlinear_features
 from .features import HEIGHTS, StiffnessFeatures, linear_features
@@ -151,7 +152,7 @@ def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> 
     jobs = []
     for entry, description in zip(plan.classes, descriptions, strict=True):
         for variant in range(entry.variants):
-            container = description.variant(variant, plan.seed)
+            container = draw_variant(description, variant, plan.seed)
             jobs.append(
                 BuildJob(
                     description.name,
