@@ -1,12 +1,12 @@
 from .maps.banded_map import nearest_value as nearest_value
 from .maps.banded_map import object_map as object_map
 from .maps.banded_map import object_stiffness as object_stiffness
-from .maps.class_build import BuildJob as BuildJob
-from .maps.class_build import BuildPlan as BuildPlan
+from .maps.build_plan import BuildJob as BuildJob
+from .maps.build_plan import BuildPlan as BuildPlan
+from .maps.build_plan import load_plan as load_plan
+from .maps.build_plan import plan_jobs as plan_jobs
 from .maps.class_build import BuildReport as BuildReport
 from .maps.class_build import build as build
-from .maps.class_build import load_plan as load_plan
-from .maps.class_build import plan_jobs as plan_jobs
 from .maps.curve_features import nonlinear_features as nonlinear_features
 from .maps.features import StiffnessFeatures as StiffnessFeatures
 from .maps.features import curve_coefficients as curve_coefficients
@@ -28,8 +28,8 @@ from .nonlinear.contents import contained_curve as contained_curve
 from .nonlinear.contents import damped_iteration as damped_iteration
 from .nonlinear.contents import hydrostatic_load as hydrostatic_load
 from .nonlinear.contents import liquid_level_m as liquid_level_m
-from .nonlinear.load_stepping import EquilibriumPath as EquilibriumPath
-from .nonlinear.load_stepping import PathPoint as PathPoint
+from .nonlinear.equilibrium_path import EquilibriumPath as EquilibriumPath
+from .nonlinear.equilibrium_path import PathPoint as PathPoint
 from .nonlinear.load_stepping import follow_arc as follow_arc
 from .nonlinear.load_stepping import follow_displacement as follow_displacement
 from .nonlinear.load_stepping import follow_load as follow_load

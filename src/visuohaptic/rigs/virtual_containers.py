@@ -116,7 +116,8 @@ def description(name: str) -> ContainerDescription:
 
 def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:
     """Features of the classes from ``objects build``, kept in the folder."""
-    from ..deformation.maps.class_build import BuildPlan, build, plan_jobs
+    from ..deformation.maps.build_plan import BuildPlan, plan_jobs
+    from ..deformation.maps.class_build import build
     from ..deformation.shapes.container import class_names
     from ..recognition.data.data_set import read_build
 
