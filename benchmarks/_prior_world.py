@@ -8,7 +8,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from visuohaptic.deformation.shapes import class_names, load_container, mesh_container
+from visuohaptic.deformation.shapes import class_names, draw_variant, load_container, mesh_container
 from visuohaptic.reconstruction import SurfaceMesh
 
 
@@ -18,7 +18,7 @@ def containers(variants: int, seed: int = 1, classes: tuple[str, ...] = ()) -> d
     for name in classes or class_names():
         description = load_container(name)
         for k in range(variants):
-            shell = mesh_container(description.variant(k, seed), around=32)
+            shell = mesh_container(draw_variant(description, k, seed), around=32)
             faces = shell.surface_faces
             if description.top.kind != "open":
                 faces = np.vstack([faces, shell.lid])

@@ -19,7 +19,7 @@ from visuohaptic.deformation.maps import (
 )
 from visuohaptic.deformation.maps.features import NOMINAL_N, NOMINAL_m
 from visuohaptic.deformation.nonlinear import Contents
-from visuohaptic.deformation.shapes import class_names, load_container, mesh_container
+from visuohaptic.deformation.shapes import class_names, draw_variant, load_container, mesh_container
 
 from ._journal import Journal
 from .harness import cpu_seconds
@@ -105,7 +105,7 @@ def _features(report: Path | None) -> list[dict[str, Any]]:
 
 def _one(name: str) -> dict[str, Any]:
     """Features of one object on the build's mesh, and by how much a finer mesh changes them."""
-    container = load_container(name).variant(0, SEED)
+    container = draw_variant(load_container(name), 0, SEED)
     fine, coarse = mesh_container(container, around=48), mesh_container(container, around=32, levels=HEIGHTS)
     begin = time.process_time()
     found = nonlinear_features(fine, coarse=coarse, fill_in=True)

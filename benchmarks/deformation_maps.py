@@ -11,7 +11,13 @@ import numpy as np
 
 from visuohaptic.deformation.maps import BuildJob, object_map, save_map
 from visuohaptic.deformation.maps.class_build import compute
-from visuohaptic.deformation.shapes import class_names, import_object, load_container, mesh_container
+from visuohaptic.deformation.shapes import (
+    class_names,
+    draw_variant,
+    import_container,
+    load_container,
+    mesh_container,
+)
 
 from .harness import cpu_seconds
 
@@ -24,7 +30,7 @@ def run() -> list[dict[str, Any]]:
     names = class_names()
     seconds, size = [], []
     for number in range(OBJECTS + len(names)):
-        container = load_container(names[number % len(names)]).variant(number // len(names), 7)
+        container = draw_variant(load_container(names[number % len(names)]), number // len(names), 7)
         job = BuildJob(
             container.name,
             number,
@@ -77,7 +83,7 @@ def _import_to_file() -> list[dict[str, Any]]:
             trimesh.Trimesh(found.vertices_m, found.faces, process=False).export(path)
 
             def whole(path: Path = path, folder: str = folder) -> None:
-                save_map(Path(folder) / "map.npz", object_map(import_object(path), band=False))
+                save_map(Path(folder) / "map.npz", object_map(import_container(path), band=False))
 
             rows.append(
                 {

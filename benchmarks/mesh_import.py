@@ -11,7 +11,7 @@ import numpy as np
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import object_map, save_map
-from visuohaptic.deformation.shapes import import_object
+from visuohaptic.deformation.shapes import import_container
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -31,7 +31,7 @@ def run() -> list[dict[str, Any]]:
             continue
         begin = time.process_time()
         try:
-            thing = import_object(path)
+            thing = import_container(path)
             found = object_map(thing, band=False)
             with tempfile.TemporaryDirectory() as scratch:
                 save_map(Path(scratch) / "map.npz", found)

@@ -77,7 +77,7 @@ def times(count: int, seed: int = 5) -> list[dict[str, Any]]:
         chosen = bank[rng.integers(0, len(bank), 150)].astype(int) + rng.integers(-25, 26, (150, 128))
         entry = Entry((f"o{number}",))
         places = rng.uniform(0, 300, (150, 2)).astype(np.float32)
-        entry.pictures.append(LocalFeatures(places, np.clip(chosen, 0, 255).astype(np.uint8)))
+        entry.images.append(LocalFeatures(places, np.clip(chosen, 0, 255).astype(np.uint8)))
         base = views[number % len(views)]
         moved = base.descriptors + rng.normal(0, 0.05, base.descriptors.shape).astype(np.float32)
         entry.shape = ShapeViews(base.points_m, base.directions, moved)
@@ -132,7 +132,7 @@ def _judged(
     first, third, classes, listed, confidence, right, rejected = [], [], [], [], [], [], []
     kept = []
     for one in looks[half:]:
-        found = prior.candidates(one.image, one.cloud, one.context, least=0.0)
+        found = prior.candidates(one.image, one.cloud, one.context, min_probability=0.0)
         names = [candidate.object_id for candidate in found]
         by_group: dict[str, float] = {}
         for candidate in found:

@@ -14,7 +14,7 @@ import numpy as np
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.nonlinear import Contents
-from visuohaptic.deformation.shapes import load_container
+from visuohaptic.deformation.shapes import draw_variant, load_container
 from visuohaptic.recognition.data import TouchReading, fit_curve
 from visuohaptic.recognition.touch import (
     StateCurve,
@@ -40,7 +40,7 @@ def campaign(names: tuple[str, ...], *, variants: int, tests: int, seed: int = 0
         states = dict(list(STATES.items())[:count])
         right, places = [], []
         for name in names:
-            thing = load_container(name).variant(0, 2016)
+            thing = draw_variant(load_container(name), 0, 2016)
             rng = np.random.default_rng(seed)
             curves = simulate_state_curves(thing, states, PLACES, variants=variants, seed=seed)
             model = fit_state_model(curves, rng)

@@ -9,7 +9,12 @@ import pytest
 
 from visuohaptic.deformation.maps import object_map, object_stiffness
 from visuohaptic.deformation.maps.banded_map import nearest_value
-from visuohaptic.deformation.shapes import ContainerDescription, import_object, mesh_container
+from visuohaptic.deformation.shapes import (
+    ContainerDescription,
+    WallProperties,
+    import_container,
+    mesh_container,
+)
 from visuohaptic.deformation.shells import opposing_points
 
 trimesh = pytest.importorskip("trimesh")
@@ -52,7 +57,7 @@ def test_a_mesh_is_as_stiff_as_its_description(
     )
     surface(foot, mouth, height, shift).export(tmp_path / "same.stl")
     described = object_map(mesh_container(description), band=False)
-    thing = import_object(tmp_path / "same.stl", thickness_m=0.0006)
+    thing = import_container(tmp_path / "same.stl", wall=WallProperties(thickness_m=0.0006))
     imported = object_map(thing, band=False)
     assert thing.axis_point_m == pytest.approx((0, 0), abs=1e-5)
     for fraction in (0.25, 0.5, 0.75, 1.0):

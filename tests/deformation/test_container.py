@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 from visuohaptic.core import InputError
 from visuohaptic.deformation.shapes import (
     ContainerDescription,
-    Profile,
+    WallProfile,
     class_names,
+    draw_variant,
+    draw_variants,
     load_container,
     mesh_container,
     quantity,
@@ -55,20 +57,20 @@ def test_all_classes_of_the_dissertation_are_shipped() -> None:
 def test_a_hundred_variants_of_every_class_have_a_valid_shape(name: str) -> None:
     found = load_container(name)
     assert found.name == name
-    for variant in found.variants(100, seed=1):
-        Profile.of(variant)
+    for variant in draw_variants(found, 100, seed=1):
+        WallProfile.of(variant)
 
 
 def test_a_variant_depends_on_its_number_and_seed_alone() -> None:
     found = load_container("isana")
-    assert found.variants(9, 4)[6] == found.variant(6, 4)
-    assert found.variant(6, 4) != found.variant(6, 5)
-    assert found.variant(6, 4) != found.variant(7, 4)
+    assert draw_variants(found, 9, 4)[6] == draw_variant(found, 6, 4)
+    assert draw_variant(found, 6, 4) != draw_variant(found, 6, 5)
+    assert draw_variant(found, 6, 4) != draw_variant(found, 7, 4)
 
 
 def test_variants_fill_their_ranges() -> None:
     found = load_container("cup")
-    wall = np.array([variant.wall[0] for variant in found.variants(64, 2)])
+    wall = np.array([variant.wall[0] for variant in draw_variants(found, 64, 2)])
     low, high = found.wall
     # A Sobol sequence has one of 64 points in each 64th of a range; its shift moves them all alike.
     counts = np.histogram(wall, 16, (low, high))[0]
@@ -93,7 +95,7 @@ def test_variants_fill_their_ranges() -> None:
 )
 def test_impossible_walls_are_refused_with_the_place(change: dict[str, object], said: str) -> None:
     with pytest.raises(InputError, match=said):
-        Profile.of(describe(**change))
+        WallProfile.of(describe(**change))
 
 
 @pytest.mark.parametrize(
@@ -144,13 +146,13 @@ def test_sections_lie_on_their_curve_equally_spaced_and_mirrored(
 
 
 def test_a_bulge_is_the_sagitta() -> None:
-    found = Profile.of(describe(sections=[{"height": "100 mm", "bulge": "4 mm"}]))
+    found = WallProfile.of(describe(sections=[{"height": "100 mm", "bulge": "4 mm"}]))
     assert np.interp(0.05, found.z_m, found.radius_x_m) == pytest.approx(0.039)
     assert found.radius_x_m[-1] == pytest.approx(0.035)
 
 
 def test_rings_rims_and_sections_set_the_wall() -> None:
-    found = Profile.of(
+    found = WallProfile.of(
         describe(
             sections=[{"height": "100 mm"}, {"height": "100 mm", "wall": "1 mm"}],
             rim={"height": "5 mm", "wall": "3 mm"},

@@ -14,7 +14,13 @@ from scipy.spatial import cKDTree
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps.banded_map import nearest_value
-from visuohaptic.deformation.shapes import ShellObject, import_object, inspect_mesh, why_not_as_it_is
+from visuohaptic.deformation.shapes import (
+    ShellObject,
+    WallProperties,
+    import_container,
+    inspect_mesh,
+    why_not_as_it_is,
+)
 from visuohaptic.deformation.shells import RevolutionShell, dual_tip_map, opposing_points, pinch_stiffness
 
 trimesh = pytest.importorskip("trimesh")
@@ -89,7 +95,9 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
     found = []
     for number, mesh in enumerate(meshes):
         mesh.export(tmp_path / f"{number}.ply")
-        thing = import_object(tmp_path / f"{number}.ply", thickness_m=WALL_m, remesh=remesh)
+        thing = import_container(
+            tmp_path / f"{number}.ply", wall=WallProperties(thickness_m=WALL_m), remesh=remesh
+        )
         away, _ = cKDTree(thing.mesh.vertices_m).query(mesh.vertices)
         # A PLY file has single precision: 4e-9 m at 0.11 m.
         assert away.max() < 1e-8
@@ -101,7 +109,7 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
 
 def test_a_grooved_pot_with_a_foot_of_slivers_is_as_stiff_as_the_series(tmp_path: Path) -> None:
     pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
-    thing = import_object(tmp_path / "pot.ply", thickness_m=WALL_m)
+    thing = import_container(tmp_path / "pot.ply", wall=WallProperties(thickness_m=WALL_m))
     height = np.linspace(0, 0.11, 441)
     from_groove = np.clip((height - 0.055) / 0.0125, -1, 1)
     shell = RevolutionShell(RADIUS_m - 0.00075 * (1 + np.cos(np.pi * from_groove)), height, WALL_m)
@@ -114,7 +122,7 @@ def test_right_angled_needles_are_used_and_right(tmp_path: Path) -> None:
     """Needles of 9 degrees: what spoils a triangle is a large angle, not a small one."""
     points, faces = revolved(np.full(140, RADIUS_m), np.linspace(0, 0.05, 140))
     trimesh.Trimesh(points, faces, process=False).export(tmp_path / "needles.ply")
-    thing = import_object(tmp_path / "needles.ply", thickness_m=WALL_m)
+    thing = import_container(tmp_path / "needles.ply", wall=WallProperties(thickness_m=WALL_m))
     assert len(thing.mesh.vertices_m) == len(points)
     # The first ring above the base is within a hundredth of the height and is clamped as well.
     shell = RevolutionShell(np.full(139, RADIUS_m), np.linspace(0.05 / 139, 0.05, 139), WALL_m)
@@ -156,7 +164,7 @@ def two_sided(
 
 def test_a_measured_wall_is_used(tmp_path: Path) -> None:
     two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
-    thing = import_object(tmp_path / "jar.ply")
+    thing = import_container(tmp_path / "jar.ply")
     # The distance between two facets of 96 is cos(pi / 96) of that between their circles: 0.05 %.
     np.testing.assert_allclose(thing.mesh.thickness_m, 0.002, rtol=0.002)
     assert thing.wall_spread < 0.01
@@ -172,7 +180,7 @@ def test_a_slanted_wall_is_measured_along_its_normal(tmp_path: Path) -> None:
     radius = np.linspace(0.03, 0.08, 40)
     mesh = two_sided(radius, radius - 0.03, (0.5**0.5, -(0.5**0.5)), 0.002)
     mesh.export(tmp_path / "bowl.ply")
-    thing = import_object(tmp_path / "bowl.ply", open_top=True)
+    thing = import_container(tmp_path / "bowl.ply", open_top=True)
     # The middle is taken horizontally: on a cone that is exact up to the facets, at the ends one row is cut.
     assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.02)
 
@@ -180,7 +188,7 @@ def test_a_slanted_wall_is_measured_along_its_normal(tmp_path: Path) -> None:
 def test_the_noise_of_a_scan_is_the_uncertainty_of_its_wall(tmp_path: Path) -> None:
     mesh = two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002, noise_m=1e-4)
     mesh.export(tmp_path / "scan.ply")
-    thing = import_object(tmp_path / "scan.ply")
+    thing = import_container(tmp_path / "scan.ply")
     # Two surfaces: 0.14 of 2 mm, 7 % at a vertex. Between three vertices a facet averages down to 1 / sqrt(3) of it.
     assert 0.07 / 3**0.5 * 0.9 < thing.wall_spread < 0.07 * 1.1
     assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.01)
@@ -189,7 +197,7 @@ def test_the_noise_of_a_scan_is_the_uncertainty_of_its_wall(tmp_path: Path) -> N
 def test_a_thickness_given_wins_and_a_contradiction_is_said(tmp_path: Path) -> None:
     two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
     for given, contradicts in ((0.0005, True), (0.0021, False)):
-        thing = import_object(tmp_path / "jar.ply", thickness_m=given)
+        thing = import_container(tmp_path / "jar.ply", wall=WallProperties(thickness_m=given))
         np.testing.assert_allclose(thing.mesh.thickness_m, given, rtol=1e-12)
         assert any("contradicts the mesh, 2 mm" in note for note in thing.notes) == contradicts
         assert thing.wall_spread == pytest.approx(0.1)
@@ -208,7 +216,9 @@ def with_boards(width: float) -> tuple[trimesh.Trimesh, float]:
 def test_how_much_of_a_mesh_is_a_container_is_said(tmp_path: Path) -> None:
     mesh, fraction = with_boards(0.02)
     mesh.export(tmp_path / "handle.ply")
-    note = next(note for note in import_object(tmp_path / "handle.ply").notes if "of the surface of" in note)
+    note = next(
+        note for note in import_container(tmp_path / "handle.ply").notes if "of the surface of" in note
+    )
     assert float(note.split()[0]) == pytest.approx(100 * fraction, abs=2)
 
 
@@ -218,7 +228,7 @@ def test_what_is_mostly_no_container_is_refused(tmp_path: Path) -> None:
     mesh.export(tmp_path / "drill.ply")
     said = rf"only {100 * fraction:.0f} % of its surface is wall, foot or lid of a container"
     with pytest.raises(InputError, match=said):
-        import_object(tmp_path / "drill.ply")
+        import_container(tmp_path / "drill.ply")
 
 
 def test_the_nearest_point_may_be_inside_a_large_triangle() -> None:
@@ -238,7 +248,7 @@ def test_the_nearest_point_may_be_inside_a_large_triangle() -> None:
 @pytest.mark.data
 def test_the_walls_of_real_meshes_are_measured(data: Path) -> None:
     folder = data / "deformation" / "meshes"
-    glass = import_object(folder / "pr_ordata" / "glass.stl")
+    glass = import_container(folder / "pr_ordata" / "glass.stl")
     # Drawn as a straight taper, from 3.1 mm above its foot to 0.8 mm at the rim, 0.16 m higher.
     assert any("as thick as measured: 1.95 mm" in note for note in glass.notes)
     assert np.max(glass.mesh.thickness_m) == pytest.approx(0.0031, rel=0.03)

@@ -8,12 +8,16 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import object_map
-from visuohaptic.deformation.shapes import import_object, inspect_mesh, tube_mesh
+from visuohaptic.deformation.shapes import (
+    MeshConvention,
+    WallProperties,
+    import_container,
+    inspect_mesh,
+    tube_mesh,
+)
 from visuohaptic.deformation.shells import dual_tip_map
 
 trimesh = pytest.importorskip("trimesh")
-
-STEEL = {"wall_material": "PET", "thickness_m": 0.0005}
 
 
 def tube(around: int = 72, along: int = 60, radius: float = 0.035) -> trimesh.Trimesh:
@@ -26,8 +30,8 @@ def write(mesh: trimesh.Trimesh, path: Path) -> Path:
     return path
 
 
-def middle_stiffness(path: Path, **more: object) -> float:
-    thing = import_object(path, **more)
+def middle_stiffness(path: Path, convention: MeshConvention | None = None) -> float:
+    thing = import_container(path, convention=convention)
     found = dual_tip_map(thing.model())
     z = thing.mesh.vertices_m[:, 2]
     z = (z - z.min()) / np.ptp(z)
@@ -56,16 +60,18 @@ def test_the_unit_is_guessed_said_and_can_be_given(
     mesh = tube()
     mesh.apply_scale(scale)
     path = write(mesh, tmp_path / "t.stl")
-    thing = import_object(path)
+    thing = import_container(path)
     assert thing.height_m == pytest.approx(0.2, rel=1e-4)
     assert any(f"unit taken as {unit}" in note for note in thing.notes)
-    assert import_object(path, unit=unit).height_m == pytest.approx(0.2, rel=1e-4)
+    assert import_container(path, convention=MeshConvention(unit)).height_m == pytest.approx(0.2, rel=1e-4)
 
 
 def test_the_height_axis_can_be_given(tmp_path: Path, reference: float) -> None:
     mesh = tube()
     mesh.vertices = mesh.vertices[:, [2, 0, 1]]
-    assert middle_stiffness(write(mesh, tmp_path / "t.stl"), up="x") == pytest.approx(reference, rel=1e-3)
+    assert middle_stiffness(write(mesh, tmp_path / "t.stl"), MeshConvention(up="x")) == pytest.approx(
+        reference, rel=1e-3
+    )
 
 
 def damaged(name: str) -> trimesh.Trimesh:
@@ -107,7 +113,7 @@ def test_two_surfaces_become_one_wall(tmp_path: Path) -> None:
     outer, inner = tube(96, 60, 0.0352), tube(96, 60, 0.0348)
     inner.invert()
     path = write(trimesh.util.concatenate([outer, inner]), tmp_path / "double.stl")
-    thing = import_object(path)
+    thing = import_container(path)
     assert any("inner and outer surface, 0.4 mm apart" in note for note in thing.notes)
     radius = np.hypot(thing.mesh.vertices_m[:, 0], thing.mesh.vertices_m[:, 1])
     np.testing.assert_allclose(radius, 0.035, rtol=1e-3)
@@ -115,7 +121,7 @@ def test_two_surfaces_become_one_wall(tmp_path: Path) -> None:
 
 def test_a_lid_is_kept_or_taken_off(tmp_path: Path) -> None:
     path = write(trimesh.creation.cylinder(radius=0.035, height=0.15, sections=64), tmp_path / "can.stl")
-    closed, opened = import_object(path), import_object(path, open_top=True)
+    closed, opened = import_container(path), import_container(path, open_top=True)
     assert closed.volume_m3 == pytest.approx(np.pi * 0.035**2 * 0.15, rel=0.01)
     assert opened.volume_m3 == pytest.approx(closed.volume_m3, rel=0.01)
     stiff, soft = (object_map(thing, band=False).stiffness_N_per_m for thing in (closed, opened))
@@ -133,7 +139,7 @@ def test_a_lid_is_kept_or_taken_off(tmp_path: Path) -> None:
 def test_what_is_no_container_is_refused(make: object, said: str, tmp_path: Path) -> None:
     path = write(make(), tmp_path / "bad.stl")
     with pytest.raises(InputError, match=said) as caught:
-        import_object(path)
+        import_container(path)
     assert str(path) in str(caught.value)
 
 
@@ -142,7 +148,7 @@ def test_two_containers_side_by_side_are_refused(tmp_path: Path) -> None:
     other.apply_translation([0.2, 0, 0])
     path = write(trimesh.util.concatenate([tube(), other]), tmp_path / "two.stl")
     with pytest.raises(InputError, match="no wall round the axis"):
-        import_object(path)
+        import_container(path)
 
 
 def test_a_large_hole_is_refused_with_its_place(tmp_path: Path) -> None:
@@ -152,7 +158,7 @@ def test_a_large_hole_is_refused_with_its_place(tmp_path: Path) -> None:
     gone = (np.abs(angle - 90) < 50) & (np.abs(centre[:, 2] - 0.1) < 0.03)
     path = write(trimesh.Trimesh(mesh.vertices, mesh.faces[~gone], process=False), tmp_path / "hole.stl")
     with pytest.raises(InputError, match=r"hole of \d+ degrees in the wall at height 0\.\d+ m"):
-        import_object(path)
+        import_container(path)
 
 
 def test_defects_are_counted_with_their_place() -> None:
@@ -176,7 +182,7 @@ def test_all_real_meshes_give_a_map_or_a_reason(data: Path) -> None:
     for path in paths:
         try:
             # A coarse map of each keeps this short; the benchmark makes the fine ones.
-            thing = import_object(path, around=32, remesh="always")
+            thing = import_container(path, around=32, remesh="always")
             found = object_map(thing, band=False).stiffness_N_per_m
             assert np.isfinite(found[~thing.fixed]).mean() > 0.9, path
             assert (found[np.isfinite(found)] > 0).all()
@@ -194,8 +200,8 @@ def test_a_wall_thicker_than_the_container_is_refused(tmp_path: Path, remesh: st
     path = write(tube(), tmp_path / "t.stl")
     for thickness in (1.0, 0.036):
         with pytest.raises(InputError, match=r"the wall is 0\.035 m from the axis .* expected more than"):
-            import_object(path, thickness_m=thickness, remesh=remesh)
-    thing = import_object(path, thickness_m=0.005, remesh=remesh)
+            import_container(path, wall=WallProperties(thickness_m=thickness), remesh=remesh)
+    thing = import_container(path, wall=WallProperties(thickness_m=0.005), remesh=remesh)
     assert any("14 % of the radius" in note for note in thing.notes)
 
 
@@ -215,28 +221,28 @@ def lying(axis: list[float], degrees: float) -> trimesh.Trimesh:
 )
 def test_what_does_not_stand_is_refused(axis: list[float], degrees: float, said: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=said):
-        import_object(write(lying(axis, degrees), tmp_path / "t.stl"))
+        import_container(write(lying(axis, degrees), tmp_path / "t.stl"))
 
 
 def test_what_is_told_to_be_up_is_up(tmp_path: Path, reference: float) -> None:
-    assert middle_stiffness(write(lying([0, 1, 0], 90), tmp_path / "t.stl"), up="x") == pytest.approx(
-        reference, rel=1e-3
-    )
+    assert middle_stiffness(
+        write(lying([0, 1, 0], 90), tmp_path / "t.stl"), MeshConvention(up="x")
+    ) == pytest.approx(reference, rel=1e-3)
 
 
 def test_trays_and_pouches_stand(tmp_path: Path) -> None:
     """Longer than high, but with a foot as long and wide as they are."""
     for sides in ((0.2, 0.08, 0.05), (0.09, 0.02, 0.08), (0.04, 0.2, 0.06)):
-        thing = import_object(write(trimesh.creation.box(sides), tmp_path / "t.stl"))
+        thing = import_container(write(trimesh.creation.box(sides), tmp_path / "t.stl"))
         assert thing.height_m == pytest.approx(sides[2], rel=0.02)
 
 
 def test_two_shells_inside_each_other_are_refused(tmp_path: Path) -> None:
     inner, close = tube(radius=0.025), tube(radius=0.0335)
     with pytest.raises(InputError, match=r"two shells inside each other, 10 mm apart around height 0\.1"):
-        import_object(write(trimesh.util.concatenate([tube(), inner]), tmp_path / "far.stl"))
+        import_container(write(trimesh.util.concatenate([tube(), inner]), tmp_path / "far.stl"))
     # Close ones are the two sides of one wall.
-    thing = import_object(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
+    thing = import_container(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
     assert any("1.5 mm apart" in note for note in thing.notes)
     assert np.median(thing.mesh.thickness_m) == pytest.approx(0.0015, rel=0.01)
 
@@ -246,7 +252,7 @@ def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None
     handle.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [1, 0, 0]))
     handle.apply_translation([0.055, 0, 0.08])
     path = write(trimesh.util.concatenate([tube(), handle]), tmp_path / "mug.stl")
-    thing = import_object(path)
+    thing = import_container(path)
     assert any("(a handle?) is left out" in note and "from x towards y" in note for note in thing.notes)
     assert middle_stiffness(path) == pytest.approx(reference, rel=0.02)
 
@@ -260,7 +266,7 @@ def test_where_a_handle_joins_the_wall_goes_on(tmp_path: Path) -> None:
     shell = trimesh.creation.box((0.03, 0.013, 0.02))
     shell.apply_translation([0.046, 0, 0.1])
     shell.update_faces(shell.face_normals[:, 0] > -0.5)  # open towards the container
-    thing = import_object(
+    thing = import_container(
         write(trimesh.util.concatenate([open_wall, shell]), tmp_path / "t.stl"), remesh="always"
     )
     radius = np.hypot(*(thing.mesh.vertices_m[:, :2] - np.array(thing.axis_point_m)).T)

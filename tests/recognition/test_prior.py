@@ -40,7 +40,7 @@ def kitchen() -> VisualPrior:
 
 
 def _share(prior: VisualPrior, *args: object, **kwargs: object) -> dict[str, float]:
-    found = prior.candidates(*args, least=0.0, **kwargs)
+    found = prior.candidates(*args, min_probability=0.0, **kwargs)
     assert sum(one.probability for one in found) == pytest.approx(1.0)
     assert [one.probability for one in found] == sorted((one.probability for one in found), reverse=True)
     return {one.object_id: one.probability for one in found}
@@ -150,7 +150,7 @@ def test_from_a_database_object() -> None:
     prior = VisualPrior.of_objects([full, VisuoHapticObject("told of")])
     entry = prior.entries["bottle"]
     assert entry.shape is not None
-    assert len(entry.pictures) == 1
+    assert len(entry.images) == 1
     assert entry.context == {"fridge": 1}
     broken = replace(full, appearance=Appearance(template_png=png[:20]))
     with pytest.raises(InputError, match="is a damaged image"):
@@ -215,15 +215,14 @@ def test_benchmark_of_pictures_in_small() -> None:
 
 def test_no_match_is_another_thing_than_few() -> None:
     """A look that is too blurred for any match is judged by its own weight, not by the curve of the counts."""
-    from visuohaptic.recognition.visual import PriorSettings
-    from visuohaptic.recognition.visual.prior import _Evidence, _probabilities
+    from visuohaptic.recognition.visual import PriorSettings, VisualEvidence, posterior
 
     def unknown(matches: list[float], settings: PriorSettings) -> float:
         nothing = np.full(len(matches), np.nan)
-        look = _Evidence(np.log(np.full(len(matches), 0.1)), np.log1p(matches), 1.0, nothing, {})
-        return float(_probabilities(look, settings)[-1])
+        look = VisualEvidence(np.log(np.full(len(matches), 0.1)), np.log1p(matches), 1.0, nothing, {})
+        return float(posterior(look, settings)[-1])
 
-    settings = PriorSettings(none_against=1.0)
+    settings = PriorSettings(no_match_penalty=1.0)
     none, few, many = (unknown([best] + [0.0] * 9, settings) for best in (0.0, 6.0, 40.0))
     # 0.9 known by e^-1 against 0.1.
     assert none == pytest.approx(0.1 / (0.1 + 0.9 * np.exp(-1)))

@@ -7,14 +7,14 @@ import pytest
 
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import curve_coefficients
-from visuohaptic.recognition.data import SensorNoise, fit_curve, read_curves, stiffness_grid
+from visuohaptic.recognition.data import TouchNoise, fit_curve, read_curves, stiffness_grid
 
 
 def test_without_noise_the_coefficients_are_those_of_the_simulation() -> None:
     d = np.linspace(0.0005, 0.008, 16)
     f = 900 * d + 4e4 * d**2
     expected = curve_coefficients(d, f)
-    found = fit_curve(d, f, SensorNoise(1e-9, 0.0))
+    found = fit_curve(d, f, TouchNoise(1e-9, 0.0))
     np.testing.assert_allclose((found.i_N_per_m, found.I_N_per_m, found.II), expected, rtol=1e-9)
 
 

@@ -69,9 +69,9 @@ def test_pictures_that_say_nothing() -> None:
     assert len(find_features(np.zeros((200, 300), np.uint8))) == 0
     assert len(find_features(np.zeros((5, 5), np.uint8))) == 0
     grey = label(3)
-    colour = find_features(np.repeat(grey[..., None], 3, axis=2), most=50)
+    colour = find_features(np.repeat(grey[..., None], 3, axis=2), max_features=50)
     assert len(colour) == 50
-    np.testing.assert_array_equal(colour.descriptors, find_features(grey, most=50).descriptors)
+    np.testing.assert_array_equal(colour.descriptors, find_features(grey, max_features=50).descriptors)
     with pytest.raises(InputError, match="expected uint8"):
         find_features(np.zeros((50, 50)))
 
@@ -83,6 +83,6 @@ def test_a_real_wall_from_other_sides(data: Path) -> None:
 
     folder = data / "sensing" / "oxford_graf"
     images = [cv2.imread(str(folder / f"img{k}.png"), cv2.IMREAD_GRAYSCALE) for k in (1, 2, 3)]
-    first, *others = (find_features(image, most=600) for image in images)
+    first, *others = (find_features(image, max_features=600) for image in images)
     for other in others:
         assert agreeing_matches(first, other) > 30

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from visuohaptic.recognition.data import HEIGHTS, CurveFit, FeatureSet, TouchReading
+from visuohaptic.recognition.data import HEIGHTS, CurveCoefficients, FeatureSet, TouchReading
 
 #: Class -> (log stiffness at the top, at the middle of y, width across y [m]).
 PROFILES = {"soft": (4.0, 7.0, 0.06), "rim": (9.0, 7.0, 0.06), "flat": (9.0, 5.5, 0.03)}
@@ -39,7 +39,7 @@ def touch_of(data: FeatureSet, row: int, *, sigma: float = 0.02, rng: np.random.
         column = 0 if axis == "x" else 2
         noise = np.ones(2) if rng is None else np.exp(rng.normal(0, sigma, 2))
         values = data.features[row, height - 1, column : column + 2, 0] * noise
-        sides = [CurveFit(float(v), float(v), 0.0, sigma, 0.1) for v in values]
+        sides = [CurveCoefficients(float(v), float(v), 0.0, sigma, 0.1) for v in values]
         width = float(data.width_m[row, height - 1, column // 2])
         return TouchReading(height, axis, (sides[0], sides[1]), width)
 

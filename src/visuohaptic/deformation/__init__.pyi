@@ -1,12 +1,12 @@
 from .maps.banded_map import nearest_value as nearest_value
 from .maps.banded_map import object_map as object_map
 from .maps.banded_map import object_stiffness as object_stiffness
-from .maps.class_build import BuildJob as BuildJob
-from .maps.class_build import BuildPlan as BuildPlan
+from .maps.build_plan import BuildJob as BuildJob
+from .maps.build_plan import BuildPlan as BuildPlan
+from .maps.build_plan import load_plan as load_plan
+from .maps.build_plan import plan_jobs as plan_jobs
 from .maps.class_build import BuildReport as BuildReport
 from .maps.class_build import build as build
-from .maps.class_build import load_plan as load_plan
-from .maps.class_build import plan_jobs as plan_jobs
 from .maps.curve_features import nonlinear_features as nonlinear_features
 from .maps.features import StiffnessFeatures as StiffnessFeatures
 from .maps.features import curve_coefficients as curve_coefficients
@@ -28,8 +28,8 @@ from .nonlinear.contents import contained_curve as contained_curve
 from .nonlinear.contents import damped_iteration as damped_iteration
 from .nonlinear.contents import hydrostatic_load as hydrostatic_load
 from .nonlinear.contents import liquid_level_m as liquid_level_m
-from .nonlinear.load_stepping import EquilibriumPath as EquilibriumPath
-from .nonlinear.load_stepping import PathPoint as PathPoint
+from .nonlinear.equilibrium_path import EquilibriumPath as EquilibriumPath
+from .nonlinear.equilibrium_path import PathPoint as PathPoint
 from .nonlinear.load_stepping import follow_arc as follow_arc
 from .nonlinear.load_stepping import follow_displacement as follow_displacement
 from .nonlinear.load_stepping import follow_load as follow_load
@@ -40,7 +40,8 @@ from .nonlinear.self_contact import wall_gap_m as wall_gap_m
 from .shapes.container import ContainerDescription as ContainerDescription
 from .shapes.container import class_names as class_names
 from .shapes.container import load_container as load_container
-from .shapes.import_mesh import import_object as import_object
+from .shapes.import_mesh import MeshConvention as MeshConvention
+from .shapes.import_mesh import import_container as import_container
 from .shapes.load_shell import load_object as load_object
 from .shapes.mesher import ShellObject as ShellObject
 from .shapes.mesher import mesh_container as mesh_container
@@ -52,6 +53,9 @@ from .shapes.symmetry_reduction import SymmetricPart as SymmetricPart
 from .shapes.symmetry_reduction import Symmetry as Symmetry
 from .shapes.symmetry_reduction import detect_symmetry as detect_symmetry
 from .shapes.symmetry_reduction import symmetric_part as symmetric_part
+from .shapes.variants import draw_variant as draw_variant
+from .shapes.variants import draw_variants as draw_variants
+from .shapes.wall_properties import WallProperties as WallProperties
 from .shells.corotational import CorotationalShell as CorotationalShell
 from .shells.corotational import PressureLaw as PressureLaw
 from .shells.corotational import ShellState as ShellState

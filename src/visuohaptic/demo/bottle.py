@@ -105,8 +105,9 @@ def contained(
 def table_bottle(rng: np.random.Generator) -> TableBottle:
     """A bottle that the classifier has not seen, somewhere on the table, in a state."""
     from ..deformation.shapes.container import load_container
+    from ..deformation.shapes.variants import draw_variant
 
-    description = load_container(CLASS).variant(int(rng.integers(200)), 1000 + int(rng.integers(1000)))
+    description = draw_variant(load_container(CLASS), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
     state = list(STATES)[int(rng.integers(len(STATES)))]
     outline = profile_of(description)
     wall = float(description.wall[0])

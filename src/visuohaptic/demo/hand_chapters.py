@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
-from ..recognition.data.readings import CurveFit, SensorNoise, TouchReading, fit_curve
+from ..recognition.data.readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
 from ..recognition.touch.bayes import touch_gains
 from ..recognition.touch.belief import update_belief
 from ..recognition.touch.contents import (
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 __all__ = ["grasp_the_bottle", "recognise_the_bottle"]
 
 #: Of the mean of a level's readings: the finger's force and surface.
-NOISE = SensorNoise(0.05, 5e-5)
+NOISE = TouchNoise(0.05, 5e-5)
 #: At a single place an unusual bottle can be as stiff and as wide as another class.
 CONFIDENCE, MIN_SQUEEZES, SQUEEZES = 0.98, 2, 8
 #: Heights are parts of the completed outline, whose top is known to a few millimetres [m].
@@ -94,7 +94,7 @@ class BayesSqueezer:
         return update_belief(self.model, tuple(self.readings)).as_mapping()
 
 
-def reading_of(curve: SqueezeCurve) -> CurveFit:
+def reading_of(curve: SqueezeCurve) -> CurveCoefficients:
     """Coefficients of a squeeze at several levels."""
     return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE)
 
@@ -185,9 +185,10 @@ def _sorted(belief: Mapping[str, float]) -> list[tuple[str, float]]:
 def _nearest(name: str, outline_m: Float[np.ndarray, "k 2"]) -> ContainerDescription:
     """The variant of the class that is most like the measured outline."""
     from ..deformation.shapes.container import load_container
+    from ..deformation.shapes.variants import draw_variants
 
     base = load_container(GROUPS.get(name, (name,))[0])
-    variants = base.variants(24, 0)
+    variants = draw_variants(base, 24, 0)
     fraction = np.linspace(0.05, 0.9, 20)
 
     def off(one: ContainerDescription) -> float:
@@ -283,7 +284,8 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     from ..deformation.maps.banded_map import object_map
     from ..deformation.nonlinear.contents import Contents
     from ..deformation.shapes.mesher import mesh_container
-    from ..grasping.planner import GraspTask, plan_grasps
+    from ..grasping.grasp_task import GraspTask
+    from ..grasping.planner import plan_grasps
     from ..recognition.touch.refinement import correct_map
 
     known = mission.known

@@ -12,13 +12,13 @@ from .force import Load as Load
 from .force import object_load as object_load
 from .force import required_force_N as required_force_N
 from .force import wall_density_kg_per_m3 as wall_density_kg_per_m3
+from .grasp_task import GraspTask as GraspTask
 from .match import DeformedShape as DeformedShape
 from .match import ShapeMatch as ShapeMatch
 from .match import match_shape as match_shape
 from .match import predicted_shape as predicted_shape
 from .planner import Grasp as Grasp
 from .planner import GraspPlan as GraspPlan
-from .planner import GraspTask as GraspTask
 from .planner import multi_contact as multi_contact
 from .planner import plan_grasps as plan_grasps
 from .planner import plan_map as plan_map

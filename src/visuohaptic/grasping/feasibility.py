@@ -8,13 +8,13 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ..core.errors import InputError
 from ..core.objects import StiffnessMap
 from ..deformation.nonlinear.contents import enclosed_gradient, tip_approach
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import ShellModel
-from .force import GripperModel, Handling, Load, required_force_N
-from .score import GraspScores, ScoreParameters
+from .force import Load, required_force_N
+from .grasp_task import GraspTask
+from .score import GraspScores
 
 __all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
 
@@ -83,35 +83,31 @@ def feasibility_map(
     surface: StiffnessMap,
     scores: GraspScores,
     force_N: float | Float[np.ndarray, "v"],
+    task: GraspTask | None = None,
     *,
-    parameters: ScoreParameters | None = None,
-    gripper: GripperModel | None = None,
-    handling: Handling | None = None,
     load: Load | None = None,
     spill: Spill | None = None,
-    confidence: float = 0.95,
 ) -> FeasibilityMap:
-    """Check every vertex.
+    """Check every vertex against gripper, contact, deformation, contents and load (Alt 2016, Sec. 6.2).
 
     Parameters
     ----------
     surface, scores
-        Map and its scores, see :func:`.grasp_scores`.
+        Stiffness map and its scores, see :func:`.grasp_scores`.
     force_N
-        That is applied.
+        Force of each finger that is applied [N]; one number, or one for each vertex.
+    task
+        Gripper, handling, bound of the deformation and the confidence with which it is kept. The stiffness is
+        log-normal with the map's relative standard deviation; where that is NaN the best value counts.
     load
         What is lifted; without it no force is called too weak.
     spill
         Of an open container with liquid, see :func:`spill_of`.
-    confidence
-        Probability with which the deformation stays below its bound. The stiffness is log-normal
-        with the map's relative standard deviation; where that is NaN the best value counts.
     """
     from scipy.special import ndtri
 
-    p, gripper = parameters or ScoreParameters(), gripper or GripperModel()
-    if not 0.5 <= confidence < 1:
-        raise InputError("feasibility_map", f"found {confidence}, expected 0.5 to 1", field="confidence")
+    task = task or GraspTask()
+    gripper = task.gripper
     points, tips = surface.vertices_m, scores.tips
     first = points[tips.first]
     second = np.einsum("mk,mki->mi", tips.weights, points[tips.second])
@@ -119,11 +115,11 @@ def feasibility_map(
     k = surface.stiffness_N_per_m
     with np.errstate(invalid="ignore", divide="ignore"):
         relative = np.nan_to_num(surface.stiffness_sigma_N_per_m / k, nan=0.0, posinf=0.0)
-        limit = k * np.exp(-float(ndtri(confidence)) * relative) * p.max_deformation_m
+        limit = k * np.exp(-float(ndtri(task.confidence)) * relative) * task.parameters.max_deformation_m
     slant = np.arccos(np.clip(np.minimum(scores.perpendicular, scores.opposite(scores.perpendicular)), -1, 1))
     needed = np.zeros(len(points))
     if load is not None:
-        needed = required_force_N(load, first, second, slant, gripper, handling)
+        needed = required_force_N(load, first, second, slant, gripper, task.handling)
     force = np.broadcast_to(np.asarray(force_N, dtype=float), needed.shape)
     spill_limit = np.full(len(points), np.inf) if spill is None else spill.limit_N
     floor = points[np.unique(surface.faces), 2].min()
@@ -143,4 +139,4 @@ def feasibility_map(
     verdict = np.zeros(len(points), dtype=np.int64)
     for why, bad in reversed(checks):
         verdict[bad] = why
-    return FeasibilityMap(verdict, force.copy(), needed, limit, spill_limit, width, confidence)
+    return FeasibilityMap(verdict, force.copy(), needed, limit, spill_limit, width, task.confidence)

@@ -25,7 +25,7 @@ from .confirm import pinch_at
 __all__ = ["DeformedShape", "ShapeMatch", "match_shape", "predicted_shape"]
 
 #: Points that are needed for seven unknowns and a residual.
-FEWEST_POINTS = 30
+MIN_POINTS = 30
 MAX_ITERATIONS = 40
 
 
@@ -96,15 +96,15 @@ def match_shape(
     observed_m
         Points of the outer surface, any part of it; fingers and table may be among them.
     sigma_m
-        Standard deviation of a point along the normal.
+        Standard deviation of a point along the normal [m].
     max_deformation_m
-        Bound of the deformation of one side.
+        Bound of the deformation of one side [m].
     T_observed_object
         Where the gripper says that the object is; the cloud is in the object's frame by default.
     pose_sigma_m, pose_sigma_rad
-        How well it knows.
+        Standard deviations of that pose, each coordinate [m] and each angle [rad].
     gate_m
-        Points further from the surface are of something else.
+        Points farther from the surface [m] belong to something else.
 
     Notes
     -----
@@ -112,17 +112,6 @@ def match_shape(
     amplitude s: ``n . (p + s u - q + t + r x p) = 0``. The standard deviation of s takes the points'
     noise as independent and the pose's prior as it is.
     """
-    points = np.asarray(observed_m, dtype=float)
-    where = "match_shape"
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(where, f"found shape {points.shape}, expected (n, 3)", field="observed_m")
-    finite = np.isfinite(points).all(axis=1)
-    if np.count_nonzero(finite) < FEWEST_POINTS:
-        raise InputError(
-            where,
-            f"found {np.count_nonzero(finite)} finite points, expected at least {FEWEST_POINTS}",
-            field="observed_m",
-        )
     for name, value in (
         ("sigma_m", sigma_m),
         ("max_deformation_m", max_deformation_m),
@@ -131,7 +120,8 @@ def match_shape(
         ("gate_m", gate_m),
     ):
         if not 0 < value < float("inf"):
-            raise InputError(where, f"found {value}, expected > 0", field=name)
+            raise InputError("match_shape", f"found {value}, expected > 0", field=name)
+    points, finite = _checked(observed_m)
     start = T_observed_object or Pose(np.eye(3), np.zeros(3))
     rotation, shift = np.array(start.rotation), np.array(start.translation_m)
     middle = shape.vertices_m[np.unique(shape.faces)].mean(axis=0)
@@ -141,24 +131,7 @@ def match_shape(
     for _ in range(MAX_ITERATIONS):
         local = (points - shift) @ rotation
         near = _on_surface(shape, amplitude, local, finite, gate_m)
-        if np.count_nonzero(near.used) < FEWEST_POINTS:
-            raise InputError(
-                where,
-                f"{np.count_nonzero(near.used)} points are within {gate_m} m of the object, "
-                f"expected at least {FEWEST_POINTS}",
-                field="observed_m",
-            )
-        # In the object's frame the points move: by the turn about its middle, the shift, and against s.
-        arm = np.cross(local[near.used] - middle, near.normal)
-        jacobian = np.column_stack([arm, near.normal, -near.along])
-        weight = np.minimum(1.0, 2 * sigma_m / np.maximum(np.abs(near.gap), 1e-12)) / sigma_m**2
-        normal_matrix = (jacobian * weight[:, None]).T @ jacobian
-        right = -(jacobian * weight[:, None]).T @ near.gap
-        normal_matrix[:6, :6] += np.diag(1 / prior**2)
-        right[:6] -= away / prior**2
-        # Where the cloud does not see the deformation at all the amplitude stays what it was.
-        normal_matrix[6, 6] += 1e-12
-        step = np.linalg.solve(normal_matrix, right)
+        step, covariance = _gauss_newton(near, local[near.used] - middle, away, prior, sigma_m)
         turn = so3_exp(step[:3])
         # x -> turn (x - middle) + middle + step, for points in the object's frame.
         rotation = rotation @ turn.T
@@ -169,31 +142,72 @@ def match_shape(
         if size < 1e-5 or abs(size - before) < 1e-9:
             break
         before = size
-    local = (points - shift) @ rotation
-    near = _on_surface(shape, amplitude, local, finite, gate_m)
-    sigma = float(np.sqrt(np.linalg.inv(normal_matrix)[6, 6]))
+    near = _on_surface(shape, amplitude, (points - shift) @ rotation, finite, gate_m)
+    found = Estimate(amplitude, float(np.sqrt(covariance[6, 6])), samples=int(np.count_nonzero(near.used)))
     residual = float(np.sqrt(np.mean(near.gap**2)))
-    deformation = amplitude * shape.deformation_m
-    reason = ""
-    if amplitude - 3 * sigma > 1 and deformation > max_deformation_m:
-        reason = (
-            f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N, predicted were "
-            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * max_deformation_m:.3g} mm"
-        )
-    elif abs(amplitude - 1) > max(5 * sigma, 0.5):
-        kind = "softer" if amplitude > 1 else "stiffer"
-        reason = f"is {kind} than predicted: {amplitude:.2f} times the deformation"
-    elif residual > 3 * sigma_m:
-        reason = f"has another shape: {1e3 * residual:.1f} mm off on average"
+    reason = _disagreement(shape, found, residual, sigma_m, max_deformation_m)
     return ShapeMatch(
-        Estimate(amplitude, sigma, samples=int(np.count_nonzero(near.used))),
+        found,
         Pose(rotation, shift),
         residual,
         near.used,
-        deformation,
+        amplitude * shape.deformation_m,
         bool(reason),
         reason,
     )
+
+
+def _checked(observed_m: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, "n"]]:
+    """Points as numbers, and which of them are finite."""
+    points = np.asarray(observed_m, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError("match_shape", f"found shape {points.shape}, expected (n, 3)", field="observed_m")
+    finite = np.isfinite(points).all(axis=1)
+    if np.count_nonzero(finite) < MIN_POINTS:
+        raise InputError(
+            "match_shape",
+            f"found {np.count_nonzero(finite)} finite points, expected at least {MIN_POINTS}",
+            field="observed_m",
+        )
+    return points, finite
+
+
+def _gauss_newton(
+    near: _Near,
+    arm_m: Float[np.ndarray, "k 3"],
+    away: Float[np.ndarray, "6"],
+    prior: Float[np.ndarray, "6"],
+    sigma_m: float,
+) -> tuple[Float[np.ndarray, "7"], Float[np.ndarray, "7 7"]]:
+    """Step of (turn about the middle, shift, amplitude) and its covariance; ``away`` is the pose from its prior."""
+    # In the object's frame the points move: by the turn about its middle, the shift, and against s.
+    jacobian = np.column_stack([np.cross(arm_m, near.normal), near.normal, -near.along])
+    weight = np.minimum(1.0, 2 * sigma_m / np.maximum(np.abs(near.gap), 1e-12)) / sigma_m**2
+    normal_matrix = (jacobian * weight[:, None]).T @ jacobian
+    right = -(jacobian * weight[:, None]).T @ near.gap
+    normal_matrix[:6, :6] += np.diag(1 / prior**2)
+    right[:6] -= away / prior**2
+    # Where the cloud does not see the deformation at all the amplitude stays what it was.
+    normal_matrix[6, 6] += 1e-12
+    return np.linalg.solve(normal_matrix, right), np.linalg.inv(normal_matrix)
+
+
+def _disagreement(
+    shape: DeformedShape, amplitude: Estimate, residual_m: float, sigma_m: float, max_deformation_m: float
+) -> str:
+    """Why the observation is not as predicted; empty where it is."""
+    deformation = amplitude.value * shape.deformation_m
+    if amplitude.value - 3 * amplitude.sigma > 1 and deformation > max_deformation_m:
+        return (
+            f"deforms by {1e3 * deformation:.1f} mm at {shape.force_N:.3g} N, predicted were "
+            f"{1e3 * shape.deformation_m:.1f} mm, allowed are {1e3 * max_deformation_m:.3g} mm"
+        )
+    if abs(amplitude.value - 1) > max(5 * amplitude.sigma, 0.5):
+        kind = "softer" if amplitude.value > 1 else "stiffer"
+        return f"is {kind} than predicted: {amplitude.value:.2f} times the deformation"
+    if residual_m > 3 * sigma_m:
+        return f"has another shape: {1e3 * residual_m:.1f} mm off on average"
+    return ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,6 +246,13 @@ def _on_surface(
     on = np.einsum("nk,nki->ni", fraction, vertices[corners])
     with np.errstate(invalid="ignore"):
         used = finite & (np.linalg.norm(local - on, axis=1) < gate_m)
+    if np.count_nonzero(used) < MIN_POINTS:
+        raise InputError(
+            "match_shape",
+            f"{np.count_nonzero(used)} points are within {gate_m} m of the object, "
+            f"expected at least {MIN_POINTS}",
+            field="observed_m",
+        )
     moved = np.einsum("nk,nki->ni", fraction, shape.displacement_m[corners])
     gap = np.einsum("ni,ni->n", normal, local - on)
     return _Near(used, gap[used], normal[used], np.einsum("ni,ni->n", normal, moved)[used])

@@ -19,10 +19,11 @@ from ..deformation.shells.shell import ShellModel
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 from .confirm import Confirmation, confirm_grasp
 from .feasibility import FeasibilityMap, Spill, Verdict, feasibility_map, spill_of
-from .force import GripperModel, Handling, Load, object_load
-from .score import GraspScores, ScoreParameters, grasp_scores
+from .force import Load, object_load
+from .grasp_task import GraspTask
+from .score import GraspScores, grasp_scores
 
-__all__ = ["Grasp", "GraspPlan", "GraspTask", "multi_contact", "plan_grasps", "plan_map"]
+__all__ = ["Grasp", "GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 
 #: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
 ArmCost = Callable[["Grasp"], float]
@@ -30,30 +31,6 @@ ArmCost = Callable[["Grasp"], float]
 APART = 2.0
 #: Grasps that the simulation refuses before the search is given up.
 MAX_REFUSED = 6
-
-
-@dataclass(frozen=True, slots=True)
-class GraspTask:
-    """What is to be done, with what hand."""
-
-    force_N: float | None = None  #: F_G of each finger; None: what the load needs at each place
-    closed: bool = False  #: the contents can't escape
-    fill: float = 0.0  #: share of the volume that is liquid
-    liquid_kg_per_m3: float = 1000.0
-    gripper: GripperModel = field(default_factory=GripperModel)
-    handling: Handling = field(default_factory=Handling)
-    parameters: ScoreParameters = field(default_factory=ScoreParameters)
-    min_score: float = 0.5  #: S_G of a goal for the arm
-    confidence: float = 0.95  #: that the deformation stays below its bound
-    load: Load | None = None  #: instead of the one from wall and fill
-
-    def __post_init__(self) -> None:
-        if self.force_N is not None and not 0 < self.force_N < float("inf"):
-            raise InputError("GraspTask", f"found {self.force_N} N, expected > 0", field="force_N")
-        if not 0 <= self.fill <= 1:
-            raise InputError("GraspTask", f"found {self.fill}, expected 0 to 1", field="fill")
-        if not 0 <= self.min_score <= 1:
-            raise InputError("GraspTask", f"found {self.min_score}, expected 0 to 1", field="min_score")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,25 +187,12 @@ def _plan(
     force: float | np.ndarray = 1.0 if task.force_N is None else task.force_N
     scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
 
-    def feasible() -> FeasibilityMap:
-        return feasibility_map(
-            surface,
-            scores,
-            force,
-            parameters=task.parameters,
-            gripper=task.gripper,
-            handling=task.handling,
-            load=load,
-            spill=spill(scores),
-            confidence=task.confidence,
-        )
-
-    found = feasible()
+    found = feasibility_map(surface, scores, force, task, load=load, spill=spill(scores))
     if task.force_N is None:
         # The least force that holds at each place; the scores follow it.
         force = np.clip(found.needed_N, 1e-3, 1e6)
         scores = grasp_scores(surface, force, task.parameters, axis_point_m=axis_point_m)
-        found = feasible()
+        found = feasibility_map(surface, scores, force, task, load=load, spill=spill(scores))
     goals = [
         replace(goal, arm_cost=cost)
         for goal in _goals(surface, scores, found, task)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..deformation.nonlinear.contents import Contents
 from ..deformation.shapes.container import load_container
-from ..recognition.data.readings import CurveFit, fit_curve
+from ..recognition.data.readings import CurveCoefficients, fit_curve
 from ..recognition.touch.state import StateCurve, simulate_state_curves
 
 __all__ = ["NOISE_N", "NOISE_m", "curves_of", "read_curve"]
@@ -21,12 +21,14 @@ def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, 
     """(state, place) -> curve of the middle object of a class; open is without its cap."""
     found = simulate_state_curves(
         load_container(name).middle(), {"open": None, "closed": Contents()}, places,
-        variants=1, wall=0.0, modulus=0.0, around=around,
+        variants=1, spread=0.0, around=around,
     )  # fmt: skip
     return {(one.state, one.place): one for one in found}
 
 
-def read_curve(curve: StateCurve, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, CurveFit]:
+def read_curve(
+    curve: StateCurve, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, CurveCoefficients]:
     """Readings [m, N] while the finger closes, and the features fitted to them."""
     from scipy.interpolate import PchipInterpolator
 

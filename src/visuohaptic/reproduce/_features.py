@@ -8,6 +8,7 @@ from ..core.errors import VisuohapticError
 from ..deformation.maps.features import linear_features
 from ..deformation.shapes.container import class_names
 from ..deformation.shapes.mesher import mesh_container
+from ..deformation.shapes.variants import draw_variant
 from ..recognition.data.data_set import FeatureSet, load_feature_set, save_feature_set
 from ..rigs.virtual_containers import GROUPS, description
 from .output import Output
@@ -32,7 +33,7 @@ def training_features(out: Output) -> FeatureSet:
         base = description(name)
         for number in range(variants):
             try:
-                found = linear_features(mesh_container(base.variant(number, out.seed), around=36))
+                found = linear_features(mesh_container(draw_variant(base, number, out.seed), around=36))
             except VisuohapticError:
                 continue  # a wall that would cut itself
             points = found.points_m

@@ -18,6 +18,7 @@ from ..core.files import parse_yaml
 from ..core.geometry import so3_exp, vertex_normals
 from ..deformation.shapes.container import ContainerDescription, load_container
 from ..deformation.shapes.mesher import STIFF_CAP_M, mesh_container
+from ..deformation.shapes.variants import draw_variant
 from ..deformation.shells.shell_material import IsotropicMaterial
 from ..recognition.data.places import HEIGHTS
 from .mitc4 import mitc4_factor, mitc4_stiffness
@@ -116,7 +117,8 @@ def description(name: str) -> ContainerDescription:
 
 def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:
     """Features of the classes from ``objects build``, kept in the folder."""
-    from ..deformation.maps.class_build import BuildPlan, build, plan_jobs
+    from ..deformation.maps.build_plan import BuildPlan, plan_jobs
+    from ..deformation.maps.class_build import build
     from ..deformation.shapes.container import class_names
     from ..recognition.data.data_set import read_build
 
@@ -130,7 +132,7 @@ def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle
 def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
     """One draw of an unseen object: of the nine it is always the same container, perturbed, unless varied."""
     key = sorted({*REAL, *UNKNOWN, "elliptic"}).index(name)
-    base = description(name).variant(draw if varied or name in UNKNOWN else 0, seed)
+    base = draw_variant(description(name), draw if varied or name in UNKNOWN else 0, seed)
     for attempt in range(20):
         rng = np.random.default_rng([seed, key, draw, attempt])
         try:

@@ -12,7 +12,7 @@ from ..core.files import read_text
 from ..deformation.maps.map_file import load_map
 from ..deformation.shapes.container import class_names
 from ..deformation.shapes.load_shell import load_object
-from ..grasping.planner import GraspTask
+from ..grasping.grasp_task import GraspTask
 from .map_view import MapView
 from .object_view import ObjectView
 from .stage import View

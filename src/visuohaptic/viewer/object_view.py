@@ -16,8 +16,9 @@ from ..deformation.maps.map_file import colours
 from ..deformation.nonlinear.contents import Contents
 from ..deformation.shapes.mesher import ShellObject
 from ..grasping.confirm import confirm_grasp
+from ..grasping.grasp_task import GraspTask
 from ..grasping.match import predicted_shape
-from ..grasping.planner import GraspPlan, GraspTask, plan_grasps, plan_map
+from ..grasping.planner import GraspPlan, plan_grasps, plan_map
 from ..grasping.plots import score_colours
 from ..grasping.score import grasp_scores
 from .server import markdown_text

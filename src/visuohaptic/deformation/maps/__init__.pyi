@@ -1,11 +1,13 @@
 from .banded_map import object_map as object_map
 from .banded_map import object_stiffness as object_stiffness
-from .class_build import BuildJob as BuildJob
-from .class_build import BuildPlan as BuildPlan
+from .build_plan import BUILD_FORMAT as BUILD_FORMAT
+from .build_plan import BuildJob as BuildJob
+from .build_plan import BuildPlan as BuildPlan
+from .build_plan import load_plan as load_plan
+from .build_plan import plan_jobs as plan_jobs
 from .class_build import BuildReport as BuildReport
 from .class_build import build as build
-from .class_build import load_plan as load_plan
-from .class_build import plan_jobs as plan_jobs
+from .class_build import compute as compute
 from .curve_features import nonlinear_features as nonlinear_features
 from .features import HEIGHTS as HEIGHTS
 from .features import SIDES as SIDES

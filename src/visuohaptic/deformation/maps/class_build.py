@@ -14,102 +14,28 @@ import logging
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from ..._version import __version__
 from ...core.errors import InputError, MissingExtraError, VisuohapticError
-from ...core.files import atomic_path, load_yaml_model, read_npz, write_text
+from ...core.files import atomic_path, read_npz, write_text
 from ..nonlinear.contents import Contents
-from ..shapes.container import ContainerDescription, load_container
 from ..shapes.mesher import ShellObject, mesh_container
 from .banded_map import object_map
+from .build_plan import BUILD_FORMAT, BuildJob
 from .curve_features import nonlinear_features
 from .features import HEIGHTS, StiffnessFeatures, linear_features
 
-__all__ = ["BuildJob", "BuildPlan", "BuildReport", "build", "load_plan", "plan_jobs"]
+__all__ = ["BuildReport", "build", "compute"]
 
 _log = logging.getLogger(__name__)
 
-#: Changes with the meaning of what is written: older results are computed again.
-FORMAT = 2
 #: Workers may die so often in a row without any result.
 MAX_DEATHS = 5
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class ClassEntry(_Part):
-    """One class of the plan."""
-
-    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
-    variants: int = Field(50, ge=1, le=100_000)
-
-
-class State(_Part):
-    """What is inside."""
-
-    closed: bool = True
-    fill: float = Field(0.0, ge=0, le=1)
-
-
-class Curves(_Part):
-    """Features from force-deformation curves instead of linear elasticity."""
-
-    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices round the wall, for the curves
-    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: of 1 .. 16; the others lie between
-
-    @field_validator("heights")
-    @classmethod
-    def _on_the_grid(cls, heights: tuple[int, ...]) -> tuple[int, ...]:
-        if not heights or not all(1 <= height <= HEIGHTS for height in heights):
-            raise ValueError(f"expected numbers from 1 to {HEIGHTS}")
-        return tuple(sorted(set(heights)))
-
-
-class BuildPlan(_Part):
-    """What is to be built; read from YAML."""
-
-    classes: list[ClassEntry] = Field(min_length=1, max_length=1000)
-    seed: int = Field(0, ge=0, lt=2**63)
-    around: int = Field(48, ge=16, le=512, multiple_of=4)
-    band: bool = True  #: maps with a standard deviation; half as fast
-    states: list[State] = Field(
-        [State(closed=False, fill=0.0)], min_length=1, max_length=16
-    )  #: of the features
-    nonlinear: Curves | None = None  #: linear features by default
-
-
-@dataclass(frozen=True, slots=True)
-class BuildJob:
-    """One object to compute; plain data, so that it can travel."""
-
-    name: str  #: of the class
-    variant: int
-    seed: int
-    container: str  #: description without ranges, as JSON
-    around: int
-    band: bool
-    states: tuple[tuple[bool, float], ...]
-    curve_around: int = 0  #: vertices round the wall for force-deformation curves; 0: linear features
-    curve_heights: tuple[int, ...] = ()
-
-    @property
-    def file(self) -> str:
-        """Relative to the folder of the build."""
-        return f"{self.name}/{self.name}-{self.variant:05d}.npz"
-
-    @property
-    def key(self) -> str:
-        """Of all that the result depends on, and the library's version."""
-        text = json.dumps([FORMAT, __version__, asdict(self)], sort_keys=True)
-        return hashlib.sha256(text.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,59 +48,25 @@ class BuildReport:
     content_sha256: str  #: of all arrays of all objects
 
 
-def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, list[ContainerDescription]]:
-    """Read a plan and the descriptions of its classes.
-
-    ``nonlinear`` asks for features from curves, with default settings where the plan has none.
-    """
-    plan = load_yaml_model(path, BuildPlan)
-    if nonlinear and plan.nonlinear is None:
-        plan = plan.model_copy(update={"nonlinear": Curves.model_validate({})})
-    found = []
-    for entry in plan.classes:
-        beside = Path(path).parent / entry.source
-        source = beside if Path(entry.source).suffix in {".yaml", ".yml"} else entry.source
-        found.append(load_container(source))
-    names = [description.name for description in found]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(path, f"class {twice!r} is named twice", field="classes")
-    if bad := [name for name in names if not name.strip(".")]:
-        raise InputError(path, f"{bad[0]!r} is no name of a folder", field="classes")
-    return plan, found
-
-
-def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> list[BuildJob]:
-    """All objects of a plan."""
-    states = tuple((state.closed, state.fill) for state in plan.states)
-    curves = (plan.nonlinear.around, plan.nonlinear.heights) if plan.nonlinear else (0, ())
-    jobs = []
-    for entry, description in zip(plan.classes, descriptions, strict=True):
-        for variant in range(entry.variants):
-            container = description.variant(variant, plan.seed)
-            jobs.append(
-                BuildJob(
-                    description.name,
-                    variant,
-                    plan.seed,
-                    container.model_dump_json(exclude_none=True),
-                    plan.around,
-                    plan.band,
-                    states,
-                    *curves,
-                )
-            )
-    return jobs
-
-
 def compute(job: BuildJob) -> tuple[bytes, str]:
-    """The result of a job as the bytes of an NPZ file; or nothing and the reason."""
+    """Map and features of one object.
+
+    Parameters
+    ----------
+    job
+        Of :func:`.plan_jobs`.
+
+    Returns
+    -------
+    tuple
+        The bytes of an NPZ file and no reason; or no bytes and the reason.
+    """
     try:
-        thing = mesh_container(_description(job), around=job.around)
+        thing = mesh_container(job.description(), around=job.around)
         found = object_map(thing, band=job.band)
         coarse = None
         if job.curve_around:
-            coarse = mesh_container(_description(job), around=job.curve_around, levels=HEIGHTS)
+            coarse = mesh_container(job.description(), around=job.curve_around, levels=HEIGHTS)
         grids = [
             _features(job, thing, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
         ]
@@ -225,7 +117,7 @@ def build(
     jobs
         See :func:`plan_jobs`.
     folder
-        Made if it is not there. Results of the same jobs in it are kept.
+        Created if it does not exist; results of the same jobs in it are kept.
     workers
         Processes of this machine. With more than one, a script needs ``if __name__ == "__main__":``.
     cluster
@@ -238,7 +130,7 @@ def build(
         for name in {job.name for job in jobs}:
             (folder / name).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(folder, f"cannot be made ({error.strerror})") from error
+        raise InputError(folder, f"cannot create it ({error.strerror})") from error
     with _locked(folder):
         for part in folder.glob("*/.*.part.npz"):
             part.unlink(missing_ok=True)  # of a build that was killed
@@ -350,10 +242,6 @@ def _on_cluster(jobs: Sequence[BuildJob], address: str) -> Iterator[tuple[BuildJ
             ) from error
 
 
-def _description(job: BuildJob) -> ContainerDescription:
-    return ContainerDescription.model_validate(json.loads(job.container))
-
-
 def _existing(path: Path, key: str) -> str:
     """Digest of a result that is there and whole, or nothing."""
     if not path.is_file():
@@ -379,7 +267,7 @@ def _manifest(jobs: Sequence[BuildJob], digests: dict[str, str], report: BuildRe
     from importlib.metadata import version
 
     return {
-        "format": FORMAT,
+        "format": BUILD_FORMAT,
         "versions": {
             "visuohaptic": __version__,
             "python": platform.python_version(),

@@ -16,7 +16,8 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError
 from ..nonlinear.contents import Contents
-from ..nonlinear.load_stepping import EquilibriumPath, follow_displacement, reach_loads
+from ..nonlinear.equilibrium_path import EquilibriumPath
+from ..nonlinear.load_stepping import follow_displacement, reach_loads
 from ..nonlinear.self_contact import TouchGuard
 from ..shapes.mesher import ShellObject
 from ..shapes.symmetry_reduction import SymmetricPart, symmetric_part

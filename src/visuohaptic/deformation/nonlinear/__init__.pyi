@@ -7,8 +7,8 @@ from .contents import damped_iteration as damped_iteration
 from .contents import enclosed_gradient as enclosed_gradient
 from .contents import hydrostatic_load as hydrostatic_load
 from .contents import liquid_level_m as liquid_level_m
-from .load_stepping import EquilibriumPath as EquilibriumPath
-from .load_stepping import PathPoint as PathPoint
+from .equilibrium_path import EquilibriumPath as EquilibriumPath
+from .equilibrium_path import PathPoint as PathPoint
 from .load_stepping import follow_arc as follow_arc
 from .load_stepping import follow_displacement as follow_displacement
 from .load_stepping import follow_load as follow_load

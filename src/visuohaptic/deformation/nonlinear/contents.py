@@ -20,7 +20,8 @@ from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
 from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
-from .load_stepping import EquilibriumPath, pinch_curve
+from .equilibrium_path import EquilibriumPath
+from .load_stepping import pinch_curve
 from .self_contact import TouchGuard
 
 __all__ = [

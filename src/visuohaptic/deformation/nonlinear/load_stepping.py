@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +19,9 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ..shells.corotational import CorotationalShell, ShellState, Tangent
 from ..shells.stiffness_map import DualTips, tip_loads
+from .equilibrium_path import EquilibriumPath, PathPoint
 
 __all__ = [
-    "EquilibriumPath",
-    "PathPoint",
     "follow_arc",
     "follow_displacement",
     "follow_load",
@@ -33,47 +33,8 @@ _log = logging.getLogger(__name__)
 
 #: Iterations after which a step is given up and cut.
 MAX_ITERATIONS = 16
-#: Arc lengths after which a way round a snap-back is given up.
+#: Arc lengths after which a snap-back is given up.
 MAX_ARCS = 60
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PathPoint:
-    """One state of equilibrium."""
-
-    load: float  #: lambda, times the reference load
-    control_m: float  #: control displacement
-    state: ShellState
-    iterations: int  #: Newton iterations that this point took, cut steps included
-    stable: bool  #: the tangent's determinant is positive
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EquilibriumPath:
-    """Points in the order they were reached, without the undeformed one."""
-
-    points: tuple[PathPoint, ...]
-    complete: bool  #: all that was asked for was reached
-    reason: str = ""  #: why it was not
-
-    @property
-    def load(self) -> Float[np.ndarray, "k"]:
-        """lambda of each point."""
-        return np.array([point.load for point in self.points])
-
-    @property
-    def control_m(self) -> Float[np.ndarray, "k"]:
-        """Control displacement of each point [m]."""
-        return np.array([point.control_m for point in self.points])
-
-    @property
-    def iterations(self) -> int:
-        """Of the whole path."""
-        return sum(point.iterations for point in self.points)
-
-    def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
-        """Of one vertex along one world axis, at each point."""
-        return np.array([point.state.points_m[vertex, axis] for point in self.points])
 
 
 def follow_load(
@@ -191,6 +152,18 @@ def pinch_curve(
     return follow_displacement(shell, load, deformation_m, control=load / 2, tolerance=tolerance)
 
 
+_Kind = Literal["load", "displacement", "arc"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Constraint:
+    """The equation that says how far a step goes."""
+
+    kind: _Kind
+    target: float  #: load factor, displacement of the control [m], or arc length [m]
+    direction: float = 1.0  #: of a first step by arc length: +1 raises the load, -1 lowers it
+
+
 class _Walk:
     """Where the walk is, and how it got there."""
 
@@ -224,7 +197,7 @@ class _Walk:
 
     # -- Steps -------------------------------------------------------------------------------
 
-    def run(self, targets: list[float], kind: str, *, past_limits: bool = True) -> EquilibriumPath:
+    def run(self, targets: list[float], kind: _Kind, *, past_limits: bool = True) -> EquilibriumPath:
         points: list[PathPoint] = []
         reached = 0.0
         for target in targets:
@@ -232,7 +205,7 @@ class _Walk:
             fraction = 1.0
             while reached != target:
                 aim = target if fraction == 1.0 else reached + fraction * (target - reached)
-                if self._step(kind, aim, aim - reached):
+                if self._step(_Constraint(kind, aim), aim - reached):
                     reached = aim
                     remaining = target - reached
                     fraction = (
@@ -242,7 +215,7 @@ class _Walk:
                 else:
                     cuts += 1
                     fraction *= 0.5
-                    if past_limits and cuts in (4, 8) and self._way_round(kind, target):
+                    if past_limits and cuts in (4, 8) and self._pass_turning_point(kind, target):
                         reached, fraction, cuts = target, 1.0, 0
                     elif cuts > 7 or self.left <= 0:
                         reason = (
@@ -253,7 +226,7 @@ class _Walk:
             points.append(self._point())
         return EquilibriumPath(tuple(points), True)
 
-    def _way_round(self, kind: str, target: float) -> bool:
+    def _pass_turning_point(self, kind: _Kind, target: float) -> bool:
         """Walk by arc length until the target is passed in its own direction, then go to it."""
         if self.last_step is None:
             return False
@@ -264,11 +237,11 @@ class _Walk:
         self.last_advance, longest, shrunk = arc, 4 * arc, 0
         for _ in range(MAX_ARCS):
             before = self.spent
-            if self._step("arc", arc, arc, direction=1.0):
+            if self._step(_Constraint("arc", arc), arc):
                 at = self.factor if kind == "load" else self._control(self.state)
                 if (at - target) * ahead >= 0:
                     self.last_step = None  # the way back is no continuation
-                    if self._step(kind, target, target - at):
+                    if self._step(_Constraint(kind, target), target - at):
                         return True
                     break
                 arc = min(longest, arc * np.sqrt(5.0 / max(self.spent - before, 2)))
@@ -289,7 +262,7 @@ class _Walk:
         shrunk = 0
         while len(points) < max_points:
             before = self.spent
-            if self._step("arc", arc, arc, direction=np.sign(first)):
+            if self._step(_Constraint("arc", arc, float(np.sign(first))), arc):
                 points.append(self._point())
                 if (until - points[-1].load) * np.sign(until) <= 0:
                     return EquilibriumPath(tuple(points), True)
@@ -306,7 +279,7 @@ class _Walk:
 
     # -- Newton ------------------------------------------------------------------------------
 
-    def _step(self, kind: str, aim: float, advance: float, direction: float = 1.0) -> bool:
+    def _step(self, constraint: _Constraint, advance: float) -> bool:
         start, start_factor = self.state, self.factor
         state, factor = start, start_factor
         step = np.zeros_like(self.load)
@@ -329,7 +302,7 @@ class _Walk:
             residual = np.where(self.fixed, 0.0, factor * self.load - internal)
             scale = max(self._size(factor * self.load), self._size(internal), 1e-300)
             error = self._size(residual) / scale
-            gap = self._gap(kind, aim, state, factor, step)
+            gap = self._gap(constraint, state, factor, step)
             if error < self.tolerance and gap < 1e-6 and iteration > 0:
                 self.stable = sign > 0
                 self.last_step, self.last_factor = start.step_to(state), factor - start_factor
@@ -344,7 +317,7 @@ class _Walk:
             sign = tangent.sign
             both = tangent.solve(np.column_stack([residual.ravel(), self.load.ravel()]))
             by_residual, by_load = both[:, 0].reshape(self.load.shape), both[:, 1].reshape(self.load.shape)
-            more = self._load_change(kind, aim, state, factor, step, by_residual, by_load, direction, sign)
+            more = self._load_change(constraint, state, factor, step, by_residual, by_load, sign)
             change = by_residual + more * by_load
             largest = float(np.abs(change[:, 3:]).max())
             if not np.isfinite(largest) or largest > 3.0:
@@ -356,39 +329,40 @@ class _Walk:
 
     def _load_change(
         self,
-        kind: str,
-        aim: float,
+        constraint: _Constraint,
         state: ShellState,
         factor: float,
         step: np.ndarray,
         by_residual: np.ndarray,
         by_load: np.ndarray,
-        direction: float,
         sign: int,
     ) -> float:
-        if kind == "load":
-            return aim - factor
-        if kind == "displacement":
+        """Change of the load factor with which the linearised step meets the constraint."""
+        target = constraint.target
+        if constraint.kind == "load":
+            return target - factor
+        if constraint.kind == "displacement":
             along = float(np.sum(self.control * by_load))
-            return (aim - self._control(state) - float(np.sum(self.control * by_residual))) / along
+            return (target - self._control(state) - float(np.sum(self.control * by_residual))) / along
         done, r, q = (self._lengths(part) for part in (step, by_residual, by_load))
         if not done.any():
-            forward = direction * sign
+            forward = constraint.direction * sign
             if self.last_step is not None:
                 forward = np.sign(np.sum(self._lengths(self.last_step) * q)) or forward
-            return forward * aim / float(np.linalg.norm(q))
+            return forward * target / float(np.linalg.norm(q))
         # Linearised |step|^2 = arc^2.
         slope = 2 * float(np.sum(done * q))
-        missing = aim * aim - float(np.sum(done * done)) - 2 * float(np.sum(done * r))
+        missing = target * target - float(np.sum(done * done)) - 2 * float(np.sum(done * r))
         return missing / slope if slope else 0.0
 
-    def _gap(self, kind: str, aim: float, state: ShellState, factor: float, step: np.ndarray) -> float:
-        if kind == "load":
-            return abs(aim - factor) / max(abs(aim), 1e-300)
-        if kind == "displacement":
-            return abs(aim - self._control(state)) / max(abs(aim), 1e-300)
-        # The arc only paces the walk: a tenth off is as good.
-        return 1e-5 * abs(float(np.linalg.norm(self._lengths(step))) / aim - 1.0)
+    def _gap(self, constraint: _Constraint, state: ShellState, factor: float, step: np.ndarray) -> float:
+        """How far a state is from its constraint, relative."""
+        target = constraint.target
+        if constraint.kind == "arc":
+            # The arc only paces the walk: a tenth off is as good.
+            return 1e-5 * abs(float(np.linalg.norm(self._lengths(step))) / target - 1.0)
+        reached = factor if constraint.kind == "load" else self._control(state)
+        return abs(target - reached) / max(abs(target), 1e-300)
 
     # -- Measures ----------------------------------------------------------------------------
 

@@ -4,7 +4,8 @@ from .container import load_container as load_container
 from .coverage import check_represented as check_represented
 from .coverage import has_top as has_top
 from .coverage import represented_fraction as represented_fraction
-from .import_mesh import import_object as import_object
+from .import_mesh import MeshConvention as MeshConvention
+from .import_mesh import import_container as import_container
 from .load_shell import load_object as load_object
 from .mesh_state import MeshState as MeshState
 from .mesh_state import boundary_loops as boundary_loops
@@ -34,6 +35,9 @@ from .symmetry_reduction import Symmetry as Symmetry
 from .symmetry_reduction import detect_symmetry as detect_symmetry
 from .symmetry_reduction import symmetric_part as symmetric_part
 from .symmetry_reduction import turned as turned
-from .thickness import wall_thickness as wall_thickness
-from .wall_profile import Profile as Profile
+from .variants import draw_variant as draw_variant
+from .variants import draw_variants as draw_variants
+from .wall_profile import WallProfile as WallProfile
 from .wall_profile import unit_section as unit_section
+from .wall_properties import WallProperties as WallProperties
+from .wall_properties import wall_thickness as wall_thickness

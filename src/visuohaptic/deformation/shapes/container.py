@@ -134,12 +134,28 @@ class ContainerDescription(_Part):
         return tuple(path for path, (low, high) in _spans(self) if low != high)
 
     def at(self, fractions: Any) -> ContainerDescription:
-        """One container: each range at a share 0..1 of its way from low to high."""
+        """One container, each range at a fraction of the way from its low to its high end.
+
+        Parameters
+        ----------
+        fractions
+            One number from 0 to 1 for each of ``free_parameters``, in their order.
+
+        Returns
+        -------
+        ContainerDescription
+            Without ranges.
+
+        Raises
+        ------
+        InputError
+            Another number of fractions, or one outside 0 to 1.
+        """
         fractions = np.asarray(fractions, dtype=float)
         names = self.free_parameters
         if fractions.shape != (len(names),) or not ((fractions >= 0) & (fractions <= 1)).all():
             raise InputError(
-                f"class {self.name}", f"expected {len(names)} shares from 0 to 1", field="fractions"
+                f"class {self.name}", f"expected {len(names)} fractions from 0 to 1", field="fractions"
             )
         by_name = dict(zip(names, fractions, strict=True))
         return ContainerDescription.model_validate(_fixed(self, "", by_name))
@@ -148,49 +164,14 @@ class ContainerDescription(_Part):
         """The container in the middle of all ranges."""
         return self.at(np.full(len(self.free_parameters), 0.5))
 
-    def variants(self, count: int, seed: int) -> list[ContainerDescription]:
-        """Containers spread evenly over the ranges (Sobol sequence, shifted by the seed).
-
-        Variant k does not depend on ``count``. Draws that no wall can follow are skipped.
-        """
-        return [self.variant(index, seed) for index in range(count)]
-
-    def variant(self, index: int, seed: int) -> ContainerDescription:
-        """The variant of that number; the same for ever for the same seed."""
-        from scipy.stats import qmc
-
-        from .wall_profile import Profile
-
-        if not 0 <= index < 2**20:
-            raise InputError(
-                f"class {self.name}", f"found {index}, expected 0 to {2**20 - 1}", field="variant"
-            )
-        names = self.free_parameters
-        if not names:
-            return self.middle()
-        for attempt in range(16):
-            # Each retry has a shift of its own: variants do not move when another is skipped. The
-            # shift instead of scipy's scrambling keeps a seed's variants for all versions of scipy.
-            shift = np.random.default_rng([seed, attempt]).random(len(names))
-            sobol = qmc.Sobol(len(names), scramble=False)
-            if index:
-                sobol.fast_forward(index)
-            found = self.at((sobol.random(1)[0] + shift) % 1.0)
-            try:
-                Profile.of(found)
-            except InputError as error:
-                problem = error
-                continue
-            return found
-        raise InputError(
-            f"class {self.name}",
-            f"no variant {index} has a valid shape; the last: {problem}",
-            remedy="narrow the ranges",
-        )
-
 
 def load_container(source: Path | str) -> ContainerDescription:
     """Read a description from a YAML file, or a shipped class by its name.
+
+    Parameters
+    ----------
+    source
+        YAML file, or one of :func:`class_names`.
 
     Raises
     ------

@@ -6,6 +6,7 @@ height axis (:mod:`.resample`), which needs a wall that every ray from the axis 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -13,17 +14,16 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
-from ...core.objects import Material
 from ...io.meshes.mesh import load_mesh
 from ..shells.shell import ShellMesh, enclosed_volume
-from ..shells.shell_material import IsotropicMaterial, material
+from ..shells.shell_material import material_constants
 from .coverage import check_represented, has_top
 from .mesh_state import MeshState, boundary_loops, clamped_foot, inspect_mesh, why_not_as_it_is
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
-from .thickness import wall_thickness
+from .wall_properties import WallProperties, wall_thickness
 
-__all__ = ["import_object"]
+__all__ = ["MeshConvention", "import_container"]
 
 #: Metres by unit.
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
@@ -40,14 +40,19 @@ THICK_LEVELS, ROUGH_SHARE = 20, 0.1
 _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
 
 
-def import_object(
+@dataclass(frozen=True, slots=True)
+class MeshConvention:
+    """How the coordinates of a mesh file are meant."""
+
+    unit: str | None = None  #: of its numbers: m, dm, cm, mm or in; None guesses
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"  #: axis that points up
+
+
+def import_container(
     path: Path | str,
     *,
-    wall_material: str | Material | IsotropicMaterial = "PET",
-    thickness_m: float | None = None,
-    wall_spread: float | None = None,
-    unit: str | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z",
+    wall: WallProperties | None = None,
+    convention: MeshConvention | None = None,
     open_top: bool = False,
     around: int = 96,
     remesh: Literal["auto", "always", "never"] = "auto",
@@ -58,17 +63,12 @@ def import_object(
     ----------
     path
         STL, PLY, OBJ, GLB or DAE; its surface is the middle of the wall, or its two sides.
-    wall_material
-        Of the whole wall.
-    thickness_m
-        Of the whole wall [m]. By default the distance of inner and outer surface, at each height, or 0.5 mm
-        where the mesh has one surface only.
-    wall_spread
-        Relative standard deviation of the thickness. By default as measured, or 0.1.
-    unit
-        Of the file's numbers; guessed from the size of a container by default, and said in ``notes``.
-    up
-        Which axis of the file points up.
+    wall
+        Properties of the whole wall. By default it is of PET, and as thick as inner and outer surface are apart
+        at each height, or 0.5 mm known to 10 % where the mesh has one surface only.
+    convention
+        Unit and height axis of the file. By default the unit is guessed from the size of a container, which
+        ``notes`` say, and z points up.
     open_top
         Take the top off if the mesh has one.
     around
@@ -83,43 +83,46 @@ def import_object(
         or lid of a container, so that most of what is touched is not in the model.
     """
     where = str(path)
-    if thickness_m is not None and not (np.isfinite(thickness_m) and thickness_m > 0):
-        raise InputError("thickness", f"found {thickness_m} m, expected > 0")
+    given, convention = wall or WallProperties(), convention or MeshConvention()
     if around % 4 or not 16 <= around <= 1024:
         raise InputError("around", f"found {around}, expected a multiple of 4 from 16 to 1024")
     raw = load_mesh(path)
-    points = _turned_up(raw.vertices, up)
-    scale, notes = _scale(points[raw.faces.ravel()], unit, where)
+    points = _turned_up(raw.vertices, convention.up)
+    scale, notes = _scale(points[raw.faces.ravel()], convention.unit, where)
     state = inspect_mesh(points * scale, raw.faces, where)
     _check_upright(state, where)
     notes += state.defects
-    entry = material(wall_material) if isinstance(wall_material, str) else wall_material
-    spread = 0.0
-    if isinstance(entry, Material) and entry.youngs_modulus_Pa:
-        spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value
-    constants = IsotropicMaterial.of(entry)
     suits = why_not_as_it_is(state)
-    wall = find_wall(state.vertices, state.faces, where)
-    if wall.double and not suits:
+    found = find_wall(state.vertices, state.faces, where)
+    if found.double and not suits:
         suits = "it has an inner and an outer surface"
     if remesh == "never" and suits:
         raise InputError(where, f"cannot be used as it is: {suits}", field="mesh", remedy="allow remeshing")
-    thick, wall_spread, thick_notes = wall_thickness(wall, thickness_m, wall_spread)
+    thick, thickness_spread, thick_notes = wall_thickness(found, given)
     notes += thick_notes
     sampled = bool(suits) or remesh == "always"
     if suits:
         notes.append(f"sampled anew on rings: {suits}")
     if sampled:
-        _check_one_shell(state, wall, where)
-    closed = has_top(state, wall)
-    notes.append(check_represented(state, wall, closed=closed))
+        _check_one_shell(state, found, where)
+    closed = has_top(state, found)
+    notes.append(check_represented(state, found, closed=closed))
     mesh, fixed, lid, middle, shape_notes = (
-        _resampled(wall, thick, closed and not open_top, around)
+        _resampled(found, thick, closed and not open_top, around)
         if sampled
         else _as_it_is(state, float(thick[0, 1]), open_top, where)
     )
+    constants, modulus_spread = given.elastic_constants(*material_constants(given.material or "PET"))
     return ShellObject(
-        mesh, fixed, lid, middle, constants, spread, wall_spread, Path(path).stem, (*notes, *shape_notes)
+        mesh,
+        fixed,
+        lid,
+        middle,
+        constants,
+        modulus_spread,
+        thickness_spread,
+        Path(path).stem,
+        (*notes, *shape_notes),
     )
 
 

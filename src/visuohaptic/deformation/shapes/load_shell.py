@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from ...core.errors import InputError
 from ...io.meshes.mesh import FORMATS
-from ..shells.shell_material import IsotropicMaterial, material
-from .container import class_names, load_container
-from .import_mesh import import_object
+from ..shells.shell_material import material
+from .container import ContainerDescription, class_names, load_container
+from .import_mesh import MeshConvention, import_container
 from .mesher import ShellObject, mesh_container, with_elastic_base
+from .variants import draw_variant
+from .wall_properties import WallProperties
 
 __all__ = ["load_object"]
 
@@ -19,18 +20,13 @@ __all__ = ["load_object"]
 def load_object(
     source: Path | str,
     *,
-    material_name: str | None = None,
-    thickness_m: float | None = None,
-    wall_spread: float | None = None,
-    youngs_modulus_Pa: float | None = None,
-    poisson_ratio: float | None = None,
+    wall: WallProperties | None = None,
     open_top: bool = False,
     base_N_per_m: float | None = None,
     around: int | None = None,
     variant: int | None = None,
     seed: int = 0,
-    unit: str | None = None,
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z",
+    convention: MeshConvention | None = None,
 ) -> ShellObject:
     """Read a container and make a shell of it.
 
@@ -38,58 +34,50 @@ def load_object(
     ----------
     source
         YAML description, name of a shipped class, or mesh (STL, PLY, OBJ, GLB, DAE).
-    material_name, thickness_m, wall_spread
-        Instead of what the description says. A mesh is of PET by default, as thick as its two surfaces are
-        apart; with one surface it is 0.5 mm, known to 10 %.
-    youngs_modulus_Pa, poisson_ratio
-        Instead of the material's.
+    wall
+        Properties of the wall instead of those of the description. A mesh is of PET by default, as thick as its
+        two surfaces are apart; with one surface it is 0.5 mm, known to 10 %.
     open_top
         Without a cap.
     base_N_per_m
-        Stiffness of an elastic base; clamped by default.
+        Stiffness of an elastic base [N/m]; clamped by default.
     around
-        Vertices round the wall.
+        Vertices round the wall, a multiple of 4; 72 by default, 96 for a mesh.
     variant, seed
-        Of a class; its middle by default.
-    unit, up
-        Of a mesh, see :func:`.import_object`.
+        Number and seed of a member of a class, see :func:`.draw_variant`; the middle of its ranges by default.
+    convention
+        Unit and height axis of a mesh; by default the unit is guessed and z points up.
+
+    Raises
+    ------
+    InputError
+        No such file or class, or one that cannot be used, with the reason.
+
+    Examples
+    --------
+    >>> load_object("cup", around=16).name
+    'cup'
     """
+    wall = wall or WallProperties()
     kind = Path(source).suffix.lower()
-    for name, value in (("thickness", thickness_m), ("youngs-modulus", youngs_modulus_Pa)):
-        if value is not None and not 0 < value < float("inf"):
-            raise InputError(name, f"found {value}, expected > 0")
-    if wall_spread is not None and not 0 <= wall_spread <= 0.5:
-        raise InputError("thickness-spread", f"found {wall_spread}, expected 0 to 0.5")
     if kind in FORMATS:
-        found = import_object(
+        found = import_container(
             source,
-            wall_material=material_name or "PET",
-            thickness_m=thickness_m,
-            wall_spread=wall_spread,
-            unit=unit,
-            up=up,
+            wall=wall,
+            convention=convention,
             open_top=open_top,
             around=96 if around is None else around,
         )
     elif kind in {".yaml", ".yml", ""}:
-        if unit is not None or up != "z":
-            raise InputError(source, "is no mesh: it has neither --unit nor --up")
+        if convention not in (None, MeshConvention()):
+            raise InputError(source, "is not a mesh: it has neither --unit nor --up")
         description = load_container(source)
-        container = description.middle() if variant is None else description.variant(variant, seed)
-        changes: dict[str, object] = {}
-        if open_top:
-            changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
-        if material_name is not None:
-            material(material_name)
-            changes |= {"material": material_name, "youngs_modulus": None}
-        if thickness_m is not None:
-            # The whole wall: a mesh has no other, and so it is the same for both.
-            sections = [section.model_copy(update={"wall": None}) for section in container.sections]
-            changes |= {"wall": (thickness_m, thickness_m), "sections": sections}
-        if wall_spread is not None:
-            changes["wall_spread"] = (wall_spread, wall_spread)
-        container = container.model_copy(update=changes)
-        found = mesh_container(container, around=72 if around is None else around)
+        one = description.middle() if variant is None else draw_variant(description, variant, seed)
+        found = mesh_container(
+            _changed(one, wall, open_top=open_top), around=72 if around is None else around
+        )
+        constants, spread = wall.elastic_constants(found.material, found.youngs_modulus_spread)
+        found = replace(found, material=constants, youngs_modulus_spread=spread)
     else:
         known = ", ".join((".yaml", *FORMATS))
         raise InputError(
@@ -97,16 +85,23 @@ def load_object(
             f"found suffix {kind!r}, expected one of {known}",
             remedy=f"or a class: {', '.join(class_names())}",
         )
-    if youngs_modulus_Pa is not None or poisson_ratio is not None:
-        old = found.material
-        found = replace(
-            found,
-            material=IsotropicMaterial(
-                youngs_modulus_Pa or old.youngs_modulus_Pa,
-                old.poisson_ratio if poisson_ratio is None else poisson_ratio,
-                # A material that was named keeps its name, and with it its density.
-                "given" if youngs_modulus_Pa and material_name is None else old.name,
-            ),
-            youngs_modulus_spread=0.0 if youngs_modulus_Pa else found.youngs_modulus_spread,
-        )
     return found if base_N_per_m is None else with_elastic_base(found, base_N_per_m)
+
+
+def _changed(
+    container: ContainerDescription, wall: WallProperties, *, open_top: bool
+) -> ContainerDescription:
+    """The description with what is given instead."""
+    changes: dict[str, object] = {}
+    if open_top:
+        changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
+    if wall.material is not None:
+        material(wall.material)
+        changes |= {"material": wall.material, "youngs_modulus": None}
+    if wall.thickness_m is not None:
+        # The whole wall: a mesh has no other, and so it is the same for both.
+        sections = [section.model_copy(update={"wall": None}) for section in container.sections]
+        changes |= {"wall": (wall.thickness_m, wall.thickness_m), "sections": sections}
+    if wall.thickness_spread is not None:
+        changes["wall_spread"] = (wall.thickness_spread, wall.thickness_spread)
+    return container.model_copy(update=changes)

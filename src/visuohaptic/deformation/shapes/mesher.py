@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ..shells.shell import ShellMesh, ShellModel, enclosed_volume
-from ..shells.shell_material import IsotropicMaterial, material
+from ..shells.shell_material import IsotropicMaterial, material_constants
 from .container import ContainerDescription
 from .patches import grid_faces
-from .wall_profile import Profile
+from .wall_profile import WallProfile
 
 __all__ = [
     "ShellObject",
@@ -101,7 +101,7 @@ def mesh_container(
         raise InputError(
             "mesh_container", f"found {around}, expected a multiple of 4 from 8 to 2048", field="around"
         )
-    profile = Profile.of(container)
+    profile = WallProfile.of(container)
     marks = (np.arange(levels) + 0.5) * profile.height_m / max(levels, 1)
     z, counts = _ring_heights(profile, around, marks, free=container.top.kind == "open")
     if even:
@@ -120,9 +120,7 @@ def mesh_container(
     if container.top.kind != "open":
         default = container.wall[0] if container.top.kind == "closed" else STIFF_CAP_M
         cap = container.top.wall[0] if container.top.wall else default
-    entry = material(container.material)
-    constants = IsotropicMaterial.of(entry)
-    spread = entry.youngs_modulus_Pa.sigma / entry.youngs_modulus_Pa.value if entry.youngs_modulus_Pa else 0.0
+    constants, spread = material_constants(container.material)
     if container.youngs_modulus:
         constants = IsotropicMaterial(container.youngs_modulus[0], constants.poisson_ratio, constants.name)
     mesh, lid = mesh_rings(points, thickness, cap_m=cap)
@@ -279,7 +277,7 @@ def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"
 
 
 def _ring_heights(
-    profile: Profile, around: int, levels_m: Float[np.ndarray, "l"], *, free: bool
+    profile: WallProfile, around: int, levels_m: Float[np.ndarray, "l"], *, free: bool
 ) -> tuple[Float[np.ndarray, "m"], Int[np.ndarray, "m"]]:
     """Heights of the rings, and their numbers of vertices."""
     z = profile.z_m

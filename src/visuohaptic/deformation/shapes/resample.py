@@ -49,11 +49,30 @@ class Wall:
     notes: tuple[str, ...]
 
     def measured_m(self, heights_m: Float[np.ndarray, "h"]) -> Float[np.ndarray, "h"]:
-        """Thickness at heights, the distance of the two surfaces along the normal of the wall [m]."""
+        """Thickness, the distance of the two surfaces along the normal of the wall [m].
+
+        Parameters
+        ----------
+        heights_m
+            Heights in the mesh's frame [m].
+        """
         return np.interp(heights_m, *self.thickness_m.T)
 
     def radius_m(self, heights_m: Float[np.ndarray, "h"], around: int) -> Float[np.ndarray, "h a"]:
-        """Of the wall's middle at heights and equally spaced angles; small holes are bridged."""
+        """Radius of the wall's middle about the axis [m]; small holes are bridged.
+
+        Parameters
+        ----------
+        heights_m
+            Heights h in the mesh's frame [m].
+        around
+            Angles a, equally spaced from x+ towards y+.
+
+        Raises
+        ------
+        InputError
+            A hole wider than a sixth of the circumference, with its place.
+        """
         first, pair, _ = _nearest(self.points_m, self.faces, heights_m, around)
         if self.double:
             # One surface only: the foot below the inner floor, or a solid stem.
@@ -67,12 +86,31 @@ class Wall:
         return _bridged(_without_spikes(first)[0], heights_m, self.where)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Rays:
+    """Where rays from the height axis meet a mesh: h heights, a angles."""
+
+    points_m: Float[np.ndarray, "v 3"]  #: vertices about the axis
+    first: Float[np.ndarray, "h a"]  #: radius of the nearest surface, inf where there is none
+    pair: Float[np.ndarray, "h a"]  #: radius of the next one
+    count: Int[np.ndarray, "h a"]  #: surfaces met
+
+
 def find_wall(
     points_m: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
     where: str,
 ) -> Wall:
     """Find axis, usable heights and kind of wall.
+
+    Parameters
+    ----------
+    points_m
+        Vertices [m], z up.
+    faces
+        Triangles, of any quality and orientation.
+    where
+        Name of the mesh in messages.
 
     Raises
     ------
@@ -84,23 +122,78 @@ def find_wall(
         raise InputError(where, "is flat, expected a container", field="mesh")
     margin = 2e-3 * (high[2] - low[2])
     heights = np.linspace(low[2] + margin, high[2] - margin, LEVELS)
-    centre = 0.5 * (low + high)[:2]
+    centre, rays = _centred_rays(points_m, faces, heights, 0.5 * (low + high)[:2])
+    bottom, top, notes = _closed_rows(rays, heights, centre, where)
+    near = _thin(rays.first, rays.pair)
+    double = bool(near[bottom : top + 1].mean() > 0.5)
+    if double:
+        # A foot may be hollow below the floor: what counts is the highest row without two sides.
+        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
+        if solid.any() and not solid[-1]:
+            bottom += int(np.flatnonzero(solid)[-1]) + 1
+            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
+    bottom, top = _without_folds(rays, bottom, top)
+    used = slice(bottom, top + 1)
+    missed = _without_spikes(rays.first[used])[1]
+    if missed:
+        notes.append(
+            f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
+        )
+    wall, thickness, spread = float("nan"), np.zeros((0, 2)), float("nan")
+    if double:
+        wall = float(np.median(rays.pair[near] - rays.first[near]))
+        thickness, spread = _measured(
+            rays.first[used], np.where(near, rays.pair, np.nan)[used], heights[used]
+        )
+        usual = 1e3 * float(np.median(thickness[:, 1]))
+        notes.append(f"inner and outer surface, {usual:.2g} mm apart: the middle is taken as the wall")
+    notes += _outside(rays, faces, heights, used, double=double)
+    found = Wall(
+        (float(centre[0]), float(centre[1])),
+        float(heights[bottom]),
+        float(heights[top]),
+        double,
+        wall,
+        thickness,
+        spread,
+        rays.points_m,
+        faces,
+        where,
+        tuple(notes),
+    )
+    found.radius_m(heights[used], ANGLES)  # refuses large holes here
+    return found
+
+
+def _centred_rays(
+    points_m: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    heights: Float[np.ndarray, "h"],
+    centre: Float[np.ndarray, "2"],
+) -> tuple[Float[np.ndarray, "2"], _Rays]:
+    """The axis in the middle of the closed sections, and what is met from there."""
+    angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
     for _ in range(4):
         about = points_m - np.array([centre[0], centre[1], 0.0])
-        first, pair, count = _nearest(about, faces, heights, ANGLES)
-        full = (count > 0).all(axis=1)
+        rays = _Rays(about, *_nearest(about, faces, heights, ANGLES))
+        full = (rays.count > 0).all(axis=1)
         if not full.any():
             break
-        angle = 2 * np.pi * np.arange(ANGLES) / ANGLES
-        off = 2 * first[full] @ np.stack([np.cos(angle), np.sin(angle)], axis=1) / ANGLES
-        move = np.median(off, axis=0)
+        offset = 2 * rays.first[full] @ np.stack([np.cos(angle), np.sin(angle)], axis=1) / ANGLES
+        move = np.median(offset, axis=0)
         if np.abs(move).max() < 1e-5 * np.ptp(about[:, 0]):
             break
         centre = centre + move
-    seen = count > 0
+    return centre, rays
+
+
+def _closed_rows(
+    rays: _Rays, heights: Float[np.ndarray, "h"], centre: Float[np.ndarray, "2"], where: str
+) -> tuple[int, int, list[str]]:
+    """Lowest and highest row with a wall all round; refuses a mesh that has next to none."""
+    seen = rays.count > 0
     fraction = seen.mean(axis=1)
     rows = np.flatnonzero(fraction >= 0.97)
-    notes: list[str] = []
     if not len(rows) or np.median(fraction) < 0.6:
         place = heights[int(np.argmin(fraction))]
         raise InputError(
@@ -110,6 +203,7 @@ def find_wall(
             field="mesh",
             remedy="turn it with --up so that z is the height axis, or close the holes",
         )
+    notes: list[str] = []
     bottom, top = int(rows[0]), int(rows[-1])
     for what, cut in (("bottom", bottom), ("top", LEVELS - 1 - top)):
         if cut > 0.3 * LEVELS:
@@ -124,50 +218,19 @@ def find_wall(
     gaps = int((~seen[bottom : top + 1]).sum())
     if gaps:
         notes.append(f"holes of {100 * gaps / ((top + 1 - bottom) * ANGLES):.1f} % of the wall bridged")
-    near = _thin(first, pair)
-    double = bool(near[bottom : top + 1].mean() > 0.5)
-    wall = float(np.median(pair[near] - first[near])) if double else float("nan")
-    if double:
-        # A foot may be hollow below the floor: what counts is the highest row without two sides.
-        solid = near[bottom : bottom + int(0.3 * LEVELS)].mean(axis=1) < 0.5
-        if solid.any() and not solid[-1]:
-            bottom += int(np.flatnonzero(solid)[-1]) + 1
-            notes.append(f"the solid foot up to height {heights[bottom]:.4g} m is left out")
-    # A ragged end, or a lid with folds, is no wall: a ring there would go through the axis.
-    clear = first > 0.3 * np.median(first, axis=1, keepdims=True)
-    thin = np.flatnonzero((~clear & seen).any(axis=1))
+    return bottom, top, notes
+
+
+def _without_folds(rays: _Rays, bottom: int, top: int) -> tuple[int, int]:
+    """Rows without a ragged end, or a lid with folds, which are no wall: a ring there would go through the axis."""
+    clear = rays.first > 0.3 * np.median(rays.first, axis=1, keepdims=True)
+    folded = np.flatnonzero((~clear & (rays.count > 0)).any(axis=1))
     short = int(0.04 * LEVELS)
-    for end in thin[(thin >= bottom) & (thin <= bottom + short)]:
+    for end in folded[(folded >= bottom) & (folded <= bottom + short)]:
         bottom = int(end) + 1
-    for end in thin[(thin <= top) & (thin >= top - short)][::-1]:
+    for end in folded[(folded <= top) & (folded >= top - short)][::-1]:
         top = int(end) - 1
-    missed = _without_spikes(first[bottom : top + 1])[1]
-    if missed:
-        notes.append(
-            f"the wall is bridged behind what joins it (handle, spout): {100 * missed:.1f} % of the directions"
-        )
-    thickness, spread = np.zeros((0, 2)), float("nan")
-    if double:
-        used = slice(bottom, top + 1)
-        thickness, spread = _measured(first[used], np.where(near, pair, np.nan)[used], heights[used])
-        usual = 1e3 * float(np.median(thickness[:, 1]))
-        notes.append(f"inner and outer surface, {usual:.2g} mm apart: the middle is taken as the wall")
-    notes += _outside(first, pair if double else first, about, faces, heights, bottom, top)
-    found = Wall(
-        (float(centre[0]), float(centre[1])),
-        float(heights[bottom]),
-        float(heights[top]),
-        double,
-        wall,
-        thickness,
-        spread,
-        about,
-        faces,
-        where,
-        tuple(notes),
-    )
-    found.radius_m(heights[bottom : top + 1], ANGLES)  # refuses large holes here
-    return found
+    return bottom, top
 
 
 def _measured(
@@ -197,36 +260,20 @@ def _measured(
 
 
 def _outside(
-    first: np.ndarray,
-    last: np.ndarray,
-    points: np.ndarray,
-    faces: np.ndarray,
-    heights: np.ndarray,
-    bottom: int,
-    top: int,
+    rays: _Rays, faces: Int[np.ndarray, "f 3"], heights: Float[np.ndarray, "h"], used: slice, *, double: bool
 ) -> list[str]:
     """Say what is farther out than the wall, like a handle."""
-    radius = np.full((*first.shape, MAX), np.inf)
-    count = np.zeros(first.shape, dtype=np.int64)
-    kernels.ring_crossings(
-        np.ascontiguousarray(points),
-        np.ascontiguousarray(faces, dtype=np.int64),
-        np.ascontiguousarray(heights, dtype=float),
-        first.shape[1],
-        radius,
-        count,
-    )
+    radius, _count = _crossings(rays.points_m, faces, heights, ANGLES)
     radius[~np.isfinite(radius)] = 0.0
-    reach = radius.max(axis=2)
-    beyond = (reach > (1 + THICKEST_SHARE) * np.where(np.isfinite(last), last, first))[bottom : top + 1]
+    last = np.where(np.isfinite(rays.pair), rays.pair, rays.first) if double else rays.first
+    beyond = (radius.max(axis=2) > (1 + THICKEST_SHARE) * last)[used]
     if beyond.mean() < 1e-3:
         return []
     places = np.argwhere(beyond)
     row, column = places[len(places) // 2]
-    angle = 360 * column / first.shape[1]
     return [
         f"what is outside the wall (a handle?) is left out: {100 * beyond.mean():.1f} % of the directions, as at "
-        f"height {heights[bottom + row]:.4g} m, {angle:.0f} degrees from x towards y"
+        f"height {heights[used][row]:.4g} m, {360 * column / ANGLES:.0f} degrees from x towards y"
     ]
 
 
@@ -271,6 +318,18 @@ def _nearest(
     points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The first and second different radius along each ray (inf where there is none), and how many."""
+    radius, count = _crossings(points, faces, heights, around)
+    radius.sort(axis=2)
+    first = radius[..., 0]
+    # Seams and doubled triangles are hit twice at one place.
+    other = np.where(radius > first[..., None] * (1 + 1e-4), radius, np.inf)
+    return first, other.min(axis=2), count
+
+
+def _crossings(
+    points: np.ndarray, faces: np.ndarray, heights: np.ndarray, around: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Radii at which each ray meets the mesh, unsorted (inf where there are no more), and how many."""
     radius = np.full((len(heights), around, MAX), np.inf)
     count = np.zeros((len(heights), around), dtype=np.int64)
     kernels.ring_crossings(
@@ -281,11 +340,7 @@ def _nearest(
         radius,
         count,
     )
-    radius.sort(axis=2)
-    first = radius[..., 0]
-    # Seams and doubled triangles are hit twice at one place.
-    other = np.where(radius > first[..., None] * (1 + 1e-4), radius, np.inf)
-    return first, other.min(axis=2), count
+    return radius, count
 
 
 def _bridged(radius: np.ndarray, heights: np.ndarray, where: str) -> Float[np.ndarray, "h a"]:

@@ -12,14 +12,14 @@ from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from .container import ContainerDescription
 
-__all__ = ["Profile", "unit_section"]
+__all__ = ["WallProfile", "unit_section"]
 
 #: Heights at which the shape is looked at between its break points.
 FINE = 24
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class WallProfile:
     """Half-axes, centre and wall along the height.
 
     Symbols: k knots from the foot (z = 0) to the mouth; values between are linear, knots are dense.
@@ -36,13 +36,18 @@ class Profile:
     name: str
 
     @classmethod
-    def of(cls, container: ContainerDescription) -> Profile:
-        """From a description without ranges.
+    def of(cls, container: ContainerDescription) -> WallProfile:
+        """The profile of a description, checked.
+
+        Parameters
+        ----------
+        container
+            Without ranges.
 
         Raises
         ------
         InputError
-            It has ranges; or the wall would cut itself, or is thicker than its radius of curvature.
+            It has ranges; or the wall would intersect itself, or is thicker than its radius of curvature.
         """
         if container.free_parameters:
             raise InputError(
@@ -51,66 +56,27 @@ class Profile:
                 f"{container.free_parameters[0]}",
                 remedy="take a variant or the middle",
             )
-        base = container.base
-        radius, radius_y = base.radius[0], (base.radius_y or base.radius)[0]
-        flatness, shift = base.flatness[0], 0.0
-        ends = [(0.0, radius, radius_y, flatness, shift)]
-        walls: list[tuple[float, float, float]] = []
-        for section in container.sections:
-            below = ends[-1]
-            upper = below[0] + section.height[0]
-            end_x = section.radius[0] if section.radius else below[1]
-            end_y = section.radius_y[0] if section.radius_y else end_x * below[2] / below[1]
-            flat = section.flatness[0] if section.flatness else below[3]
-            moved = section.shift[0] if section.shift else below[4]
-            ends.append((upper, end_x, end_y, flat, moved))
-            walls.append((below[0], upper, (section.wall or container.wall)[0]))
-        knots = np.array(ends)
-        height = float(knots[-1, 0])
-        breaks = list(knots[:, 0])
-        for ring in container.rings:
-            half = ring.width[0] / 2
-            if not 0 <= ring.z[0] - half <= ring.z[0] + half <= height:
-                raise _bad(
-                    container, f"the ring at {ring.z[0]:g} m reaches beyond 0 to {height:g} m", "rings"
-                )
-            breaks += [
-                ring.z[0] - half,
-                ring.z[0] - half / 2,
-                ring.z[0],
-                ring.z[0] + half / 2,
-                ring.z[0] + half,
-            ]
-            if ring.wall:
-                walls.append((ring.z[0] - half, ring.z[0] + half, ring.wall[0]))
-        if container.rim:
-            if container.rim.height[0] >= height:
-                raise _bad(
-                    container, f"found {container.rim.height[0]:g} m, expected less than {height:g} m", "rim"
-                )
-            walls.append((height - container.rim.height[0], height, container.rim.wall[0]))
-            breaks.append(height - container.rim.height[0])
-        marks = _distinct(np.array(breaks), 1e-6 * height)
+        knots, walls = _section_knots(container)
+        band_breaks, bands = _wall_bands(container, float(knots[-1, 0]))
+        breaks = _distinct(np.array([*knots[:, 0], *band_breaks]), 1e-6 * float(knots[-1, 0]))
         z: np.ndarray = np.unique(
-            np.concatenate([np.linspace(a, b, FINE + 1) for a, b in itertools.pairwise(marks)])
+            np.concatenate([np.linspace(a, b, FINE + 1) for a, b in itertools.pairwise(breaks)])
         )
         blend = container.blend[0]
         bulge = np.array([section.bulge[0] for section in container.sections])
         radius_x = _along(z, knots[:, 0], knots[:, 1], bulge, blend)
-        radius_y_z = _along(z, knots[:, 0], knots[:, 2], bulge, blend)
+        radius_y = _along(z, knots[:, 0], knots[:, 2], bulge, blend)
         for ring in container.rings:
             window = _window((np.asarray(z) - ring.z[0]) / ring.width[0])
-            radius_x, radius_y_z = radius_x + ring.depth[0] * window, radius_y_z + ring.depth[0] * window
-        none = np.zeros_like(bulge)
-        flat_z = np.interp(z, knots[:, 0], knots[:, 3])
+            radius_x, radius_y = radius_x + ring.depth[0] * window, radius_y + ring.depth[0] * window
         found = cls(
             z,
             radius_x,
-            radius_y_z,
-            2.0 / (1.0 - flat_z),
-            _along(z, knots[:, 0], knots[:, 4], none, blend),
-            marks,
-            tuple(walls),
+            radius_y,
+            2.0 / (1.0 - np.interp(z, knots[:, 0], knots[:, 3])),
+            _along(z, knots[:, 0], knots[:, 4], np.zeros_like(bulge), blend),
+            breaks,
+            (*walls, *bands),
             tuple(
                 (dent.z[0], dent.angle[0], dent.depth[0], dent.width[0], dent.height[0])
                 for dent in container.dents
@@ -126,14 +92,33 @@ class Profile:
         return float(self.z_m[-1])
 
     def wall_m(self, z_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """Thickness at heights."""
+        """Thickness of the wall [m].
+
+        Parameters
+        ----------
+        z_m
+            Heights above the foot [m].
+        """
         out = np.full(len(z_m), self.walls[0][2])
         for low, high, wall in self.walls:
             out[(z_m >= low) & (z_m <= high)] = wall
         return out
 
     def ring(self, z_m: Float[np.ndarray, "m"], around: int) -> Float[np.ndarray, "m n 3"]:
-        """Points round the container at heights, equally spaced, exactly symmetric without shift and dents."""
+        """Points on horizontal sections, equally spaced; exactly mirror-symmetric without shift and dents.
+
+        Parameters
+        ----------
+        z_m
+            Heights of the m sections above the foot [m].
+        around
+            Points n of each section, a multiple of 4; the first is on x+.
+
+        Returns
+        -------
+        (m, n, 3) array
+            In the container's frame [m], counter-clockwise from above.
+        """
         x, y, exponent, shift = (
             np.interp(z_m, self.z_m, values)
             for values in (self.radius_x_m, self.radius_y_m, self.exponent, self.shift_m)
@@ -202,6 +187,15 @@ def unit_section(
     """Closed curves ``|x/a|^n + |y/b|^2 = 1`` at equal arc lengths, the first point on x+.
 
     One quarter is computed and mirrored, so that both mirror symmetries are exact to the bit.
+
+    Parameters
+    ----------
+    radius_x_m, radius_y_m
+        Half-axes a and b of the m curves [m].
+    exponent
+        n of each curve, at least 2.
+    around
+        Points of each curve, a multiple of 4.
     """
     quarter = around // 4
     fine = np.linspace(0.0, np.pi / 2, 257)
@@ -234,6 +228,47 @@ def unit_section(
     back = first[:, -2::-1] * np.array([-1.0, 1.0])
     half = np.concatenate([first, back], axis=1)
     return np.concatenate([half, half[:, -2:0:-1] * np.array([1.0, -1.0])], axis=1)
+
+
+def _section_knots(
+    container: ContainerDescription,
+) -> tuple[Float[np.ndarray, "s 5"], list[tuple[float, float, float]]]:
+    """Height, both half-axes, flatness and shift at the ends of the sections; and the wall of each section."""
+    base = container.base
+    ends = [(0.0, base.radius[0], (base.radius_y or base.radius)[0], base.flatness[0], 0.0)]
+    walls: list[tuple[float, float, float]] = []
+    for section in container.sections:
+        low, below_x, below_y, below_flatness, below_shift = ends[-1]
+        high = low + section.height[0]
+        end_x = section.radius[0] if section.radius else below_x
+        end_y = section.radius_y[0] if section.radius_y else end_x * below_y / below_x
+        flatness = section.flatness[0] if section.flatness else below_flatness
+        shift = section.shift[0] if section.shift else below_shift
+        ends.append((high, end_x, end_y, flatness, shift))
+        walls.append((low, high, (section.wall or container.wall)[0]))
+    return np.array(ends), walls
+
+
+def _wall_bands(
+    container: ContainerDescription, height_m: float
+) -> tuple[list[float], list[tuple[float, float, float]]]:
+    """Heights where rings and rim need a ring of the mesh; and the bands whose wall they change."""
+    breaks: list[float] = []
+    walls: list[tuple[float, float, float]] = []
+    for ring in container.rings:
+        z, half = ring.z[0], ring.width[0] / 2
+        if not 0 <= z - half <= z + half <= height_m:
+            raise _bad(container, f"the ring at {z:g} m reaches beyond 0 to {height_m:g} m", "rings")
+        breaks += [z - half, z - half / 2, z, z + half / 2, z + half]
+        if ring.wall:
+            walls.append((z - half, z + half, ring.wall[0]))
+    if container.rim:
+        band = container.rim.height[0]
+        if band >= height_m:
+            raise _bad(container, f"found {band:g} m, expected less than {height_m:g} m", "rim")
+        walls.append((height_m - band, height_m, container.rim.wall[0]))
+        breaks.append(height_m - band)
+    return breaks, walls
 
 
 def _along(

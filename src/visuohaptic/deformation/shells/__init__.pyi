@@ -16,6 +16,7 @@ from .shell import volume_gradient as volume_gradient
 from .shell_material import MATERIALS as MATERIALS
 from .shell_material import IsotropicMaterial as IsotropicMaterial
 from .shell_material import material as material
+from .shell_material import material_constants as material_constants
 from .stiffness_map import DualTips as DualTips
 from .stiffness_map import dual_tip_compliance as dual_tip_compliance
 from .stiffness_map import dual_tip_map as dual_tip_map

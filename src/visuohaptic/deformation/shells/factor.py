@@ -165,7 +165,6 @@ def factorise(
     diagonal: Float[np.ndarray, "v k"] | None = None,
     *,
     definite: bool = True,
-    symmetric: bool = True,
 ) -> Factor:
     """Factor the sum of element matrices.
 
@@ -180,8 +179,6 @@ def factorise(
         without any element.
     definite
         Take ``L L^T``. Otherwise block elimination, which needs no definite matrix.
-    symmetric
-        Only without ``definite``: whether the element matrices are symmetric.
 
     Raises
     ------
@@ -191,41 +188,26 @@ def factorise(
     from scipy.linalg.blas import dgemm, dsyrk, dtrsm
     from scipy.linalg.lapack import dgetrf, dgetrs, dpotrf
 
-    size = matrices.shape[1] // (tree.element_local[0].shape[1] if tree.element_local else 1)
-    full = not definite
+    size = _unknowns_per_node(tree, matrices)
     pivots: list[Any] = []
     below: list[np.ndarray] = []
     right: list[np.ndarray] = []
     updates: dict[int, np.ndarray] = {}
     sign = 1
-    empty = np.zeros((0, 0), order="F")
     for front in range(tree.fronts):
-        begin, end = int(tree.first[front]), int(tree.first[front + 1])
-        inside = size * (end - begin)
-        outside = size * int(tree.offset[front + 1] - tree.offset[front])
-        f11 = np.zeros((inside, inside), order="F")
-        f21 = np.zeros((outside, inside), order="F")
-        f22 = np.zeros((outside, outside), order="F")
-        f12 = np.zeros((inside, outside), order="F") if full else empty
-        kernels.add_elements(
-            f11, f21, f22, f12, matrices, tree.elements[front], tree.element_local[front], size, full
-        )
-        for child in tree.children[front]:
-            local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
-            kernels.add_blocks(f11, f21, f22, f12, updates.pop(child), local, size, full)
-        if diagonal is not None:
-            f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
+        f11, f21, f22, f12 = _assembled_front(tree, front, matrices, diagonal, updates, full=not definite)
         if definite:
             lower, info = dpotrf(f11, lower=1, overwrite_a=1, clean=0)
             if info:
-                node = int(tree.order[begin + max(info - 1, 0) // size]) if info > 0 else -1
+                row = int(tree.first[front]) + max(info - 1, 0) // size
+                node = int(tree.order[row]) if info > 0 else -1
                 raise InputError(
                     "shell model",
                     f"the stiffness is not positive definite at vertex {node}",
                     remedy="clamp more vertices, or look for a loose or flat part of the mesh there",
                 )
             pivots.append(lower)
-            if outside:
+            if f21.size:
                 f21 = dtrsm(1.0, lower, f21, side=1, lower=1, trans_a=1, overwrite_b=1)
                 updates[front] = dsyrk(-1.0, f21, beta=1.0, c=f22, lower=1, overwrite_c=1)
         else:
@@ -233,10 +215,10 @@ def factorise(
             if info > 0:
                 # An exact zero pivot: at a limit point. A tiny one keeps the direction it stands for.
                 lu[info - 1, info - 1] = 1e-14 * np.abs(lu).max() or 1.0
-            negative = np.count_nonzero(np.diagonal(lu) < 0) + np.count_nonzero(swaps != np.arange(inside))
+            negative = np.count_nonzero(np.diagonal(lu) < 0) + np.count_nonzero(swaps != np.arange(len(f11)))
             sign *= -1 if negative % 2 else 1
             pivots.append((lu, swaps))
-            if outside:
+            if f21.size:
                 solved = dgetrs(lu, swaps, f12, overwrite_b=0)[0]
                 updates[front] = dgemm(-1.0, f21, solved, beta=1.0, c=f22, overwrite_c=1)
                 right.append(solved)
@@ -244,6 +226,39 @@ def factorise(
                 right.append(f12)
         below.append(f21)
     return Factor(tree, size, definite, sign, tuple(pivots), tuple(below), tuple(right))
+
+
+def _unknowns_per_node(tree: FrontTree, matrices: Float[np.ndarray, "e s s"]) -> int:
+    return matrices.shape[1] // (tree.element_local[0].shape[1] if tree.element_local else 1)
+
+
+def _assembled_front(
+    tree: FrontTree,
+    front: int,
+    matrices: Float[np.ndarray, "e s s"],
+    diagonal: Float[np.ndarray, "v k"] | None,
+    updates: dict[int, np.ndarray],
+    *,
+    full: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The blocks K11, K21, K22 and, when ``full``, K12 of a front: its elements and its children's updates."""
+    begin, end = int(tree.first[front]), int(tree.first[front + 1])
+    size = _unknowns_per_node(tree, matrices)
+    inside = size * (end - begin)
+    outside = size * int(tree.offset[front + 1] - tree.offset[front])
+    f11 = np.zeros((inside, inside), order="F")
+    f21 = np.zeros((outside, inside), order="F")
+    f22 = np.zeros((outside, outside), order="F")
+    f12 = np.zeros((inside, outside) if full else (0, 0), order="F")
+    kernels.add_elements(
+        f11, f21, f22, f12, matrices, tree.elements[front], tree.element_local[front], size, full
+    )
+    for child in tree.children[front]:
+        local = tree.border_local[tree.offset[child] : tree.offset[child + 1]]
+        kernels.add_blocks(f11, f21, f22, f12, updates.pop(child), local, size, full)
+    if diagonal is not None:
+        f11.flat[:: inside + 1] += diagonal[tree.order[begin:end]].ravel()
+    return f11, f21, f22, f12
 
 
 def sparse_matrix(

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from ...core.errors import InputError
 from ...core.objects import Estimate, Material
 
-__all__ = ["MATERIALS", "IsotropicMaterial", "material"]
+__all__ = ["MATERIALS", "IsotropicMaterial", "material", "material_constants"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,18 @@ class IsotropicMaterial:
 
     @classmethod
     def of(cls, found: Material | IsotropicMaterial | str) -> IsotropicMaterial:
-        """The best estimates of a material, or of one of the library by its name."""
+        """The best estimates of a material.
+
+        Parameters
+        ----------
+        found
+            Material with estimates, constants that are returned as they are, or a name of the library.
+
+        Raises
+        ------
+        InputError
+            No such name, or a material without Young's modulus or Poisson's ratio.
+        """
         if isinstance(found, IsotropicMaterial):
             return found
         if isinstance(found, str):
@@ -87,17 +98,37 @@ MATERIALS = MappingProxyType(
 
 
 def material(name: str) -> Material:
-    """A material of the library, by its name in any case.
+    """A material of the library.
 
-    >>> material("pet").poisson_ratio.value
-    0.38
+    Parameters
+    ----------
+    name
+        In any case.
 
     Raises
     ------
     InputError
-        With the names there are.
+        No such material, with the names there are.
+
+    Examples
+    --------
+    >>> material("pet").poisson_ratio.value
+    0.38
     """
     for known, entry in MATERIALS.items():
         if known.lower() == name.strip().lower():
             return entry
     raise InputError("material", f"found {name!r}, expected one of {', '.join(MATERIALS)}")
+
+
+def material_constants(name: str) -> tuple[IsotropicMaterial, float]:
+    """Elastic constants of a material of the library, and the relative standard deviation of its modulus.
+
+    Parameters
+    ----------
+    name
+        In any case.
+    """
+    entry = material(name)
+    modulus = entry.youngs_modulus_Pa
+    return IsotropicMaterial.of(entry), modulus.sigma / modulus.value if modulus else 0.0

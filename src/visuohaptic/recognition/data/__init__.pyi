@@ -13,8 +13,8 @@ from .pose_error import TILT_rad as TILT_rad
 from .pose_error import posed_changes as posed_changes
 from .protocol import TouchProtocol as TouchProtocol
 from .protocol import travel_seconds as travel_seconds
-from .readings import CurveFit as CurveFit
-from .readings import SensorNoise as SensorNoise
+from .readings import CurveCoefficients as CurveCoefficients
+from .readings import TouchNoise as TouchNoise
 from .readings import TouchReading as TouchReading
 from .readings import fit_curve as fit_curve
 from .readings import read_curves as read_curves

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from .places import Touch
-from .readings import SensorNoise
+from .readings import TouchNoise
 
 __all__ = ["TouchProtocol", "travel_seconds"]
 
@@ -17,7 +17,7 @@ __all__ = ["TouchProtocol", "travel_seconds"]
 class TouchProtocol:
     """One touch: close until force or deformation is enough, open again (Alt 2016, Sec. 6.4.2)."""
 
-    noise: SensorNoise = field(default_factory=SensorNoise)
+    noise: TouchNoise = field(default_factory=TouchNoise)
     max_force_N: float = 20.0
     max_deformation_m: float = 0.003
     close_m_per_s: float = 0.005

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from .places import HEIGHTS, SIDES
 
-__all__ = ["CurveFit", "SensorNoise", "TouchReading", "fit_curve", "read_curves", "stiffness_grid"]
+__all__ = ["CurveCoefficients", "TouchNoise", "TouchReading", "fit_curve", "read_curves", "stiffness_grid"]
 
 #: Range of the coefficient i [m]; nominal force [N] and deformation [m] of II.
 LOW_m, NOMINAL_N, NOMINAL_m = 0.003, 50.0, 0.01
@@ -28,7 +28,7 @@ MAX_SAMPLES = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class SensorNoise:
+class TouchNoise:
     """Standard deviations of one sample."""
 
     force_N: float = 0.1
@@ -36,7 +36,7 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, slots=True)
-class CurveFit:
+class CurveCoefficients:
     """Coefficients of one side; NaN where the curve does not reach far enough."""
 
     i_N_per_m: float  #: linear, up to 3 mm
@@ -52,7 +52,7 @@ class TouchReading:
 
     height: int
     axis: str  #: "x" or "y", that the tips press along
-    sides: tuple[CurveFit | None, CurveFit | None]  #: + and -; None: not measured
+    sides: tuple[CurveCoefficients | None, CurveCoefficients | None]  #: + and -; None: not measured
     width_m: float = math.nan  #: opening of the gripper at contact
 
     def __post_init__(self) -> None:
@@ -63,8 +63,8 @@ class TouchReading:
 
 
 def fit_curve(
-    deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: SensorNoise | None = None
-) -> CurveFit:
+    deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: TouchNoise | None = None
+) -> CurveCoefficients:
     """Coefficients of a closing curve from contact on.
 
     Raises
@@ -72,7 +72,7 @@ def fit_curve(
     InputError
         Not two arrays of finite numbers, or no push in them.
     """
-    noise = SensorNoise() if noise is None else noise
+    noise = TouchNoise() if noise is None else noise
     d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
     if d.shape != f.shape or d.ndim != 1 or not d.size or not (np.isfinite(d).all() and np.isfinite(f).all()):
         raise InputError("curve", f"found shapes {d.shape} and {f.shape}, expected finite numbers (k,) twice")
@@ -86,10 +86,10 @@ def fit_curve(
         )
     full, _ = _slope(d, f, noise)
     quadratic, doubt = _quadratic(d, f, noise)
-    return CurveFit(i, full, quadratic, relative, doubt)
+    return CurveCoefficients(i, full, quadratic, relative, doubt)
 
 
-def read_curves(path: Path | str, noise: SensorNoise | None = None) -> tuple[TouchReading, ...]:
+def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[TouchReading, ...]:
     """Measured curves of one object, in the order of their first sample.
 
     The CSV has the columns ``height`` (1 .. 16), ``side`` (x+, x-, y+, y-), ``force_N``,
@@ -127,7 +127,7 @@ def read_curves(path: Path | str, noise: SensorNoise | None = None) -> tuple[Tou
         raise InputError(path, f"is no CSV file in UTF-8 ({error})") from error
     if not samples:
         raise InputError(path, "has no samples")
-    fits: dict[tuple[int, str], list[CurveFit | None]] = {}
+    fits: dict[tuple[int, str], list[CurveCoefficients | None]] = {}
     for (height_number, side), pairs in samples.items():
         d, f = np.array(pairs).T
         try:
@@ -157,7 +157,7 @@ def stiffness_grid(readings: Sequence[TouchReading]) -> Float[np.ndarray, "16 4"
     return out
 
 
-def _slope(d: np.ndarray, f: np.ndarray, noise: SensorNoise) -> tuple[float, float]:
+def _slope(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, float]:
     """k of F = k d and its relative standard deviation."""
     count = len(d)
     dd, df, ff = float(d @ d), float(d @ f), float(f @ f)
@@ -181,7 +181,7 @@ def _slope(d: np.ndarray, f: np.ndarray, noise: SensorNoise) -> tuple[float, flo
     return k, math.sqrt((var_f + k * k * var_d) / square) / abs(k) if k else math.nan
 
 
-def _quadratic(d: np.ndarray, f: np.ndarray, noise: SensorNoise) -> tuple[float, float]:
+def _quadratic(d: np.ndarray, f: np.ndarray, noise: TouchNoise) -> tuple[float, float]:
     """b of F = a d + b d^2 and its standard deviation, nominal."""
     if len(d) < 3:
         return math.nan, math.nan

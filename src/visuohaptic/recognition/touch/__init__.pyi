@@ -1,4 +1,4 @@
-from .bayes import Exploration as Exploration
+from .bayes import TouchExploration as TouchExploration
 from .bayes import explore as explore
 from .bayes import touch_gains as touch_gains
 from .belief import Belief as Belief
@@ -27,8 +27,8 @@ from .refinement import WallFit as WallFit
 from .refinement import combine_models as combine_models
 from .refinement import correct_map as correct_map
 from .refinement import fit_wall as fit_wall
+from .state import HapticStateModel as HapticStateModel
 from .state import StateCurve as StateCurve
-from .state import StateModel as StateModel
 from .state import fit_state_model as fit_state_model
 from .state import load_state_model as load_state_model
 from .state import save_state_model as save_state_model

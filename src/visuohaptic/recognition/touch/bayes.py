@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from ...core.errors import InputError
 from ..data.places import HEIGHTS, Touch
@@ -25,9 +25,9 @@ from .unknown_class import FIRST_WIDTH
 __all__ = [
     "UNKNOWN",
     "Belief",
-    "Exploration",
     "HapticModel",
     "ModelSettings",
+    "TouchExploration",
     "calibrated",
     "explore",
     "fit_model",
@@ -39,7 +39,7 @@ TOUCHES: tuple[Touch, ...] = tuple((height, axis) for height in range(1, HEIGHTS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Exploration:
+class TouchExploration:
     """What an exploration came to."""
 
     answer: str
@@ -55,7 +55,6 @@ def touch_gains(
     *,
     samples: int = 64,
     rng: np.random.Generator | None = None,
-    without: Bool[np.ndarray, "v"] | None = None,
 ) -> dict[Touch, tuple[float, float]]:
     """What each touch that is left would tell [nat], and how long it takes [s].
 
@@ -65,7 +64,7 @@ def touch_gains(
     rng = np.random.default_rng(0) if rng is None else rng
     place, value, noise = evidence(model, readings)
     log_likelihood, predicted = condition(model, place, value, noise)
-    belief = belief_of(model, log_likelihood, without)
+    belief = belief_of(model, log_likelihood)
     weight = np.concatenate([belief.weight, belief.unknown_weight])
     weight = np.where(weight > 1e-3 * weight.max(), weight, 0.0)
     use = np.flatnonzero(weight)
@@ -117,9 +116,8 @@ def explore(
     min_touches: int = 1,
     rng: np.random.Generator | None = None,
     samples: int = 64,
-    without: Bool[np.ndarray, "v"] | None = None,
     follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
-) -> Exploration:
+) -> TouchExploration:
     """Touch where it tells most per second until the answer is sure.
 
     Parameters
@@ -137,8 +135,6 @@ def explore(
         For the drawn outcomes.
     samples
         Drawn outcomes of each touch.
-    without
-        Training objects to leave out.
     follow
         Called before each touch with what was read so far and the touch that is wanted, and at the end with
         None; see :mod:`.steps`.
@@ -152,18 +148,18 @@ def explore(
     readings: tuple[TouchReading, ...] = ()
     seconds = 0.0
     while True:
-        gains = touch_gains(model, readings, samples=samples, rng=rng, without=without)
+        gains = touch_gains(model, readings, samples=samples, rng=rng)
         best = max(gains, key=lambda one: gains[one][0] / gains[one][1])
         seconds += gains[best][1]
         if follow is not None:
             follow(readings, best)
         readings = (*readings, touch(*best))
-        belief = update_belief(model, readings, without=without)
+        belief = update_belief(model, readings)
         sure = bool(belief.probability.max() >= confidence) and len(readings) >= min_touches
         if sure or len(readings) >= max_touches:
             if follow is not None:
                 follow(readings, None)
-            return Exploration(belief.answer, belief, readings, seconds, sure)
+            return TouchExploration(belief.answer, belief, readings, seconds, sure)
 
 
 def _places(model: HapticModel, touch: Touch) -> Int[np.ndarray, "k"]:

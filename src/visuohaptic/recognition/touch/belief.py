@@ -55,16 +55,19 @@ class Belief:
         return dict(zip(self.answers, self.probability.tolist(), strict=True))
 
 
-def update_belief(
-    model: HapticModel,
-    readings: Sequence[TouchReading],
-    *,
-    without: Bool[np.ndarray, "v"] | None = None,
-) -> Belief:
-    """Probabilities given what was measured; ``without`` leaves training objects out."""
+def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belief:
+    """Posterior probabilities of the answers given what was measured.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    readings
+        Touches in any order; none gives the prior.
+    """
     place, value, noise = evidence(model, readings)
     log_likelihood, _ = condition(model, place, value, noise)
-    return belief_of(model, log_likelihood, without)
+    return belief_of(model, log_likelihood)
 
 
 def evidence(
@@ -117,8 +120,21 @@ def condition(
 
 
 def belief_of(
-    model: HapticModel, log_likelihood: Float[np.ndarray, "v1"], without: Bool[np.ndarray, "v"] | None
+    model: HapticModel,
+    log_likelihood: Float[np.ndarray, "v1"],
+    without: Bool[np.ndarray, "v"] | None = None,
 ) -> Belief:
+    """Posterior probabilities from the likelihoods of the Gaussians.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    log_likelihood
+        Of each training object and, last, of each kind of unknown object, see :func:`condition`.
+    without
+        Training objects that are left out; the prior of their class goes to the others of it.
+    """
     prior = model.log_prior if without is None else np.where(without, -np.inf, model.log_prior)
     left = float(np.exp(model.log_prior).sum())
     if without is not None:

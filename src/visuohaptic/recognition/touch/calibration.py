@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ..data.data_set import FeatureSet
 from ..data.noise import noisy_copies
-from ..data.readings import CurveFit, TouchReading
+from ..data.readings import CurveCoefficients, TouchReading
 from .bayes import TOUCHES
 from .belief import belief_of, condition, evidence
 from .haptic_model import HapticModel
@@ -110,5 +110,5 @@ def reading_of(data: FeatureSet, row: int, height: int, axis: str, model: Haptic
     sides = []
     for k in (column, column + 1):
         i, full, second = (float(value) for value in data.features[row, height - 1, k])
-        sides.append(CurveFit(i, full, second, model.protocol.relative_sigma(i), float("nan")))
+        sides.append(CurveCoefficients(i, full, second, model.protocol.relative_sigma(i), float("nan")))
     return TouchReading(height, axis, (sides[0], sides[1]), float(data.width_m[row, height - 1, column // 2]))

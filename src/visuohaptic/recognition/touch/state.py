@@ -26,13 +26,13 @@ from ...deformation.shapes.container import ContainerDescription
 from ...deformation.shapes.mesher import mesh_container
 from ..data.places import HEIGHTS, SIDES
 from ..data.protocol import TouchProtocol
-from ..data.readings import NOMINAL_N, NOMINAL_m, SensorNoise, TouchReading, fit_curve
+from ..data.readings import NOMINAL_N, NOMINAL_m, TouchNoise, TouchReading, fit_curve
 from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown
 
 __all__ = [
+    "HapticStateModel",
     "StateCurve",
-    "StateModel",
     "fit_state_model",
     "load_state_model",
     "save_state_model",
@@ -56,7 +56,7 @@ class StateCurve:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StateModel:
+class HapticStateModel:
     """What each state feels like at each place, of one object."""
 
     states: tuple[str, ...]
@@ -73,12 +73,11 @@ def simulate_state_curves(
     *,
     variants: int = 8,
     seed: int = 0,
-    wall: float = 0.1,
-    modulus: float = 0.1,
+    spread: float = 0.1,
     deformation_m: Sequence[float] = (0.001, 0.002, 0.003, 0.0045, 0.006, 0.008),
     around: int = 32,
 ) -> list[StateCurve]:
-    """Curves of one object whose wall and modulus are known to a share.
+    """Curves of one object whose wall thickness and Young's modulus are not known exactly.
 
     Parameters
     ----------
@@ -89,16 +88,22 @@ def simulate_state_curves(
     places
         As ``y+8``: side and height 1 .. 16.
     variants
-        Draws of wall and modulus, within ``wall`` and ``modulus`` to either side.
+        Samples of wall and modulus.
     seed
-        Of the draws.
+        Of the samples.
+    spread
+        Relative half-width of the uniform distributions of wall and modulus; 0 takes them as they are.
+    deformation_m
+        Mean deformations of both tips, ascending [m].
+    around
+        Vertices round the wall, a multiple of 4.
     """
     rng = np.random.default_rng(seed)
     for place in places:
         _place(place)  # before minutes of simulation
     out = []
     for variant in range(variants):
-        thicker, stiffer = 1 + rng.uniform(-wall, wall), 1 + rng.uniform(-modulus, modulus)
+        thicker, stiffer = 1 + rng.uniform(-spread, spread, 2)
         for name, contents in states.items():
             changes: dict[str, Any] = {"wall": tuple(value * thicker for value in container.wall)}
             if contents is None:
@@ -128,14 +133,14 @@ def fit_state_model(
     curves: Sequence[StateCurve],
     rng: np.random.Generator,
     *,
-    noise: SensorNoise | None = None,
+    noise: TouchNoise | None = None,
     copies: int = 20,
-) -> StateModel:
+) -> HapticStateModel:
     """Learn Gaussians of each state from curves, read with noise, and rank the places.
 
     The accuracy of a place is that of variants that had no part in the fit.
     """
-    noise = SensorNoise() if noise is None else noise
+    noise = TouchNoise() if noise is None else noise
     states = tuple(dict.fromkeys(curve.state for curve in curves))
     places = tuple(dict.fromkeys(curve.place for curve in curves))
     if len(states) < 2:
@@ -165,7 +170,7 @@ def fit_state_model(
     if not found:
         raise InputError("fit_state_model", "no place has curves of all states")
     found.sort(key=lambda one: -one[0])
-    return StateModel(
+    return HapticStateModel(
         states,
         tuple(one[1] for one in found),
         np.stack([one[2] for one in found]),
@@ -174,7 +179,7 @@ def fit_state_model(
     )
 
 
-def state_probability(model: StateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
+def state_probability(model: HapticStateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
     """Probabilities of the states and of ``UNKNOWN`` from what was touched, and where it is told best.
 
     Places are taken as independent, which their common wall makes them not: of several, only the
@@ -206,7 +211,7 @@ def state_probability(model: StateModel, readings: Sequence[TouchReading]) -> di
     }  # fmt: skip
 
 
-def save_state_model(path: Path | str, model: StateModel) -> None:
+def save_state_model(path: Path | str, model: HapticStateModel) -> None:
     """Write JSON, whole or not at all."""
     content = {
         "format": _FORMAT,
@@ -219,7 +224,7 @@ def save_state_model(path: Path | str, model: StateModel) -> None:
     write_text(path, json.dumps(content, indent=1) + "\n")
 
 
-def load_state_model(path: Path | str) -> StateModel:
+def load_state_model(path: Path | str) -> HapticStateModel:
     """Read and check what :func:`save_state_model` wrote."""
     path = Path(path)
     try:
@@ -245,10 +250,10 @@ def load_state_model(path: Path | str) -> StateModel:
         raise InputError(path, "is no state model: a covariance is not positive", field="covariance")
     for place in places:
         _place(place)
-    return StateModel(states, places, mean, covariance, accuracy)
+    return HapticStateModel(states, places, mean, covariance, accuracy)
 
 
-def _read(curve: StateCurve, noise: SensorNoise, rng: np.random.Generator) -> np.ndarray | None:
+def _read(curve: StateCurve, noise: TouchNoise, rng: np.random.Generator) -> np.ndarray | None:
     """Features of a closing with noise, at the rate of the gripper."""
     if len(curve.deformation_m) < 3:
         return None

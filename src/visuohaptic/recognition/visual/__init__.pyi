@@ -1,9 +1,11 @@
 from .prior import Candidate as Candidate
-from .prior import Example as Example
-from .prior import PriorSettings as PriorSettings
 from .prior import VisualPrior as VisualPrior
-from .prior import calibrate_prior as calibrate_prior
 from .prior import model_probabilities as model_probabilities
+from .prior_calibration import Example as Example
+from .prior_calibration import calibrate_prior as calibrate_prior
+from .prior_evidence import PriorSettings as PriorSettings
+from .prior_evidence import VisualEvidence as VisualEvidence
+from .prior_evidence import posterior as posterior
 from .prior_file import load_prior as load_prior
 from .prior_file import save_prior as save_prior
 from .shape import DESCRIPTOR_LENGTH as DESCRIPTOR_LENGTH

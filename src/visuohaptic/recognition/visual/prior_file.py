@@ -12,7 +12,8 @@ import numpy as np
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, read_npz
-from .prior import Entry, PriorSettings, VisualPrior
+from .prior import Entry, VisualPrior
+from .prior_evidence import PriorSettings
 from .shape import DESCRIPTOR_LENGTH, ShapeViews
 from .visual_words import LocalFeatures
 
@@ -28,7 +29,7 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
     if path.suffix != ".npz":
         raise InputError(path, f"found suffix {path.suffix!r}, expected .npz")
     entries = list(prior.entries.items())
-    pictures = [one for _, entry in entries for one in entry.pictures]
+    images = [one for _, entry in entries for one in entry.images]
     shapes = [entry.shape for _, entry in entries if entry.shape is not None]
     card = {
         "format": _FORMAT,
@@ -37,7 +38,7 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
             {
                 "id": name,
                 "models": list(entry.models),
-                "features": [len(one) for one in entry.pictures],
+                "features": [len(one) for one in entry.images],
                 "shape": None
                 if entry.shape is None
                 else [len(entry.shape.points_m), len(entry.shape.directions)],
@@ -55,8 +56,8 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
         np.savez(
             file,
             card=np.frombuffer(json.dumps(card).encode(), np.uint8),
-            places=joined([one.points_px for one in pictures], 2, np.float32),
-            descriptors=joined([one.descriptors for one in pictures], 128, np.uint8),
+            places=joined([one.points_px for one in images], 2, np.float32),
+            descriptors=joined([one.descriptors for one in images], 128, np.uint8),
             points_m=joined([one.points_m for one in shapes], 3, np.float32),
             directions=joined([one.directions for one in shapes], 3, np.float32),
             views=joined([one.descriptors for one in shapes], DESCRIPTOR_LENGTH, np.float32),
@@ -105,7 +106,7 @@ def _decoded(card: Any, arrays: dict[str, np.ndarray]) -> VisualPrior:
     for one in card["objects"]:
         entry = Entry(tuple(str(model) for model in one["models"]))
         for count in one["features"]:
-            entry.pictures.append(LocalFeatures(take("places", count), take("descriptors", count)))
+            entry.images.append(LocalFeatures(take("places", count), take("descriptors", count)))
         if one["shape"] is not None:
             points, views = one["shape"]
             entry.shape = ShapeViews(

@@ -180,7 +180,7 @@ class _Surface:
 def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"]) -> np.ndarray:
     """Indices of the points of a surface that an eye far away in ``direction`` sees.
 
-    The points are drawn into a picture whose cells are a little wider than they are apart; a point is hidden
+    The points are drawn into a image whose cells are a little wider than they are apart; a point is hidden
     where a cell around it has one that is much nearer.
     """
     from scipy.ndimage import maximum_filter
@@ -190,7 +190,7 @@ def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray
     plane, height = points_m @ across.T, points_m @ direction
     low = plane.min(axis=0)
     extent = np.ptp(plane, axis=0)
-    # About two points in a cell, if both sides fall into the picture.
+    # About two points in a cell, if both sides fall into the image.
     cell = max(2.0 * float(np.sqrt(max(extent[0] * extent[1], 1e-12) / len(points_m))), 1e-6)
     index = ((plane - low) / cell).astype(np.int64)
     shape = index.max(axis=0) + 1

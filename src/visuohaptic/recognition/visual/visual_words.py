@@ -1,8 +1,8 @@
-"""Pictures by their words: local features, quantised, in an inverted index, then checked by geometry.
+"""Images by their words: local features, quantised, in an inverted index, then checked by geometry.
 
 Alt 2016, Sec. 2.3.5 and 6.3.3. SIFT descriptors are compared by the Hellinger kernel (RootSIFT), their words
-come from k-means on the pictures that are stored, and a picture is first found by the cosine of tf-idf weights
-(Sivic and Zisserman 2003). Words know nothing of where they are: the best pictures are matched feature by
+come from k-means on the images that are stored, and a image is first found by the cosine of tf-idf weights
+(Sivic and Zisserman 2003). Words know nothing of where they are: the best images are matched feature by
 feature, and only matches that agree on one homography count.
 """
 
@@ -27,7 +27,7 @@ __all__ = [
     "train_vocabulary",
 ]
 
-#: Larger pictures are shrunk to this side: finer detail is not seen again from elsewhere [px].
+#: Larger images are shrunk to this side: finer detail is not seen again from elsewhere [px].
 SIDE_PX = 800
 #: RootSIFT numbers are at most about a half; so many steps to 1 fill a byte.
 _BYTE_STEPS = 510.0
@@ -37,24 +37,26 @@ _TRAINING = 60_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalFeatures:
-    """Features of one picture."""
+    """Features of one image."""
 
-    points_px: Float32[np.ndarray, "k 2"]  #: in the picture as it was given
+    points_px: Float32[np.ndarray, "k 2"]  #: in the image as it was given
     descriptors: UInt8[np.ndarray, "k 128"]  #: RootSIFT
 
     def __len__(self) -> int:
         return len(self.points_px)
 
 
-def find_features(image: UInt8[np.ndarray, "height width *colours"], *, most: int = 300) -> LocalFeatures:
-    """The strongest SIFT features of a grey or colour picture.
+def find_features(
+    image: UInt8[np.ndarray, "height width *colours"], *, max_features: int = 300
+) -> LocalFeatures:
+    """The strongest SIFT features of a grey or colour image.
 
     Parameters
     ----------
     image
         8 bits; colours are only averaged.
-    most
-        Of the strongest features.
+    max_features
+        How many are kept, the strongest.
     """
     import cv2
 
@@ -72,11 +74,11 @@ def find_features(image: UInt8[np.ndarray, "height width *colours"], *, most: in
     if scale < 1:
         size = (max(round(grey.shape[1] * scale), 1), max(round(grey.shape[0] * scale), 1))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
-    points, found = cv2.SIFT.create(most).detectAndCompute(np.ascontiguousarray(grey), None)
+    points, found = cv2.SIFT.create(max_features).detectAndCompute(np.ascontiguousarray(grey), None)
     if found is None or len(found) == 0:
         return none
     # OpenCV keeps ties beyond the number that was asked for.
-    order = np.argsort([-point.response for point in points], kind="stable")[:most]
+    order = np.argsort([-point.response for point in points], kind="stable")[:max_features]
     places = (np.array([points[i].pt for i in order]) + 0.5) / scale - 0.5
     root = np.sqrt(found[order] / np.maximum(found[order].sum(axis=1, keepdims=True), 1e-12))
     return LocalFeatures(
@@ -136,23 +138,21 @@ def _k_means(
 
 
 class WordIndex:
-    """Which stored pictures share the rare words of a new one; an inverted index with tf-idf weights.
+    """Which stored images share the rare words of a new one; an inverted index with tf-idf weights.
 
     Parameters
     ----------
     centres
         The vocabulary, of :func:`train_vocabulary`.
-    pictures
-        Words of each stored picture, of :func:`nearest_words`.
+    images
+        Words of each stored image, of :func:`nearest_words`.
     """
 
-    def __init__(
-        self, centres: Float32[np.ndarray, "w 128"], pictures: Sequence[Int[np.ndarray, "_"]]
-    ) -> None:
+    def __init__(self, centres: Float32[np.ndarray, "w 128"], images: Sequence[Int[np.ndarray, "_"]]) -> None:
         self._centres = centres
-        self._count = len(pictures)
-        lengths = np.array([len(one) for one in pictures], dtype=np.int64)
-        together = np.concatenate(list(pictures)) if len(pictures) else np.zeros(0, np.int64)
+        self._count = len(images)
+        lengths = np.array([len(one) for one in images], dtype=np.int64)
+        together = np.concatenate(list(images)) if len(images) else np.zeros(0, np.int64)
         place = np.repeat(np.arange(self._count), lengths) * len(centres) + together
         cells, times = np.unique(place, return_counts=True)
         document, word = cells // len(centres), cells % len(centres)
@@ -168,8 +168,8 @@ class WordIndex:
     def __len__(self) -> int:
         return self._count
 
-    def scores(self, descriptors: UInt8[np.ndarray, "k 128"]) -> Float[np.ndarray, "pictures"]:
-        """Cosine of the word weights of a picture with each stored one, 0..1."""
+    def scores(self, descriptors: UInt8[np.ndarray, "k 128"]) -> Float[np.ndarray, "images"]:
+        """Cosine of the word weights of a image with each stored one, 0..1."""
         out = np.zeros(self._count)
         if len(descriptors) == 0:
             return out
@@ -191,7 +191,7 @@ def agreeing_matches(
     minimum: int = 6,
     seed: int = 0,
 ) -> int:
-    """How many matches agree on one homography from the stored picture to the seen one; 0 below ``minimum``.
+    """How many matches agree on one homography from the stored image to the seen one; 0 below ``minimum``.
 
     Nearest over second-nearest distance below ``ratio`` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
     turned), each seen feature used once. Matches at one place count once: they prove one thing.
@@ -223,7 +223,7 @@ def agreeing_matches(
     agreeing = source[robust.inliers]
     low, high = agreeing.min(axis=0), agreeing.max(axis=0)
     frame = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-    # A mirrored or folded picture is no view of a plane.
+    # A mirrored or folded image is no view of a plane.
     if not (is_proper(robust.matrix, frame) or is_proper(-robust.matrix, frame)):
         return 0
     different = min(len(np.unique(np.round(side[robust.inliers] / 4), axis=0)) for side in (source, target))

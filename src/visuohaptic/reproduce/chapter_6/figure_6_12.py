@@ -8,7 +8,8 @@ import numpy as np
 
 from ...deformation.shapes.load_shell import load_object
 from ...grasping.confirm import confirm_grasp
-from ...grasping.planner import GraspTask, plan_grasps
+from ...grasping.grasp_task import GraspTask
+from ...grasping.planner import plan_grasps
 from ...report.charts import COLOURS, draw_axes
 from ...rigs.grasp_cases import CASES, best_vertex
 from ..output import Output

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from ...deformation.shapes.load_shell import load_object
-from ...grasping.planner import GraspTask, plan_grasps
+from ...grasping.grasp_task import GraspTask
+from ...grasping.planner import plan_grasps
 from ...grasping.plots import plot_plan
 from ..output import Output
 

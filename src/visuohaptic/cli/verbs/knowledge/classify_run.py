@@ -53,7 +53,7 @@ def run(args: Any) -> dict[str, Any]:
     """Classify; the mapping is what ``--json`` prints."""
     from ....core.files import write_text
     from ....recognition.classifier_file import load_classifier
-    from ....recognition.data.readings import SensorNoise, read_curves, stiffness_grid
+    from ....recognition.data.readings import TouchNoise, read_curves, stiffness_grid
     from ....recognition.touch.steps import tree_steps
 
     if bool(args.curves) == args.ask:
@@ -68,7 +68,7 @@ def run(args: Any) -> dict[str, Any]:
     prior = dict(_prior(text) for text in args.prior) or None
     readings: Any = ()
     if not args.ask:
-        readings = read_curves(args.curves, SensorNoise(args.force_noise, args.deformation_noise))
+        readings = read_curves(args.curves, TouchNoise(args.force_noise, args.deformation_noise))
     # Without a width in the file, what is certain enough is another matter, too.
     wide = args.ask or any(math.isfinite(reading.width_m) for reading in readings)
     model = found.model(use_width=wide and not args.no_width, prior=prior)
@@ -160,7 +160,7 @@ def _place_of(reading: Any) -> tuple[int, str]:
 
 
 def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
-    from ....recognition.data.readings import CurveFit, TouchReading
+    from ....recognition.data.readings import CurveCoefficients, TouchReading
     from ....recognition.touch.bayes import explore
 
     def touch(height: int, axis: str) -> TouchReading:
@@ -177,7 +177,7 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
                 "stdin", f"found {line.strip()!r}, expected two stiffnesses, and perhaps a width"
             )
         sides = [
-            CurveFit(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))
+            CurveCoefficients(value, value, float("nan"), model.protocol.relative_sigma(value), float("nan"))
             for value in numbers[:2]
         ]
         width = numbers[2] if len(numbers) > 2 else float("nan")

@@ -46,7 +46,8 @@ def run(args: Any) -> dict[str, Any]:
     import time
 
     from ....core.errors import InputError
-    from ....deformation.maps.class_build import build, load_plan, plan_jobs
+    from ....deformation.maps.build_plan import load_plan, plan_jobs
+    from ....deformation.maps.class_build import build
 
     if not 1 <= args.jobs <= 1024:
         raise InputError("--jobs", f"found {args.jobs}, expected 1 to 1024")

@@ -60,7 +60,7 @@ def run(args: Any) -> dict[str, Any]:
         None if args.image is None else read_image(args.image, "grey", upright=True),
         None if args.cloud is None else _cloud(args.cloud),
         [word for word in args.context.split(",") if word],
-        least=args.least,
+        min_probability=args.least,
     )
     for one in found:
         args.report(f"{one.probability:8.3f}  {one.object_id}")

@@ -53,20 +53,23 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
 
 def read_container(args: Any) -> ShellObject:
     """The object that ``args.object`` and those options name."""
+    from ....deformation.shapes.import_mesh import MeshConvention
     from ....deformation.shapes.load_shell import load_object
+    from ....deformation.shapes.wall_properties import WallProperties
 
     return load_object(
         args.object,
-        material_name=args.material,
-        thickness_m=args.thickness_m,
-        wall_spread=args.wall_spread,
-        youngs_modulus_Pa=args.youngs_modulus_Pa,
-        poisson_ratio=args.poisson_ratio,
+        wall=WallProperties(
+            args.material,
+            args.thickness_m,
+            args.wall_spread,
+            args.youngs_modulus_Pa,
+            args.poisson_ratio,
+        ),
         open_top=args.open_top,
         base_N_per_m=args.base_N_per_m,
         around=args.around,
         variant=args.variant,
         seed=args.seed,
-        unit=args.unit,
-        up=args.up,
+        convention=MeshConvention(args.unit, args.up),
     )

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from ._container import add_container_arguments, read_container
 
 if TYPE_CHECKING:
-    from ....grasping.planner import Grasp, GraspPlan, GraspTask
+    from ....grasping.grasp_task import GraspTask
+    from ....grasping.planner import Grasp, GraspPlan
 
 __all__ = ["EPILOG", "HELP", "add_arguments", "grasp_json", "run"]
 
@@ -110,7 +111,7 @@ def run(args: Any) -> dict[str, Any]:
 
 def _task(args: Any, centre_m: Any) -> GraspTask:
     from ....grasping.force import GripperModel, Load
-    from ....grasping.planner import GraspTask
+    from ....grasping.grasp_task import GraspTask
     from ....grasping.score import ScoreParameters
 
     load = None

@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Serve until interrupted; the mapping is what ``--json`` prints."""
     from ....core.errors import InputError
-    from ....grasping.planner import GraspTask
+    from ....grasping.grasp_task import GraspTask
     from ....viewer.browse import BrowsePage
     from ....viewer.files import open_views
 

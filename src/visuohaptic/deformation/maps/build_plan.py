@@ -1,0 +1,161 @@
+"""Plans of data sets: which classes, how many variants, in which states (Alt 2016, Sec. 6.4.1)."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from ..._version import __version__
+from ...core.errors import InputError
+from ...core.files import load_yaml_model
+from ..shapes.container import ContainerDescription, load_container
+from ..shapes.variants import draw_variant
+from .features import HEIGHTS
+
+__all__ = ["BUILD_FORMAT", "BuildJob", "BuildPlan", "load_plan", "plan_jobs"]
+
+#: Changes with the meaning of what is written: older results are computed again.
+BUILD_FORMAT = 2
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class ClassEntry(_Part):
+    """One class of the plan."""
+
+    source: str = Field(alias="class", max_length=4096)  #: shipped class, or YAML file beside the plan
+    variants: int = Field(50, ge=1, le=100_000)
+
+
+class State(_Part):
+    """What is inside."""
+
+    closed: bool = True
+    fill: float = Field(0.0, ge=0, le=1)
+
+
+class Curves(_Part):
+    """Features from force-deformation curves instead of linear elasticity."""
+
+    around: int = Field(32, ge=16, le=512, multiple_of=4)  #: vertices round the wall, for the curves
+    heights: tuple[int, ...] = tuple(range(1, HEIGHTS + 1))  #: of 1 .. 16; the others lie between
+
+    @field_validator("heights")
+    @classmethod
+    def _on_the_grid(cls, heights: tuple[int, ...]) -> tuple[int, ...]:
+        if not heights or not all(1 <= height <= HEIGHTS for height in heights):
+            raise ValueError(f"expected numbers from 1 to {HEIGHTS}")
+        return tuple(sorted(set(heights)))
+
+
+class BuildPlan(_Part):
+    """What is to be built; read from YAML."""
+
+    classes: list[ClassEntry] = Field(min_length=1, max_length=1000)
+    seed: int = Field(0, ge=0, lt=2**63)
+    around: int = Field(48, ge=16, le=512, multiple_of=4)
+    band: bool = True  #: maps with a standard deviation; half as fast
+    states: list[State] = Field(
+        [State(closed=False, fill=0.0)], min_length=1, max_length=16
+    )  #: of the features
+    nonlinear: Curves | None = None  #: linear features by default
+
+
+@dataclass(frozen=True, slots=True)
+class BuildJob:
+    """One object to compute; plain data, so that it can travel."""
+
+    name: str  #: of the class
+    variant: int
+    seed: int
+    container: str  #: description without ranges, as JSON
+    around: int
+    band: bool
+    states: tuple[tuple[bool, float], ...]
+    curve_around: int = 0  #: vertices round the wall for force-deformation curves; 0: linear features
+    curve_heights: tuple[int, ...] = ()
+
+    @property
+    def file(self) -> str:
+        """Relative to the folder of the build."""
+        return f"{self.name}/{self.name}-{self.variant:05d}.npz"
+
+    def description(self) -> ContainerDescription:
+        """The container, without ranges."""
+        return ContainerDescription.model_validate(json.loads(self.container))
+
+    @property
+    def key(self) -> str:
+        """Of all that the result depends on, and the library's version."""
+        text = json.dumps([BUILD_FORMAT, __version__, asdict(self)], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def load_plan(path: Path | str, *, nonlinear: bool = False) -> tuple[BuildPlan, list[ContainerDescription]]:
+    """Read a plan and the descriptions of its classes.
+
+    Parameters
+    ----------
+    path
+        YAML file; classes are shipped ones, or YAML files beside it.
+    nonlinear
+        Features from curves, with default settings where the plan has none.
+
+    Raises
+    ------
+    InputError
+        An invalid plan or description, a class that is named twice, or one whose name cannot be a folder.
+    """
+    plan = load_yaml_model(path, BuildPlan)
+    if nonlinear and plan.nonlinear is None:
+        plan = plan.model_copy(update={"nonlinear": Curves.model_validate({})})
+    found = []
+    for entry in plan.classes:
+        beside = Path(path).parent / entry.source
+        source = beside if Path(entry.source).suffix in {".yaml", ".yml"} else entry.source
+        found.append(load_container(source))
+    names = [description.name for description in found]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(path, f"class {twice!r} is named twice", field="classes")
+    if bad := [name for name in names if not name.strip(".")]:
+        raise InputError(path, f"{bad[0]!r} cannot be the name of a folder", field="classes")
+    return plan, found
+
+
+def plan_jobs(plan: BuildPlan, descriptions: Sequence[ContainerDescription]) -> list[BuildJob]:
+    """All objects of a plan, variants of the same class together.
+
+    Parameters
+    ----------
+    plan
+        Settings and number of variants.
+    descriptions
+        Of the plan's classes, in its order.
+    """
+    states = tuple((state.closed, state.fill) for state in plan.states)
+    curves = (plan.nonlinear.around, plan.nonlinear.heights) if plan.nonlinear else (0, ())
+    jobs = []
+    for entry, description in zip(plan.classes, descriptions, strict=True):
+        for variant in range(entry.variants):
+            container = draw_variant(description, variant, plan.seed)
+            jobs.append(
+                BuildJob(
+                    description.name,
+                    variant,
+                    plan.seed,
+                    container.model_dump_json(exclude_none=True),
+                    plan.around,
+                    plan.band,
+                    states,
+                    *curves,
+                )
+            )
+    return jobs

@@ -1,0 +1,59 @@
+"""Results of load stepping: states of equilibrium in the order they were reached."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..shells.corotational import ShellState
+
+__all__ = ["EquilibriumPath", "PathPoint"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathPoint:
+    """One state of equilibrium."""
+
+    load: float  #: lambda, times the reference load
+    control_m: float  #: control displacement
+    state: ShellState
+    iterations: int  #: Newton iterations that this point took, cut steps included
+    stable: bool  #: the tangent's determinant is positive
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EquilibriumPath:
+    """Points in the order they were reached, without the undeformed one."""
+
+    points: tuple[PathPoint, ...]
+    complete: bool  #: all that was asked for was reached
+    reason: str = ""  #: why it was not
+
+    @property
+    def load(self) -> Float[np.ndarray, "k"]:
+        """lambda of each point."""
+        return np.array([point.load for point in self.points])
+
+    @property
+    def control_m(self) -> Float[np.ndarray, "k"]:
+        """Control displacement of each point [m]."""
+        return np.array([point.control_m for point in self.points])
+
+    @property
+    def iterations(self) -> int:
+        """Newton iterations of the whole path."""
+        return sum(point.iterations for point in self.points)
+
+    def position_m(self, vertex: int, axis: int) -> Float[np.ndarray, "k"]:
+        """Where one vertex is at each point of the path [m].
+
+        Parameters
+        ----------
+        vertex
+            Number of the vertex.
+        axis
+            0, 1 or 2 for x, y or z.
+        """
+        return np.array([point.state.points_m[vertex, axis] for point in self.points])

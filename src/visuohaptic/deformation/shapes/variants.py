@@ -1,0 +1,78 @@
+"""Containers drawn from a class: a low-discrepancy sequence over its ranges, of which invalid shapes are skipped."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...core.errors import InputError
+from .container import ContainerDescription
+from .wall_profile import WallProfile
+
+__all__ = ["draw_variant", "draw_variants"]
+
+#: Points of the sequence that are tried for one variant.
+ATTEMPTS = 16
+#: Length of the sequence: scipy's generator has 30 bits, and a class never needs a million members.
+MAX_VARIANTS = 2**20
+
+
+def draw_variants(container: ContainerDescription, count: int, seed: int) -> list[ContainerDescription]:
+    """Containers spread evenly over the ranges of a class (Sobol sequence, shifted by the seed).
+
+    Parameters
+    ----------
+    container
+        Class, with ranges.
+    count
+        How many; variant k does not depend on it.
+    seed
+        Of the shift.
+    """
+    return [draw_variant(container, index, seed) for index in range(count)]
+
+
+def draw_variant(container: ContainerDescription, index: int, seed: int) -> ContainerDescription:
+    """One member of a class; the same number and seed always give the same one.
+
+    Parameters
+    ----------
+    container
+        Class, with ranges; without ranges it is returned itself.
+    index
+        Number of the variant, from 0.
+    seed
+        Of the shift of the Sobol sequence.
+
+    Raises
+    ------
+    InputError
+        A number out of range, or no valid shape near this point of the sequence.
+    """
+    from scipy.stats import qmc
+
+    if not 0 <= index < MAX_VARIANTS:
+        raise InputError(
+            f"class {container.name}", f"found {index}, expected 0 to {MAX_VARIANTS - 1}", field="variant"
+        )
+    names = container.free_parameters
+    if not names:
+        return container.middle()
+    for attempt in range(ATTEMPTS):
+        # Each retry has a shift of its own: variants do not move when another is skipped. The
+        # shift instead of scipy's scrambling keeps a seed's variants for all versions of scipy.
+        shift = np.random.default_rng([seed, attempt]).random(len(names))
+        sobol = qmc.Sobol(len(names), scramble=False)
+        if index:
+            sobol.fast_forward(index)
+        found = container.at((sobol.random(1)[0] + shift) % 1.0)
+        try:
+            WallProfile.of(found)
+        except InputError as error:
+            problem = error
+            continue
+        return found
+    raise InputError(
+        f"class {container.name}",
+        f"no variant {index} has a valid shape; the last: {problem}",
+        remedy="narrow the ranges",
+    )

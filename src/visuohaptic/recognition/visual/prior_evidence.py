@@ -1,0 +1,78 @@
+"""How looks are weighed: odds of stored objects against an object that is not stored.
+
+With the prior pi_i of object i, the number n of agreeing matches of its best image, and the residual r of its
+shape on the cloud, the odds against an object that is not stored are
+
+    pi_i / pi_unknown * ((1 + n) / (1 + n_0)) ** a * (r_0 / r) ** b * prod_w P(w | i) / P(w)
+
+over the words w of the scene's context; without agreeing matches, exp(-c) stands for the first power: blur and
+occlusion take all matches at once, so that none is no smaller number of the same kind. The second power is at least
+exp(-d): now and then ICP fails on the right object. The exponents a, b, the neutral points n_0, r_0, c and d are
+fitted on examples by their log loss (:mod:`.prior_calibration`), so that probabilities are calibrated. Evidence that
+is not there, as no image of an object, leaves its odds as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+__all__ = ["PriorSettings", "VisualEvidence", "posterior"]
+
+
+@dataclass(frozen=True, slots=True)
+class PriorSettings:
+    """Effort, and what evidence is worth; the latter from :func:`calibrate_prior`."""
+
+    features: int = 300  #: local features of a image, at most
+    words: int = 4096  #: of the vocabulary, at most
+    images_checked: int = 20  #: the best by words, whose geometry is checked
+    shapes_checked: int = 12  #: the best by descriptor, that ICP is tried on
+    views_checked: int = 2  #: of each of these
+    unknown_prior: float = 0.1  #: probability that an object is not stored, before anything is seen
+    matches_exponent: float = 7.0  #: a
+    matches_neutral: float = 4.7  #: n_0; fewer than 6 matches are counted as none
+    no_match_penalty: float = 2.2  #: c
+    residual_exponent: float = 6.0  #: b
+    residual_neutral_m: float = 0.002  #: r_0
+    max_residual_penalty: float = 14.0  #: d; how often a fit fails is known from examples only
+    max_log_odds: float = 14.0  #: of image or shape alone, either way; logarithm of odds
+    context_weight: float = 2.0  #: sightings that the average of all objects counts for
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VisualEvidence:
+    """What one look says, before it is weighed; one value for each stored object."""
+
+    log_prior: Float[np.ndarray, "objects"]  #: with the context; without the share of unknown
+    log_matches: Float[np.ndarray, "objects"]  #: log(1 + n); NaN for no evidence
+    matches_weight: float  #: 0..1, small where the image has little to match
+    log_residual: Float[np.ndarray, "objects"]  #: log(r / m); NaN for no evidence
+    poses: Mapping[int, Float[np.ndarray, "4 4"]]
+
+
+def posterior(evidence: VisualEvidence, settings: PriorSettings) -> Float[np.ndarray, "objects_and_unknown"]:
+    """Probability of each stored object and, last, of an unknown one.
+
+    Parameters
+    ----------
+    evidence
+        Of one look, see :meth:`.VisualPrior.evidence`.
+    settings
+        What evidence is worth.
+    """
+    most = settings.max_log_odds
+    image = settings.matches_exponent * (evidence.log_matches - np.log1p(settings.matches_neutral))
+    image = np.where(evidence.log_matches == 0, -settings.no_match_penalty, image)
+    image = np.where(image < 0, evidence.matches_weight * image, image)
+    shape = settings.residual_exponent * (np.log(settings.residual_neutral_m) - evidence.log_residual)
+    shape = np.maximum(shape, -settings.max_residual_penalty)
+    odds = evidence.log_prior + np.log1p(-settings.unknown_prior)
+    for part in (image, shape):
+        odds = odds + np.clip(np.nan_to_num(part, nan=0.0), -most, most)
+    score = np.append(odds, np.log(settings.unknown_prior))
+    score = np.exp(score - score.max())
+    return np.asarray(score / score.sum())
