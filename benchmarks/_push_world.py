@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from visuohaptic.navigation.pushing import PushModel, arc_path, area_and_centroid, load_of_feet, patch_points
-from visuohaptic.simulation.floor import FloorPush, FloorThing, FloorTrace
+from visuohaptic.simulation.floor import FloorBody, FloorPush, FloorTrace
 
 RADIUS_M = 0.17
 KINDS = ("box", "disc", "polygon", "ell")
@@ -20,7 +20,7 @@ class PushCase:
     """One drive of a metre against one thing."""
 
     kind: str
-    thing: FloorThing
+    thing: FloorBody
     model: PushModel  #: what the planner is told: true outline, supports, frictions
     start_m: tuple[float, float, float]
     path_m: Float[np.ndarray, "k 3"]
@@ -52,7 +52,7 @@ def random_case(rng: np.random.Generator, index: int) -> PushCase:
     push_height = float(rng.uniform(0.02, 0.05))
     floor = float(rng.uniform(0.2, 0.5))
     contact = float(rng.uniform(0.0, 0.4))
-    thing = FloorThing(
+    thing = FloorBody(
         outline,
         feet,
         round_m,

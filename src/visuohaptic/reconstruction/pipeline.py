@@ -14,14 +14,14 @@ from ..core.errors import InputError
 from ..io.depth.depth_sequence import DepthFrame
 from ..io.meshes.ply import PlyMesh, write_ply
 from .fusion.depth_fusion import TsdfVolume
-from .fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from .fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
 from .transparency.consistency import ConsistencyDetector
 from .transparency.detector import TransparencyDetector
 from .transparency.pose_refinement import refine_poses
 from .transparency.ray_statistics import SearchReport
-from .transparency.refracted_rays import without_seen_through
+from .transparency.refracted_rays import mask_refracted_rays
 from .transparency.regions import TransparentRegion, outer_points, save_regions
 
 __all__ = ["METHODS", "Reconstruction", "reconstruct"]
@@ -67,7 +67,7 @@ def reconstruct(
     frames: Sequence[DepthFrame],
     *,
     grid: SpaceGrid | None = None,
-    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    noise: DepthNoise = SENSOR_NOISE["kinect"],
     method: Method = "consistency",
     refine: bool = True,
 ) -> Reconstruction:
@@ -111,7 +111,7 @@ def reconstruct(
     color = any(frame.color is not None for frame in frames)
     surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
     for frame in frames:
-        surface.integrate(without_seen_through(frame, regions))
+        surface.integrate(mask_refracted_rays(frame, regions))
     inside, score = detector.inside(), detector.score()
     points_m, scores = outer_points(inside, score, grid)
     kept = np.zeros(len(points_m), dtype=bool)
