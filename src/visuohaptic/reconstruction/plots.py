@@ -55,7 +55,7 @@ def plot_completion(completion: Completion, path: Path | str) -> None:
     figure, views = _figure()
     for axes in views:
         _draw(axes, mesh, colors, low_m - room_m, high_m + room_m)
-        axes.scatter(*(1e3 * contacts_m.T), color="crimson", s=18, depthshade=False)
+        axes.scatter(*(1e3 * contacts_m.T), color="crimson", s=18, depthshade=False, zorder=3)
     figure.colorbar(scale, ax=views, label="standard deviation [mm]", shrink=0.7)
     error_mm = 1e3 * completion.expected_error_m()
     figure.suptitle(f"{len(completion.touches)} touches, expected error {error_mm:.1f} mm")
@@ -84,7 +84,7 @@ def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
     colors = np.broadcast_to(_GREY, (len(mesh.faces), 4))
     for axes in views:
         _draw(axes, mesh, colors, low_m, high_m)
-        points = axes.scatter(*(1e3 * found.points_m.T), c=found.scores, s=4, cmap="viridis")
+        points = axes.scatter(*(1e3 * found.points_m.T), c=found.scores, s=4, cmap="viridis", zorder=3)
     if found.regions:
         figure.colorbar(points, ax=views, label="score of transparency", shrink=0.7)
     figure.suptitle(f"{len(found.regions)} transparent parts in {found.search.views} views")
@@ -107,6 +107,7 @@ def _figure() -> tuple[Any, list[Any]]:
     views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
     for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
         axes.view_init(elev=_ELEVATION_DEG, azim=azimuth_deg)
+        axes.computed_zorder = False  # points are drawn over surfaces
     return figure, views
 
 
