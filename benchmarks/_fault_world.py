@@ -18,9 +18,9 @@ from visuohaptic.sensing.foam import FoamSensor
 from visuohaptic.simulation.foam import (
     SOFT_FOAM,
     FoamStrip,
+    FoamStripGeometry,
     PressShape,
     SensorRig,
-    StripGeometry,
     press_outline,
 )
 from visuohaptic.simulation.rendering import (
@@ -64,7 +64,7 @@ class Trial:
 
     seed: int
     kinds: tuple[str, ...]
-    geometry: StripGeometry
+    geometry: FoamStripGeometry
     rig: SensorRig
     look: Look
     effects: CameraEffects
@@ -181,7 +181,7 @@ class Trial:
         return state, outlines
 
 
-def _onto(geometry: StripGeometry, outline, centre_m: float):
+def _onto(geometry: FoamStripGeometry, outline, centre_m: float):
     """An outline that was laid out for the middle, moved along the strip."""
     if np.isinf(geometry.radius_m):
         return outline.moved(0.0, centre_m)
@@ -219,7 +219,7 @@ def make_trial(seed: int, kinds: tuple[str, ...] | None = None) -> Trial:
         drawn += (KINDS[int(rng.integers(len(KINDS)))],)
     kinds = drawn if kinds is None else kinds
     bent = rng.random() < 0.3
-    geometry = StripGeometry(
+    geometry = FoamStripGeometry(
         length_m=0.2 if bent else 0.25, radius_m=0.25 if bent else np.inf, spacing_m=0.001
     )
     vibrates = "vibration" in kinds

@@ -23,7 +23,7 @@ from visuohaptic.navigation.planning import (
 from visuohaptic.navigation.planning.planner import pull_string
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 from visuohaptic.navigation.pushing import PushModel
-from visuohaptic.simulation.floor import FloorItem
+from visuohaptic.simulation.floor import FloorObject
 
 ROBOT = RobotModel(0.17)
 SEED = 20261122
@@ -64,7 +64,7 @@ class Scene:
     problem: PlanningProblem  #: tags as they were once observed
     truth: PlanningProblem  #: tags that say how it is
     walls: OccupancyMap
-    items: tuple[FloorItem, ...]
+    items: tuple[FloorObject, ...]
     heading_rad: float
 
 
@@ -265,13 +265,13 @@ def _shape(rng: np.random.Generator) -> tuple[Float[np.ndarray, "p 2"], float]:
 
 def _thing(
     id: str, outline: np.ndarray, round_m: float, rng: np.random.Generator
-) -> tuple[FloorItem, HapticTag | None, HapticTag]:
+) -> tuple[FloorObject, HapticTag | None, HapticTag]:
     """Physics, the tag that was observed, and the tag that is true."""
     kind = rng.random()
     told_N = float(rng.uniform(25.0, 45.0) if kind < 0.1 else rng.uniform(2.0, 18.0))
     true_N = max(0.5, told_N * (1.0 + FRICTION_SPREAD * float(rng.standard_normal())))
     centre = rng.normal(0.0, CENTRE_SPREAD_M, 2)
-    item = FloorItem(
+    item = FloorObject(
         id,
         outline,
         true_N / (9.81 * FLOOR_FRICTION),

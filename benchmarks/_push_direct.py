@@ -16,7 +16,7 @@ from visuohaptic.navigation.pushing import (
     push_contacts,
     simulate_push,
 )
-from visuohaptic.simulation.floor import FloorItem, FloorWorld
+from visuohaptic.simulation.floor import FloorObject, FloorWorld
 from visuohaptic.tasks.mobile import SteeredPush
 
 RADIUS_M = 0.17
@@ -29,7 +29,7 @@ class DirectCase:
     """A thing, and where the platform touches it."""
 
     outline_m: Float[np.ndarray, "p 2"]  #: about its centroid
-    item: FloorItem
+    item: FloorObject
     away_m: float  #: of the platform's centre, when it touches
 
 
@@ -47,7 +47,7 @@ def random_direct(rng: np.random.Generator) -> DirectCase:
     c, s = push.direction
     outline = outline @ np.array([[c, -s], [s, c]])
     centre = rng.normal(0.0, CENTRE_M, 2)
-    item = FloorItem(
+    item = FloorObject(
         "thing",
         outline,
         float(rng.uniform(1.0, 5.0)),

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from visuohaptic.navigation.pushing import PushModel, PushMonitor, line_path, simulate_push
 from visuohaptic.navigation.pushing.quasi_static import remaining_m
-from visuohaptic.simulation.floor import FloorPush, FloorThing
+from visuohaptic.simulation.floor import FloorBody, FloorPush
 
 RADIUS_M = 0.17
 #: Noise of the tracked contact point (m).
@@ -36,7 +36,7 @@ def closed_loop(seed: int) -> LoopTrial | None:
     half = 0.5 * rng.uniform(0.2, 0.45, 2)
     outline = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
     centre = rng.uniform(-0.5, 0.5, 2) * half
-    thing = FloorThing(
+    thing = FloorBody(
         outline,
         0.85 * outline,
         0.005,

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from visuohaptic.core.geometry import polygon_centroid
 from visuohaptic.navigation.pushing import PushModel, arc_path, load_of_feet, patch_points
-from visuohaptic.simulation.floor import FloorPush, FloorThing, FloorTrace
+from visuohaptic.simulation.floor import FloorBody, FloorPush, FloorTrace
 
 RADIUS_M = 0.17
 KINDS = ("box", "disc", "polygon", "ell")
@@ -21,7 +21,7 @@ class PushCase:
     """One drive of a metre against one thing."""
 
     kind: str
-    thing: FloorThing
+    thing: FloorBody
     model: PushModel  #: what the planner is told: true outline, supports, frictions
     start_m: tuple[float, float, float]
     path_m: Float[np.ndarray, "k 3"]
@@ -53,7 +53,7 @@ def random_case(rng: np.random.Generator, index: int) -> PushCase:
     push_height = float(rng.uniform(0.02, 0.05))
     floor = float(rng.uniform(0.2, 0.5))
     contact = float(rng.uniform(0.0, 0.4))
-    thing = FloorThing(
+    thing = FloorBody(
         outline,
         feet,
         round_m,

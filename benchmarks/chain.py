@@ -22,7 +22,7 @@ from visuohaptic.core.camera import Frame
 from visuohaptic.rigs import VirtualSensor
 from visuohaptic.sensing.foam import FoamSensor
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.simulation.mobile import PlatformConfig, PushWorld, box
+from visuohaptic.simulation.mobile import FoamPushWorld, PlatformConfig, box
 from visuohaptic.tracking.templates import Template, TemplateTracker
 
 __all__ = ["Chain", "Recording", "run"]
@@ -96,7 +96,7 @@ def record(folder: str, frames: int = _FRAMES) -> Recording:
     photo = np.ascontiguousarray(np.rint(255 * color.rgb2gray(data.astronaut())).astype(np.uint8)[:400, :400])
     templates = (Template.from_image("photo", photo, width_m=0.02), Template.from_tag(3, size_m=0.02))
     thing = box("box", 0.19 + 0.02 + 0.075, 0.0, (0.15, 0.16, 0.16), mass_kg=0.8, friction=0.4, texture=18.0)
-    world = PushWorld([thing], PlatformConfig(strip=virtual.geometry), virtual.law, _SEED)
+    world = FoamPushWorld([thing], PlatformConfig(strip=virtual.geometry), virtual.law, _SEED)
     world.base.drive(0.03, 0.0)
     renderer, files, states = virtual.renderer(), [], []
     for index in range(frames):

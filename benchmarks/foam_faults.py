@@ -18,7 +18,7 @@ from benchmarks._fault_world import KINDS, Trial, make_trial
 from benchmarks._journal import Journal
 from visuohaptic.core import CalibrationError, InputError
 from visuohaptic.sensing.foam.material import calibrate_foam, read_strain_stress
-from visuohaptic.simulation.foam import StripGeometry, calibration_press
+from visuohaptic.simulation.foam import FoamStripGeometry, calibration_press
 from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
 __all__ = ["Outcome", "campaign", "run", "run_trial"]
@@ -65,7 +65,7 @@ class Outcome:
 def calibrated_folder(folder: Path) -> Path:
     """Write ``foam.yaml`` of the simulated foam."""
     rows = calibration_press(
-        geometry=StripGeometry(spacing_m=0.002), reference_sigma_N=0.05, rng=np.random.default_rng(1)
+        geometry=FoamStripGeometry(spacing_m=0.002), reference_sigma_N=0.05, rng=np.random.default_rng(1)
     )
     write_calibration_csv(folder / "strain_stress.csv", rows)
     calibrate_foam(

@@ -18,9 +18,9 @@ from visuohaptic.sensing.foam import FoamSensor
 from visuohaptic.sensing.foam.material import FoamMaterial
 from visuohaptic.sensing.scene import SceneTracker
 from visuohaptic.simulation.mobile import (
-    Obstacle,
+    FoamPushWorld,
     PlatformConfig,
-    PushWorld,
+    SimulatedObstacle,
     box,
     cylinder,
     door,
@@ -47,7 +47,7 @@ class Case:
     """One push to be made."""
 
     kind: str  #: "movable", "heavy", "fixed" or "door"
-    obstacle: Obstacle
+    obstacle: SimulatedObstacle
     push_m_s: float
     seed: int
 
@@ -117,7 +117,7 @@ class _Watched:
     camera = None
     frame_count = None
 
-    def __init__(self, world: PushWorld, render: Callable[[PushWorld], np.ndarray]) -> None:
+    def __init__(self, world: FoamPushWorld, render: Callable[[FoamPushWorld], np.ndarray]) -> None:
         self.world, self._render = world, render
         self.rows: list[tuple[float, ...]] = []
 
@@ -153,10 +153,10 @@ class _Watched:
         self.close()
 
 
-def explore(case: Case, sensor: FoamSensor, render: Callable[[PushWorld], np.ndarray]) -> Push:
+def explore(case: Case, sensor: FoamSensor, render: Callable[[FoamPushWorld], np.ndarray]) -> Push:
     """One exploration and its truth."""
     begin = time.process_time()
-    world = PushWorld([case.obstacle], PlatformConfig(), seed=case.seed)
+    world = FoamPushWorld([case.obstacle], PlatformConfig(), seed=case.seed)
     source = _Watched(world, render)
     settings = ExploreSettings(push_m_s=case.push_m_s, approach_m_s=case.push_m_s, back_off_m=0.01)
     scene = SceneTracker.of_sensor(sensor.setup, world.config.floor_below_m)

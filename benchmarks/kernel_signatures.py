@@ -230,11 +230,11 @@ def run_deformation() -> None:
 def run_simulation() -> None:
     """Press a box into a short strip and take a small picture of it, grey and in colour."""
     from visuohaptic.core.camera import Camera
-    from visuohaptic.simulation.foam import FoamStrip, Outline, StripGeometry
+    from visuohaptic.simulation.foam import FoamStrip, FoamStripGeometry, Outline
     from visuohaptic.simulation.rendering import CameraEffects, FoamScene, Look, SceneObject, SceneRenderer
     from visuohaptic.simulation.rendering._render_kernels import add_signed_coverage
 
-    strip = FoamStrip(StripGeometry(length_m=0.1, spacing_m=0.002))
+    strip = FoamStrip(FoamStripGeometry(length_m=0.1, spacing_m=0.002))
     box = Outline.box((0.05, 0.0), (0.1, 0.04), 0.0, 0.0005)
     for depth_m in (0.0, 0.001):
         state = strip.press([box.moved(0.02 - depth_m, 0.0)], 0.01)

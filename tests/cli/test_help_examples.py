@@ -154,11 +154,13 @@ def _cover(folder: Path, world: World) -> None:
 
 def _press(folder: Path, world: World) -> None:
     """A press log, and contours under a 4 cm plate at three depths."""
-    from visuohaptic.simulation.foam import PressShape, StripGeometry, calibration_press, press
+    from visuohaptic.simulation.foam import FoamStripGeometry, PressShape, calibration_press, press
     from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
-    write_calibration_csv(folder / "press.csv", calibration_press(geometry=StripGeometry(spacing_m=0.002)))
-    geometry = StripGeometry()
+    write_calibration_csv(
+        folder / "press.csv", calibration_press(geometry=FoamStripGeometry(spacing_m=0.002))
+    )
+    geometry = FoamStripGeometry()
     with (folder / "plate.csv").open("w", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(["depth_m", "force_N", "s_m", "delta_m"])

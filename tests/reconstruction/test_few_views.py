@@ -44,8 +44,9 @@ def test_half_dropped_glass_is_found_with_few_views_in_any_order(views, shuffled
 
 @pytest.mark.parametrize("views", [8, 24])
 def test_opaque_twins_give_no_part_and_a_reason(views):
-    for seed in range(2):
-        rng = np.random.default_rng([2, seed, views])
+    # Seeds that were drawn after the detector was built: none of eight, at 8, 12 and 24 views, gave a part.
+    for seed in (701, 702):
+        rng = np.random.default_rng([20161, seed, views])
         table = random_table(rng).opaque_twin()
         frames = cast(table, ring(views), rng, pose_sigma=(0.002, 0.005))
         result = reconstruct(frames, grid=GRID)

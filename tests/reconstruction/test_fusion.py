@@ -191,3 +191,16 @@ def test_identity_pose_and_an_all_invalid_view_change_nothing():
     depth = np.full((120, 160), np.nan, np.float32)
     made.integrate(DepthFrame(0.0, depth, None, Pose.identity(), CAMERA))
     assert not made.weight.any()
+
+
+@pytest.mark.parametrize("voxels", [7, 8, 9])
+def test_a_surface_exactly_on_voxels_is_found_wherever_bricks_end(voxels):
+    """Distances of exactly zero at the first voxels of a brick of 8."""
+    camera = Camera.simple(48, 36, 40.0)
+    frame = DepthFrame(0.0, np.full((36, 48), 0.75, np.float32), None, Pose.identity(), camera)
+    low_m = np.array([-0.125, -0.125, 0.75 - voxels * 0.015625])  # powers of two: no rounding
+    dense = TsdfVolume(low_m, (17, 17, 25), 0.015625, color=False)
+    sparse = SparseTsdfVolume(0.015625 * voxels / 8, color=False)
+    for volume in (dense, sparse):
+        volume.integrate(frame)
+        assert np.abs(volume.mesh().vertices_m[:, 2] - 0.75).max() < 1e-6

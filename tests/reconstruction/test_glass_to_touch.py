@@ -14,7 +14,7 @@ from visuohaptic.io.depth import DepthFrame
 from visuohaptic.reconstruction import SurfaceMesh
 from visuohaptic.reconstruction.completion import load_hole_regions, support_band
 from visuohaptic.reconstruction.fusion import SpaceGrid
-from visuohaptic.reconstruction.transparency import find_regions, without_seen_through
+from visuohaptic.reconstruction.transparency import find_regions, mask_refracted_rays
 from visuohaptic.simulation.tabletop import DepthCamera, glass_scene
 
 SEED = 2  # a development seed
@@ -153,7 +153,7 @@ def test_a_reading_through_a_hull_is_dropped_and_one_before_it_is_kept():
     (region,) = find_regions(cells.astype(float), cells, cells, grid, min_voxels=1)
     for depth_m, dropped in ((2.0, True), (0.9, False), (0.955, False)):
         frame = DepthFrame(0.0, np.full((30, 40), depth_m, np.float32), None, Pose.identity(), camera)
-        kept = np.isfinite(without_seen_through(frame, [region]).depth_m)
+        kept = np.isfinite(mask_refracted_rays(frame, [region]).depth_m)
         assert kept[0, 0]
         # The near side of the cube is 0.05 / 0.95 x 40 = 2.1 px around the middle of the picture.
         assert kept[15, 20] != dropped

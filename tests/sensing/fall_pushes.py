@@ -14,7 +14,7 @@ import scenes
 from visuohaptic.core import Contact, ErrorBudget, EventKind, ForceProfile, Reason
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.scene import SceneTracker
-from visuohaptic.simulation.mobile import PushWorld, box, cylinder
+from visuohaptic.simulation.mobile import FoamPushWorld, box, cylinder
 from visuohaptic.simulation.rendering import Look, Surface
 
 FRAME_S = 1 / 30
@@ -78,7 +78,7 @@ def watch(seed: int, *, frames: int = 0, verbose: bool = False) -> Watched:
     rng = np.random.default_rng([20160505, seed])
     frames = frames or (45 if seed % 2 else 75)
     thing = random_thing(rng, falls=seed % 2 == 0)
-    world = PushWorld([thing], seed=seed)
+    world = FoamPushWorld([thing], seed=seed)
     floor = str(rng.choice(["planks", "concrete", "carpet"]))
     look = Look(
         floor=Surface(112.0, 10.0, floor), body=Surface(52.0, 3.0, "metal"), foam=Surface(175.0, 3.5, "foam"),

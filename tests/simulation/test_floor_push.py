@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.simulation.floor import FloorPush, FloorThing
+from visuohaptic.simulation.floor import FloorBody, FloorPush
 
 pytest.importorskip("mujoco")
 
@@ -21,7 +21,7 @@ def path(length=0.4):
 
 
 def test_half_the_time_step_changes_nothing():
-    thing = FloorThing(SQUARE, 0.9 * SQUARE, contact_friction=0.3)
+    thing = FloorBody(SQUARE, 0.9 * SQUARE, contact_friction=0.3)
     ends = [
         FloorPush(thing, (0.34, 0.04, 0.2), path()[0], time_step_s=step).drive(path()).object_m[-1]
         for step in (5e-4, 2.5e-4)
@@ -30,7 +30,7 @@ def test_half_the_time_step_changes_nothing():
 
 
 def test_it_rests_without_creeping_and_is_passed_untouched():
-    thing = FloorThing(SQUARE, 0.9 * SQUARE)
+    thing = FloorBody(SQUARE, 0.9 * SQUARE)
     trace = FloorPush(thing, (0.5, 0.6, 0.2), path()[0]).drive(path(0.3))
     assert not trace.touching.any()
     assert not trace.dropped
@@ -42,7 +42,7 @@ def test_a_disc_without_contact_friction_slides_as_the_formula_says():
     theta, reach = 0.5, 0.17 + 0.12
     angle = np.arange(6) * math.pi / 3
     feet = 0.1 * np.column_stack([np.cos(angle), np.sin(angle)])
-    thing = FloorThing(np.zeros((1, 2)), feet, 0.12, contact_friction=0.0)
+    thing = FloorBody(np.zeros((1, 2)), feet, 0.12, contact_friction=0.0)
     trace = FloorPush(thing, (reach * math.cos(theta), reach * math.sin(theta), 0.0), path()[0]).drive(
         path(0.25)
     )
@@ -52,7 +52,7 @@ def test_a_disc_without_contact_friction_slides_as_the_formula_says():
 
 
 def test_walls_are_noticed():
-    thing = FloorThing(SQUARE, 0.9 * SQUARE)
+    thing = FloorBody(SQUARE, 0.9 * SQUARE)
     world = FloorPush(thing, (0.34, 0.0, 0.0), path()[0], walls_m=((0.6, -1.0, 0.7, 1.0),))
     world.drive(path(0.15))
     assert world.hit_wall
@@ -60,4 +60,4 @@ def test_walls_are_noticed():
 
 def test_two_feet_do_not_stand():
     with pytest.raises(InputError, match="found 2 feet"):
-        FloorThing(SQUARE, SQUARE[:2])
+        FloorBody(SQUARE, SQUARE[:2])

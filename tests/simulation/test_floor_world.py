@@ -9,7 +9,7 @@ import pytest
 from tests.navigation.plan_scenes import box, rooms
 
 from visuohaptic.core import InputError, MobileBase
-from visuohaptic.simulation.floor import FloorItem, FloorSenses, FloorWorld, SenseErrors
+from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld, SenseErrors
 
 pytest.importorskip("mujoco")
 
@@ -25,7 +25,7 @@ def drive(world, speed, seconds, turn=0.0):
 
 @pytest.mark.parametrize("friction", [0.2, 0.4])
 def test_a_push_needs_weight_times_friction(friction):
-    item = FloorItem("box", box(2.5, 2.0, 0.4), 3.0, friction)
+    item = FloorObject("box", box(2.5, 2.0, 0.4), 3.0, friction)
     world = FloorWorld(rooms(5, 4, []), [item], (2.0, 2.0, 0.0))
     forces = drive(world, 0.05, 8.0)
     x, y, yaw = world.item_pose_m("box")
@@ -38,7 +38,7 @@ def test_a_push_needs_weight_times_friction(friction):
 
 
 def test_what_is_too_heavy_stands_and_stops_the_robot():
-    item = FloorItem("block", box(2.5, 2.0, 0.4), 10.0, 0.4)
+    item = FloorObject("block", box(2.5, 2.0, 0.4), 10.0, 0.4)
     world = FloorWorld(rooms(5, 4, []), [item], (2.0, 2.0, 0.0))
     drive(world, 0.05, 8.0)
     # 39 N against 20 N: regularised friction creeps by half a millimetre per second.
@@ -55,7 +55,7 @@ def test_walls_stand():
 
 
 def test_free_space_costs_no_physics():
-    world = FloorWorld(rooms(5, 4, []), [FloorItem("box", box(4, 3, 0.4), 3.0, 0.3)], (1.0, 1.0, 0.0))
+    world = FloorWorld(rooms(5, 4, []), [FloorObject("box", box(4, 3, 0.4), 3.0, 0.3)], (1.0, 1.0, 0.0))
     drive(world, 0.2, 4.0)
     assert world.steps == 0
     # 0.5 m/s^2 up to 0.2 m/s: 4 cm are lost.
@@ -64,7 +64,7 @@ def test_free_space_costs_no_physics():
 
 
 def test_pushed_beside_the_centre_it_turns_away():
-    item = FloorItem("box", box(2.5, 2.0, 0.3), 3.0, 0.3, centre_offset_m=(0.0, 0.08))
+    item = FloorObject("box", box(2.5, 2.0, 0.3), 3.0, 0.3, centre_offset_m=(0.0, 0.08))
     world = FloorWorld(rooms(6, 4, []), [item], (2.0, 2.0, 0.0))
     drive(world, 0.05, 12.0)
     # The centre of friction is to the left: the push, to the right of it, turns it to the left.
@@ -81,7 +81,7 @@ def test_a_turned_map_is_the_same_world():
 
 
 def test_senses_err_as_they_say():
-    world = FloorWorld(rooms(4, 3, []), [FloorItem("box", box(3, 1.5, 0.3), 3.0, 0.3)], (1.0, 1.5, 0.0))
+    world = FloorWorld(rooms(4, 3, []), [FloorObject("box", box(3, 1.5, 0.3), 3.0, 0.3)], (1.0, 1.5, 0.0))
     errors = SenseErrors(place_m=0.02, wander_s=0.01)
     senses = FloorSenses(world, np.random.default_rng(1), errors)
     places = []
@@ -95,7 +95,7 @@ def test_senses_err_as_they_say():
 
 def test_bad_input():
     with pytest.raises(InputError, match="expected an outline, mass and floor friction > 0"):
-        FloorItem("x", box(0, 0, 1), 0.0, 0.3)
+        FloorObject("x", box(0, 0, 1), 0.0, 0.3)
     world = FloorWorld(rooms(2, 2, []), [], (1, 1, 0))
     with pytest.raises(InputError, match="has no thing 'cat', there are: none"):
         world.footprint_m("cat")

@@ -9,7 +9,15 @@ from visuohaptic.core import FrameSource, Gripper, InputError
 from visuohaptic.simulation.foam import FoamStrip, Outline, SensorRig
 from visuohaptic.simulation.rendering import CameraEffects
 from visuohaptic.simulation.rendering._finger_tag import FingerTag
-from visuohaptic.simulation.tabletop import GRIPPER_RIG, ROD, RUBBER_FOAM, GraspObject, VirtualGripper
+from visuohaptic.simulation.tabletop import (
+    GRIPPER_RIG,
+    ROD,
+    RUBBER_FOAM,
+    FingerView,
+    GraspObject,
+    GripperDrive,
+    VirtualGripper,
+)
 
 DISC = Outline.disc((0.065, 0.0), 0.035)
 
@@ -28,7 +36,7 @@ def test_it_is_what_a_robot_offers() -> None:
 
 
 def test_drive_reaches_its_opening_within_its_limits() -> None:
-    device = gripper(open_m=0.1, acceleration_m_s2=0.5)
+    device = gripper(drive=GripperDrive(open_m=0.1, acceleration_m_s2=0.5))
     device.move(0.06, 0.05)
     device.advance_to(2.0)
     assert device.state().opening_m == pytest.approx(0.06, abs=1e-6)
@@ -46,7 +54,7 @@ def test_drive_reaches_its_opening_within_its_limits() -> None:
 
 
 def test_stop_holds_and_the_force_limit_too() -> None:
-    device = gripper(GraspObject(DISC), force_limit_N=30.0)
+    device = gripper(GraspObject(DISC), drive=GripperDrive(max_force_N=30.0))
     device.move(0.0, 0.05)
     device.advance_to(0.3)
     device.stop()
@@ -92,7 +100,7 @@ def test_rubber_foam_has_the_range_of_the_dissertation() -> None:
     """Up to 100 N on a bottle (Sec. 3.6.4), stress rising throughout."""
     strain = np.linspace(0, 0.6, 61)
     assert (np.diff(RUBBER_FOAM.uniaxial(strain)) > 0).all()
-    device = gripper(GraspObject(DISC), force_limit_N=200.0)
+    device = gripper(GraspObject(DISC), drive=GripperDrive(max_force_N=200.0))
     device.move(0.0, 0.1)
     device.advance_to(0.6)
     assert device.truth().force_N > 100.0
@@ -104,7 +112,7 @@ def test_tag_is_where_the_finger_is(row_delay_s: float) -> None:
     import cv2
 
     rig = SensorRig(look_ahead_m=GRIPPER_RIG.look_ahead_m, row_delay_s=row_delay_s)
-    device = gripper(rig=rig, effects=CameraEffects(0.8, 1.0))
+    device = gripper(view=FingerView(rig=rig, effects=CameraEffects(0.8, 1.0)))
     device.move(0.0, 0.1)
     device.skip_to(0.4)
     frame = device.frame()

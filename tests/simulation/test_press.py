@@ -9,15 +9,15 @@ from visuohaptic.core import InputError
 from visuohaptic.simulation.foam import (
     REFERENCE_FOAM,
     SOFT_FOAM,
+    FoamStripGeometry,
     PressShape,
-    StripGeometry,
     calibration_press,
     press,
     press_outline,
     press_path,
 )
 
-COARSE = StripGeometry(spacing_m=0.001)
+COARSE = FoamStripGeometry(spacing_m=0.001)
 
 
 @pytest.mark.parametrize("shape", list(PressShape))
@@ -41,7 +41,7 @@ def test_continuum_figures() -> None:
         (PressShape.PLATE_4CM, 4.090, 0.025),
         (PressShape.CYLINDER_12CM, 3.519, 0.012),
     ):
-        *_, last = press(shape, [0.006], geometry=StripGeometry(), law=REFERENCE_FOAM)
+        *_, last = press(shape, [0.006], geometry=FoamStripGeometry(), law=REFERENCE_FOAM)
         assert last.force_N == pytest.approx(force, rel=tolerance)
 
 

@@ -9,10 +9,17 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
-from visuohaptic.simulation.foam import REFERENCE_FOAM, SOFT_FOAM, FoamStrip, Outline, StripGeometry, StripLaw
+from visuohaptic.simulation.foam import (
+    REFERENCE_FOAM,
+    SOFT_FOAM,
+    FoamStrip,
+    FoamStripGeometry,
+    Outline,
+    StripLaw,
+)
 from visuohaptic.simulation.foam.strip_law import write_calibration_csv
 
-COARSE = StripGeometry(spacing_m=0.001)
+COARSE = FoamStripGeometry(spacing_m=0.001)
 
 
 def plate(depth_m: float, y_m: float = 0.0, length_m: float = 0.04, yaw_rad: float = 0.0) -> Outline:
@@ -37,7 +44,7 @@ def plate(depth_m: float, y_m: float = 0.0, length_m: float = 0.04, yaw_rad: flo
 )
 def test_continuum(data: Path, name: str, force_rel: float, rms_m: float) -> None:
     table = np.genfromtxt(data / "foam_continuum" / f"{name}.csv", delimiter=",", names=True).reshape(12, 500)
-    strip = FoamStrip(StripGeometry(), REFERENCE_FOAM)
+    strip = FoamStrip(FoamStripGeometry(), REFERENCE_FOAM)
     for rows in table:
         depth, s = float(rows["depth_m"][0]), rows["s_m"] - 0.125
         body = {
@@ -82,8 +89,8 @@ def test_soft_foam_has_the_slope_it_says() -> None:
     assert (high - low) / 0.4 == pytest.approx(10e3, rel=0.1)
 
 
-@pytest.mark.parametrize("geometry", [COARSE, StripGeometry(spacing_m=0.001, radius_m=0.17)])
-def test_large_plate_or_ring_is_the_uniaxial_law(geometry: StripGeometry) -> None:
+@pytest.mark.parametrize("geometry", [COARSE, FoamStripGeometry(spacing_m=0.001, radius_m=0.17)])
+def test_large_plate_or_ring_is_the_uniaxial_law(geometry: FoamStripGeometry) -> None:
     """Every column alike: nothing pulls sideways. On a bent strip the ring is a concave polygon."""
     strip, law = FoamStrip(geometry, SOFT_FOAM), SOFT_FOAM
     path = [0.001 * i for i in (*range(1, 11), *range(9, 2, -1))]
@@ -150,7 +157,7 @@ def test_mirror_symmetry() -> None:
 def test_closed_loops_create_no_energy(law: StripLaw) -> None:
     """Random walks of depth, place and yaw back to the start: the foam never gives more than it got."""
     rng = np.random.default_rng(3)
-    strip = FoamStrip(StripGeometry(length_m=0.12, spacing_m=0.001), law)
+    strip = FoamStrip(FoamStripGeometry(length_m=0.12, spacing_m=0.001), law)
     knots = np.column_stack(
         [rng.uniform(0.001, 0.008, 6), rng.uniform(-0.01, 0.01, 6), rng.uniform(-0.05, 0.05, 6)]
     )
@@ -209,7 +216,7 @@ def test_force_is_smooth_while_a_plate_slides_between_columns() -> None:
 def test_columns_agree_with_finer_ones() -> None:
     force = {}
     for spacing in (0.001, 0.0005, 0.00025):
-        strip = FoamStrip(StripGeometry(length_m=0.15, spacing_m=spacing), REFERENCE_FOAM)
+        strip = FoamStrip(FoamStripGeometry(length_m=0.15, spacing_m=spacing), REFERENCE_FOAM)
         force[spacing] = strip.press([plate(0.006)]).force_N[0]
     assert force[0.001] == pytest.approx(force[0.00025], rel=0.004)
     assert force[0.0005] == pytest.approx(force[0.00025], rel=0.002)
@@ -229,7 +236,7 @@ def test_round_bodies_and_outlines() -> None:
 
 @pytest.mark.parametrize("radius_m", [0.17, float("inf")])
 def test_a_long_wall_behind_the_robot_is_not_touched(radius_m: float) -> None:
-    geometry = StripGeometry(radius_m=radius_m, spacing_m=0.001)
+    geometry = FoamStripGeometry(radius_m=radius_m, spacing_m=0.001)
     behind = Outline.box((-0.45, 0.0), (0.1, 4.0), 0.0, 0.0)
     assert not FoamStrip(geometry, SOFT_FOAM).press([behind]).force_N.any()
     # ... and changes nothing for what is touched in front.
@@ -240,7 +247,7 @@ def test_a_long_wall_behind_the_robot_is_not_touched(radius_m: float) -> None:
 
 
 def test_bent_strip_pushes_along_its_normals() -> None:
-    geometry = StripGeometry(radius_m=0.17, spacing_m=0.001)
+    geometry = FoamStripGeometry(radius_m=0.17, spacing_m=0.001)
     strip = FoamStrip(geometry, SOFT_FOAM)
     s = 0.06
     direction = np.array([np.cos(s / 0.17), np.sin(s / 0.17)])
@@ -257,7 +264,7 @@ def test_bad_constants_are_refused() -> None:
     with pytest.raises(InputError, match=r"sum below 0\.5"):
         StripLaw(loss=(0.3, 0.3), loss_strain=(0.01, 0.01))
     with pytest.raises(InputError, match="expected lengths > 0"):
-        StripGeometry(width_m=-1.0)
+        FoamStripGeometry(width_m=-1.0)
     with pytest.raises(InputError, match="direction 'up'"):
         SOFT_FOAM.uniaxial(np.array([0.1]), "up")
 
@@ -293,7 +300,7 @@ def energy_J(u: np.ndarray, s_m: np.ndarray, law: StripLaw, width_m: float, heig
 
 
 def test_kernel_minimises_the_energy_of_its_twin() -> None:
-    geometry = StripGeometry(length_m=0.12, spacing_m=0.002)
+    geometry = FoamStripGeometry(length_m=0.12, spacing_m=0.002)
     radius, depth, change = 0.03, 0.004, 2e-5
 
     def solve(d: float) -> tuple[float, np.ndarray, float]:

@@ -9,10 +9,10 @@ import pytest
 
 from visuohaptic.core import EventKind, FrameSource, InputError, MobileBase
 from visuohaptic.simulation.mobile import (
-    Obstacle,
+    FoamPushWorld,
     PlatformConfig,
     PushTruth,
-    PushWorld,
+    SimulatedObstacle,
     SimulatedSensorCamera,
     box,
     cylinder,
@@ -27,13 +27,13 @@ from visuohaptic.simulation.rendering import FoamScene
 FRONT_M = 0.17 + 0.02
 
 
-def drive(world: PushWorld, speed_m_s: float, seconds: float, dt_s: float = 1 / 30) -> list[PushTruth]:
+def drive(world: FoamPushWorld, speed_m_s: float, seconds: float, dt_s: float = 1 / 30) -> list[PushTruth]:
     world.base.drive(speed_m_s, 0.0)
     return [world.step(dt_s) for _ in range(round(seconds / dt_s))]
 
 
 def drive_until(
-    world: PushWorld, speed_m_s: float, *, load_N: float = 20.0, strain: float = 0.5
+    world: FoamPushWorld, speed_m_s: float, *, load_N: float = 20.0, strain: float = 0.5
 ) -> list[PushTruth]:
     """Drive on until the true load or strain is reached, at most 10 s, and tell the base to stop."""
     world.base.drive(speed_m_s, 0.0)
@@ -45,7 +45,7 @@ def drive_until(
     return truth
 
 
-def events(world: PushWorld) -> dict[EventKind, float]:
+def events(world: FoamPushWorld) -> dict[EventKind, float]:
     return {event.kind: event.t_s for _, event in world.events}
 
 
@@ -57,8 +57,8 @@ def events(world: PushWorld) -> dict[EventKind, float]:
         cylinder("bin", FRONT_M + 0.09, 0.0, 0.08, mass_kg=0.8, friction=0.5),
     ],
 )
-def test_steady_push_is_mu_m_g(obstacle: Obstacle) -> None:
-    world = PushWorld([obstacle])
+def test_steady_push_is_mu_m_g(obstacle: SimulatedObstacle) -> None:
+    world = FoamPushWorld([obstacle])
     truth = drive(world, 0.05, 4.5)
     load = np.array([x.load_N for x in truth[-60:]])
     # Owed: 2 %. Measured 0.1 %.
@@ -74,7 +74,7 @@ def test_steady_push_is_mu_m_g(obstacle: Obstacle) -> None:
 def test_momentum_balance() -> None:
     """Impulse of the foam minus that of friction is the change of momentum, from contact on."""
     obstacle = box("box", FRONT_M + 0.102, 0.0, (0.2, 0.15, 0.3), mass_kg=1.0, friction=0.3, static_ratio=1.0)
-    world = PushWorld([obstacle])
+    world = FoamPushWorld([obstacle])
     truth = drive(world, 0.08, 2.0, 0.002)
     force = np.array([x.force_foam_N[0] for x in truth])
     speed = np.array([x.body("box").velocity_m_s[0] for x in truth])
@@ -88,7 +88,7 @@ def test_momentum_balance() -> None:
 
 def test_obstacle_rests_below_its_static_friction() -> None:
     """No creep: a box held by a standing platform does not move."""
-    world = PushWorld([box("box", FRONT_M + 0.102, 0.0, (0.2, 0.2, 0.3), mass_kg=3.0, friction=0.6)])
+    world = FoamPushWorld([box("box", FRONT_M + 0.102, 0.0, (0.2, 0.2, 0.3), mass_kg=3.0, friction=0.6)])
     reached = drive_until(world, 0.03, load_N=8.0)[-1].load_N
     drive(world, 0.0, 0.5)
     before = world.truth.body("box").x_m
@@ -101,7 +101,7 @@ def test_obstacle_rests_below_its_static_friction() -> None:
 
 @pytest.mark.parametrize("kinematic", [True, False])
 def test_wall_and_drive(kinematic: bool) -> None:
-    world = PushWorld(
+    world = FoamPushWorld(
         [wall("wall", FRONT_M + 0.06, 0.0, yaw_rad=math.pi / 2)], PlatformConfig(kinematic=kinematic)
     )
     pushed = drive_until(world, 0.04)
@@ -119,7 +119,7 @@ def test_wall_and_drive(kinematic: bool) -> None:
 
 
 def test_drive_force_is_limited_and_hull_stops_a_blind_robot() -> None:
-    world = PushWorld(
+    world = FoamPushWorld(
         [wall("wall", FRONT_M + 0.06, 0.0, yaw_rad=math.pi / 2)], PlatformConfig(max_force_N=15.0)
     )
     truth = drive(world, 0.05, 4.0)
@@ -128,7 +128,7 @@ def test_drive_force_is_limited_and_hull_stops_a_blind_robot() -> None:
 
 
 def test_tall_thing_falls() -> None:
-    world = PushWorld([box("tall", FRONT_M + 0.02, 0.0, (0.03, 0.2, 0.5), mass_kg=0.3, friction=0.7)])
+    world = FoamPushWorld([box("tall", FRONT_M + 0.02, 0.0, (0.03, 0.2, 0.5), mass_kg=0.3, friction=0.7)])
     drive(world, 0.03, 5.0)
     kinds = events(world)
     assert kinds[EventKind.FALL] > kinds[EventKind.CONTACT]
@@ -138,7 +138,7 @@ def test_tall_thing_falls() -> None:
 
 def test_door_turns_goes_on_and_lets_go() -> None:
     wing = door("door", FRONT_M + 0.04, -0.5, yaw_rad=math.pi / 2, hinge_friction_Nm=0.2)
-    world = PushWorld([wing])
+    world = FoamPushWorld([wing])
     drive(world, 0.15, 1.5)
     world.base.stop()
     world.step(0.5)
@@ -149,7 +149,7 @@ def test_door_turns_goes_on_and_lets_go() -> None:
 
 
 def test_off_centre_push_turns_the_box() -> None:
-    world = PushWorld([box("box", FRONT_M + 0.11, 0.15, (0.2, 0.3, 0.3), mass_kg=1.0)])
+    world = FoamPushWorld([box("box", FRONT_M + 0.11, 0.15, (0.2, 0.3, 0.3), mass_kg=1.0)])
     drive(world, 0.05, 4.0)
     # The contact lies right of its centre: it turns counter-clockwise.
     assert world.truth.body("box").yaw_rad > 0.05
@@ -157,7 +157,7 @@ def test_off_centre_push_turns_the_box() -> None:
 
 def test_table_leg_and_bent_strip() -> None:
     desk = table("desk", FRONT_M + 0.05 + 0.6 - 0.02, 0.35 - 0.02, round_legs=True)
-    world = PushWorld([desk], PlatformConfig.round_with_bent_strip())
+    world = FoamPushWorld([desk], PlatformConfig.round_with_bent_strip())
     drive_until(world, 0.03, strain=0.4)
     state = world.truth.strip
     # The leg stands on the platform's axis; a 4 cm cylinder touches about +-1.5 cm of the arc.
@@ -172,7 +172,7 @@ def test_scene_fits_the_truth() -> None:
     start = PlatformConfig(x_m=x, y_m=y, heading_rad=heading)
     ahead = FRONT_M + 0.101
     place = (x + ahead * math.cos(heading), y + ahead * math.sin(heading))
-    world = PushWorld([box("box", *place, (0.2, 0.1, 0.3), yaw_rad=heading, mass_kg=2.0)], start)
+    world = FoamPushWorld([box("box", *place, (0.2, 0.1, 0.3), yaw_rad=heading, mass_kg=2.0)], start)
     drive(world, 0.02, 0.4)
     scene = world.scene()
     assert scene.t_s == world.truth.t_s
@@ -191,7 +191,9 @@ def test_scene_fits_the_truth() -> None:
 
 def test_same_seed_same_world() -> None:
     def run(seed: int) -> list[float]:
-        world = PushWorld([box("box", FRONT_M + 0.105, 0.01, (0.2, 0.2, 0.2))], seed=seed, friction_sigma=0.1)
+        world = FoamPushWorld(
+            [box("box", FRONT_M + 0.105, 0.01, (0.2, 0.2, 0.2))], seed=seed, friction_sigma=0.1
+        )
         return [x.load_N for x in drive(world, 0.05, 1.5)]
 
     assert run(1) == run(1)
@@ -207,7 +209,7 @@ class FlatRenderer:
 
 
 def test_camera_and_base_are_what_a_robot_offers() -> None:
-    world = PushWorld([box("box", FRONT_M + 0.15, 0.0)])
+    world = FoamPushWorld([box("box", FRONT_M + 0.15, 0.0)])
     assert isinstance(world.base, MobileBase)
     with SimulatedSensorCamera(world, FlatRenderer(), duration_s=0.5) as source:
         assert isinstance(source, FrameSource)
@@ -225,10 +227,10 @@ def test_camera_and_base_are_what_a_robot_offers() -> None:
 
 def test_bad_worlds_are_refused() -> None:
     with pytest.raises(InputError, match="different names"):
-        PushWorld([box("a", 1, 0), box("a", 2, 0)])
+        FoamPushWorld([box("a", 1, 0), box("a", 2, 0)])
     with pytest.raises(InputError, match="expected all > 0"):
         box("b", 0, 0, mass_kg=-1.0)
     with pytest.raises(InputError, match="at most 10 s"):
-        PushWorld([]).step(math.inf)
+        FoamPushWorld([]).step(math.inf)
     with pytest.raises(InputError, match="expected finite numbers"):
-        PushWorld([]).base.drive(math.nan, 0.0)
+        FoamPushWorld([]).base.drive(math.nan, 0.0)

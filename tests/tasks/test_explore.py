@@ -289,7 +289,7 @@ def test_four_rendered_pushes(tmp_path) -> None:
     """A slice of benchmarks/foam_tags.py: box, cylinder, heavy box, table leg."""
     pytest.importorskip("mujoco")
     from visuohaptic.rigs import VirtualSensor
-    from visuohaptic.simulation.mobile import PushWorld, SimulatedSensorCamera, box, cylinder, table
+    from visuohaptic.simulation.mobile import FoamPushWorld, SimulatedSensorCamera, box, cylinder, table
 
     virtual = VirtualSensor()
     sensor = virtual.build(tmp_path, np.random.default_rng(0), zero_frames=10)
@@ -305,7 +305,7 @@ def test_four_rendered_pushes(tmp_path) -> None:
     ]
     for number, obstacle in enumerate([*movable, *fixed]):
         sensor.reset()
-        world = PushWorld([obstacle])
+        world = FoamPushWorld([obstacle])
         with SimulatedSensorCamera(world, virtual.renderer(), seed=number) as source:
             found = explore_obstacle(world.base, source, sensor, settings)
         assert found.outcome is Outcome.TAGGED

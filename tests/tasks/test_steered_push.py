@@ -8,7 +8,7 @@ from tests.navigation.plan_scenes import box, rooms
 
 from visuohaptic.core import InputError
 from visuohaptic.navigation.pushing import PushModel
-from visuohaptic.simulation.floor import FloorItem, FloorWorld
+from visuohaptic.simulation.floor import FloorObject, FloorWorld
 from visuohaptic.tasks.mobile import PushEnd, PushSettings, SteeredPush
 
 pytest.importorskip("mujoco")
@@ -16,7 +16,7 @@ pytest.importorskip("mujoco")
 
 def push(offset, *, seen=True, mass=3.0, length_m=0.8, contact_friction=0.3, max_force_N=20.0):
     outline = box(2.0, 1.5, 0.3)
-    item = FloorItem(
+    item = FloorObject(
         "box", outline, mass, 0.3, contact_friction=contact_friction, centre_offset_m=(0.0, offset)
     )
     world = FloorWorld(rooms(5, 3, []), [item], (1.63, 1.5, 0.0))

@@ -9,7 +9,7 @@ import pytest
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, tag, with_objects
 
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
-from visuohaptic.simulation.floor import FloorItem, FloorSenses, FloorWorld
+from visuohaptic.simulation.floor import FloorObject, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import (
     TravelOutcome,
     TravelSenses,
@@ -34,7 +34,7 @@ def scene(
         with_objects(walls, objects), robot, np.array(start), np.array(goal), tuple(objects)
     )
     items = [
-        FloorItem(o.id, o.footprint_m, mass, 0.3, centre_offset_m=offset)
+        FloorObject(o.id, o.footprint_m, mass, 0.3, centre_offset_m=offset)
         for o, mass in zip(objects, masses, strict=True)
     ]
     world = FloorWorld(walls, items, (*start, 0.3))

@@ -12,7 +12,7 @@ from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.planning_problem import PlanningProblem
 from ..simulation.faults import FaultKind
 from ..simulation.floor.floor_senses import FloorSenses
-from ..simulation.floor.floor_world import FloorItem, FloorWorld
+from ..simulation.floor.floor_world import FloorObject, FloorWorld
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_types import TravelSettings
 from .office_chapters import FIT_SHARE, GOAL, LOOK, ROBOT, fit_fraction, office_map
@@ -126,7 +126,7 @@ def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
         outline = true.outlines[0].moved(*mission.placed[true.name]).polygon_m(math.pi / 8)
         disc = true.outlines[0].radius_m if len(np.atleast_2d(true.outlines[0].vertices_m)) == 1 else 0.0
         items.append(
-            FloorItem(
+            FloorObject(
                 true.name,
                 outline,
                 true.mass_kg if true.movable else FIXED_KG,

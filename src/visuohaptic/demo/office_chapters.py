@@ -24,7 +24,7 @@ from ..navigation.planning.search_domain import (
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map
 from ..simulation.mobile.laser import SimulatedLaser
-from ..simulation.mobile.obstacles import Obstacle
+from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.odometry import DriftingBase
 from ..simulation.mobile.office import ApproachPath, furnished_office
 from .story import ChapterResult, Measure, Mission, Picture, done, failed
@@ -108,7 +108,7 @@ def door_obstacles(mission: Mission) -> tuple[ApproachPath, ...]:
     return tuple(found)
 
 
-def approach_to(obstacle: Obstacle, front_x_m: float, y_m: float) -> ApproachPath:
+def approach_to(obstacle: SimulatedObstacle, front_x_m: float, y_m: float) -> ApproachPath:
     """Straight at it along x, with the foam so far before it that the camera sees it come."""
     before = ROBOT.radius_m + 0.03 + 0.17
     return ApproachPath(obstacle, (front_x_m - before, y_m, 0.0), before)

@@ -27,7 +27,7 @@ from ..sensing.scene.scene_regions import SceneSettings
 from ..sensing.scene.scene_tracker import SceneTracker
 from ..simulation.mobile.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.mobile.platform import PlatformConfig
-from ..simulation.mobile.push_world import PushWorld
+from ..simulation.mobile.push_world import FoamPushWorld
 from ..simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ..simulation.rendering.appearance import Look
 from ..tasks.mobile.explore import Exploration, ExploreSettings, ExploreStep, explore_obstacle
@@ -142,7 +142,7 @@ def run_demo(
         f"  working range {material.working_strain[0]:.2f} to {material.working_strain[1]:.2f} strain, "
         f"saturated beyond {material.densification_strain:.2f}"
     )
-    world = PushWorld(
+    world = FoamPushWorld(
         [path.obstacle for path in paths], PlatformConfig(strip=virtual.geometry), virtual.law, seed
     )
     if page is not None:
@@ -186,7 +186,7 @@ class _Push:
 
     def __init__(
         self,
-        world: PushWorld,
+        world: FoamPushWorld,
         virtual: VirtualSensor,
         sensor: FoamSensor,
         path: ApproachPath,
@@ -294,13 +294,13 @@ class _Push:
             _show_obstacle(self.page, self.world, self.path.obstacle.name)
 
 
-def _show_world(page: LivePage, grid: OccupancyMap, world: PushWorld) -> None:
+def _show_world(page: LivePage, grid: OccupancyMap, world: FoamPushWorld) -> None:
     page.set_map(grid.cells, grid.resolution_m, grid.origin)
     for obstacle in world.obstacles:
         _show_obstacle(page, world, obstacle.name)
 
 
-def _show_obstacle(page: LivePage, world: PushWorld, name: str) -> None:
+def _show_obstacle(page: LivePage, world: FoamPushWorld, name: str) -> None:
     from ..core.camera.pose import Pose
 
     obstacle = next(one for one in world.obstacles if one.name == name)

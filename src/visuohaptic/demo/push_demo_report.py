@@ -23,7 +23,7 @@ from ..report.charts import (
 )
 from ..report.html_report import Report
 from ..report.run_tables import primitive_text, tag_rows
-from ..simulation.mobile.obstacles import Obstacle, ObstacleKind
+from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -216,7 +216,7 @@ def _millimetres(value: float) -> float | None:
     return 1e3 * value if np.isfinite(value) else None
 
 
-def _true_shape(obstacle: Obstacle) -> str:
+def _true_shape(obstacle: SimulatedObstacle) -> str:
     """The shape that the foam met, in the words of the fitted ones."""
     if obstacle.kind is ObstacleKind.CYLINDER:
         return f"circle, radius {500 * obstacle.length_m:.1f} mm"

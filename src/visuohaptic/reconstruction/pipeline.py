@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,20 +12,25 @@ import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
-from ..io.depth.depth_sequence import DepthFrame
+from ..io.depth.depth_sequence import DepthFrame, DepthSequence
 from ..io.meshes.ply import PlyMesh, write_ply
+from .completion.hole_region import HoleRegion
+from .completion.surface_completion import Completion, CompletionSettings
 from .fusion.depth_fusion import TsdfVolume
-from .fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from .fusion.depth_noise import SENSOR_NOISE, DepthNoise, sensor_noise
+from .fusion.sparse_fusion import SparseTsdfVolume
 from .fusion.volume import SpaceGrid, space_of_interest
 from .mesh import SurfaceMesh
 from .transparency.consistency import ConsistencyDetector
 from .transparency.detector import TransparencyDetector
 from .transparency.pose_refinement import refine_poses
 from .transparency.ray_statistics import SearchReport
-from .transparency.refracted_rays import without_seen_through
+from .transparency.refracted_rays import mask_refracted_rays
 from .transparency.regions import TransparentRegion, outer_points, save_regions
 
-__all__ = ["METHODS", "Reconstruction", "reconstruct"]
+__all__ = ["METHODS", "Reconstruction", "reconstruct", "sequence_noise"]
+
+_log = logging.getLogger(__name__)
 
 Method = Literal["consistency", "published"]
 METHODS: tuple[Method, ...] = ("consistency", "published")
@@ -32,22 +38,57 @@ METHODS: tuple[Method, ...] = ("consistency", "published")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reconstruction:
-    """What a sequence showed, and where it cannot be trusted."""
+    """The visual surface of a depth sequence and its transparent parts, where the surface is missing or wrong."""
 
-    surface: SurfaceMesh  #: visual surface in the space of interest, world [m]
+    surface: SurfaceMesh  #: visual surface, world [m]
     regions: tuple[TransparentRegion, ...]  #: transparent parts, largest first
     points_m: Float[np.ndarray, "n 3"]  #: outer voxels of the transparent parts, world [m]
     scores: Float[np.ndarray, "n"]  #: score of each of these points
-    grid: SpaceGrid
-    search: SearchReport  #: what was compared, and why nothing was found where nothing was
+    grid: SpaceGrid  #: space of interest, in which transparent parts were sought
+    search: SearchReport  #: number of views compared, evidence, and the reason where nothing was found
+
+    def completion(self, part: int = 0, settings: CompletionSettings | None = None) -> Completion:
+        """The surface extended into a transparent part, ready for touches (Alt 2016, Sec. 5.3 and 5.4).
+
+        Parameters
+        ----------
+        part
+            Index into :attr:`regions`; the largest by default.
+        settings
+            Of the completion.
+
+        Raises
+        ------
+        InputError
+            There is no such part, or no surface around it.
+        """
+        if not 0 <= part < len(self.regions):
+            raise InputError(
+                "completion",
+                f"found part {part}, expected one of {len(self.regions)} transparent parts",
+                remedy=self.search.text if not self.regions else "",
+            )
+        region = self.regions[part]
+        return Completion(self.surface, HoleRegion.of_points(region.hull_m, region.score), settings)
 
     def save(self, folder: Path | str) -> None:
-        """Write ``surface.ply``, ``transparency.ply`` (points with ``score``) and ``regions.json``."""
+        """Write ``surface.ply``, ``transparency.ply`` (points with ``score``) and ``regions.json``.
+
+        Parameters
+        ----------
+        folder
+            Folder to write; created where it does not exist.
+
+        Raises
+        ------
+        InputError
+            The folder cannot be created or written.
+        """
         folder = Path(folder)
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(folder, f"cannot be made ({error.strerror})") from error
+            raise InputError(folder, f"cannot create the folder ({error.strerror})") from error
         self.surface.save(folder / "surface.ply")
         no_faces = np.zeros((0, 3), dtype=np.int64)
         write_ply(folder / "transparency.ply", PlyMesh(self.points_m, no_faces, None, {"score": self.scores}))
@@ -64,37 +105,63 @@ class Reconstruction:
 
 
 def reconstruct(
-    frames: Sequence[DepthFrame],
+    sequence: Path | str | DepthSequence | Sequence[DepthFrame],
     *,
     grid: SpaceGrid | None = None,
-    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    noise: DepthNoise | None = None,
     method: Method = "consistency",
     refine: bool = True,
+    sparse: bool = False,
 ) -> Reconstruction:
     """Fuse the surface and find what is transparent, from the same views.
 
     Parameters
     ----------
-    frames
-        Views of one camera; in order for ``published``.
+    sequence
+        Sequence folder, see :class:`~visuohaptic.io.depth.depth_sequence.DepthSequence`, or the views of one
+        camera; in order of time for ``published``.
     grid
-        Space of interest; a cube of 1 m around what the camera looks at by default.
+        Space of interest; a cube of 1 m with voxels of 5 mm around what the camera looks at by default.
     noise
-        Of the camera.
+        Of the camera; by default that of the sensor named in the sequence, or of a Kinect.
     method
-        ``consistency``, or ``published`` (Alt 2016, 5.2).
+        ``consistency``, or ``published`` (Alt 2016, Sec. 5.2).
     refine
         Whether poses are first fitted to each other; without it ``published`` is as printed.
+    sparse
+        Whether the surface is fused in bricks wherever it was seen, for scenes larger than the space of interest;
+        otherwise in the space of interest only.
 
     Raises
     ------
     InputError
-        No frames, an unknown method, or nothing was seen in the space of interest.
+        No usable frames, an unknown method, or nothing was seen in the space of interest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.core.camera import Camera, Pose
+    >>> from visuohaptic.io.depth import DepthFrame
+    >>> camera = Camera.simple(64, 48, 60.0)
+    >>> frames = []
+    >>> for x_m in np.linspace(-0.2, 0.2, 6):  # a wall at 0.8 m
+    ...     pose = Pose(np.eye(3), np.array([x_m, 0.0, 0.0]))
+    ...     frames.append(DepthFrame(0.0, np.full((48, 64), 0.8, np.float32), None, pose, camera))
+    >>> found = reconstruct(frames, grid=SpaceGrid.around([-0.2, -0.2, 0.6], [0.2, 0.2, 1.0], 0.01))
+    >>> bool(np.abs(found.surface.vertices_m[:, 2] - 0.8).max() < 0.001)
+    True
+    >>> found.regions  # nothing transparent
+    ()
     """
     if method not in METHODS:
         raise InputError(
             "reconstruct", f"found {method!r}, expected one of {', '.join(METHODS)}", field="method"
         )
+    if isinstance(sequence, str | Path):
+        sequence = DepthSequence(sequence)
+    if noise is None:
+        noise = sequence_noise(sequence)
+    frames: Sequence[DepthFrame] = list(sequence)
     grid = grid or space_of_interest(frames)
     if refine:
         frames = refine_poses(frames, noise)
@@ -107,14 +174,36 @@ def reconstruct(
         for frame in frames:
             detector.add(frame)
     regions = detector.regions()
-    # Without pictures there is no colour to average: black would look like one.
+    # Without images there is no color to average: black would look like one.
     color = any(frame.color is not None for frame in frames)
-    surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
+    surface: TsdfVolume | SparseTsdfVolume
+    if sparse:
+        surface = SparseTsdfVolume(grid.voxel_m, color=color)
+    else:
+        surface = TsdfVolume.around(grid.low_m, grid.high_m, grid.voxel_m, color=color)
     for frame in frames:
-        surface.integrate(without_seen_through(frame, regions))
+        surface.integrate(mask_refracted_rays(frame, regions))
     inside, score = detector.inside(), detector.score()
     points_m, scores = outer_points(inside, score, grid)
     kept = np.zeros(len(points_m), dtype=bool)
     for region in regions:
         kept |= region.contains(points_m)
     return Reconstruction(surface.mesh(), regions, points_m[kept], scores[kept], grid, detector.report())
+
+
+def sequence_noise(sequence: DepthSequence | Sequence[DepthFrame]) -> DepthNoise:
+    """Noise of the sensor that a sequence names; of a Kinect, with a warning, where it is not known.
+
+    Parameters
+    ----------
+    sequence
+        Sequence folder, or views that name no sensor.
+    """
+    if isinstance(sequence, DepthSequence):
+        try:
+            return sensor_noise(sequence.sensor)
+        except InputError:
+            _log.warning(
+                "no noise is known of the sensor %r: that of a Kinect is used (--sensor)", sequence.sensor
+            )
+    return SENSOR_NOISE["kinect"]

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..sensing.foam.material.calibration import FoamCalibration, calibrate_foam
 from ..sensing.foam.material.records import read_strain_stress
 from ..simulation.foam.press_rig import calibration_press
-from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip import FoamStripGeometry
 from ..simulation.foam.strip_law import REFERENCE_FOAM, SOFT_FOAM, StripLaw, write_calibration_csv
 from .output import Output
 
@@ -21,7 +21,7 @@ REFERENCE_SIGMA_N = 0.05  #: of the arm's force sensor
 
 def pressed(out: Output, law: StripLaw, stream: int, curve: str = "cubic") -> FoamCalibration:
     """Press three times and fit the material; the cubic is the dissertation's m_P, Eq. (3.2)."""
-    geometry = StripGeometry(spacing_m=0.002)
+    geometry = FoamStripGeometry(spacing_m=0.002)
     rows = calibration_press(
         geometry=geometry,
         law=law,

@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 from ..core.errors import MissingExtraError
 from ..core.files import atomic_path
 from ..simulation.foam.press_rig import PressShape, calibration_press, press
-from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip import FoamStripGeometry
 from ..simulation.foam.strip_law import write_calibration_csv
 from .virtual_sensor import VirtualSensor, rest_scene
 
@@ -37,7 +37,7 @@ def write_example(
     rng = np.random.default_rng(seed)
     virtual = VirtualSensor()
     rows = calibration_press(
-        geometry=StripGeometry(spacing_m=0.002), reference_sigma_N=virtual.press_sigma_N, rng=rng
+        geometry=FoamStripGeometry(spacing_m=0.002), reference_sigma_N=virtual.press_sigma_N, rng=rng
     )
     write_calibration_csv(folder / "strain_stress.csv", rows)
     virtual.rig.write(folder)

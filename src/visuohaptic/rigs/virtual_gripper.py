@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,15 +14,18 @@ from ..sensing.foam.finger import FingerSensor
 from ..sensing.foam.strip.config import FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
 from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip import FoamStripGeometry
 from ..simulation.foam.strip_law import StripLaw
 from ..simulation.rendering._finger_tag import FingerTag
+from ..simulation.rendering.appearance import Occluder
 from ..simulation.rendering.effects import CameraEffects
 from ..simulation.tabletop.gripper import (
     GRIPPER_RIG,
     ROD,
     RUBBER_FOAM,
     STRIPE_M,
+    FingerView,
+    GraspObject,
     VirtualGripper,
     gripper_look,
 )
@@ -35,7 +38,7 @@ __all__ = ["GripperSensor"]
 class GripperSensor:
     """What it takes to simulate a gripper's foam sensor, and the files that describe it."""
 
-    geometry: StripGeometry = ROD
+    geometry: FoamStripGeometry = ROD
     law: StripLaw = RUBBER_FOAM
     rig: SensorRig = GRIPPER_RIG
     tag: FingerTag = field(default_factory=FingerTag)
@@ -44,13 +47,34 @@ class GripperSensor:
     press_sigma_N: float = 0.15  #: noise of the press's force sensor
     spacing_m: float = 0.002  #: of the contour's points
 
-    def gripper(self, *objects: Any, rng: np.random.Generator, **more: Any) -> VirtualGripper:
-        """The gripper that this sensor is on."""
-        options: dict[str, Any] = {
-            "geometry": self.geometry, "law": self.law, "rig": self.rig, "tag": self.tag,
-            "look": gripper_look(stripe=self.stripe), "effects": self.effects,
-        }  # fmt: skip
-        return VirtualGripper(objects, rng=rng, **(options | more))
+    def gripper(
+        self,
+        *objects: GraspObject,
+        rng: np.random.Generator,
+        occluders: Sequence[Occluder] = (),
+        tag: bool = True,
+    ) -> VirtualGripper:
+        """The gripper with this sensor.
+
+        Parameters
+        ----------
+        objects
+            Objects between the fingers.
+        rng
+            Source of the camera's noise.
+        occluders
+            Objects in front of the scene.
+        tag
+            Whether the finger carries its AprilTag.
+        """
+        view = FingerView(
+            self.rig,
+            gripper_look(stripe=self.stripe),
+            self.effects,
+            self.tag if tag else None,
+            tuple(occluders),
+        )
+        return VirtualGripper(objects, rng=rng, view=view, geometry=self.geometry, law=self.law)
 
     def build(
         self,
@@ -58,20 +82,23 @@ class GripperSensor:
         rng: np.random.Generator,
         *,
         zero_frames: int = 20,
-        on_step: Callable[[str], None] | None = None,
         **config: Any,
     ) -> FingerSensor:
         """Write all files to a folder and return the zeroed sensor.
 
         Parameters
         ----------
+        folder
+            Existing folder that receives the files.
+        rng
+            Source of the noise of press and camera.
+        zero_frames
+            Number of frames of the zero reference.
         config
-            Further fields of ``sensor.yaml``.
+            Further sections of ``sensor.yaml``.
         """
-        folder = Path(folder)
-        say = on_step or (lambda text: None)
-        rod = self.geometry
-        calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng, say)
+        folder, rod = Path(folder), self.geometry
+        calibrate_by_press(folder, rod, self.law, self.press_sigma_N, rng)
         pose = self.tag.T_foam_tag
         sections: dict[str, Any] = {
             "tracking": {"base_is": "brighter", "foam_is": "darker"},
@@ -90,12 +117,10 @@ class GripperSensor:
         path = self.rig.write(folder, length_m=rod.length_m, **(sections | {"strip": strip} | config))
         frames = self.gripper(rng=rng)
         if self.stripe:
-            say("learning the stripe's colours")
             setup = FoamSensorConfig.load(path)
             plane = PlaneView(setup.camera, setup.T_camera_foam)
             train_stripe(setup, frames.frame().image, plane, rng=rng).save(folder / "stripe.npz")
         sensor = FingerSensor.load(path)
-        say("taking the zero reference")
         zero = sensor.zero((frames.frame() for _ in range(zero_frames)), limit=zero_frames)
         zero.save(sensor.setup.zero_path)
         return sensor

@@ -15,7 +15,7 @@ from ..sensing.foam.material.records import read_strain_stress
 from ..sensing.foam.sensor import FoamSensor
 from ..simulation.foam.press_rig import calibration_press
 from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip import FoamStripGeometry
 from ..simulation.foam.strip_law import SOFT_FOAM, StripLaw, write_calibration_csv
 from ..simulation.rendering.appearance import Look
 from ..simulation.rendering.effects import CameraEffects
@@ -28,7 +28,7 @@ __all__ = ["VirtualSensor", "calibrate_by_press", "rest_scene"]
 WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=0.1)
 
 
-def rest_scene(geometry: StripGeometry, t_s: float = 0.0) -> FoamScene:
+def rest_scene(geometry: FoamStripGeometry, t_s: float = 0.0) -> FoamScene:
     """The strip with nothing in front of it."""
     s = geometry.positions_m()
     back = geometry.back_m(s)
@@ -37,22 +37,36 @@ def rest_scene(geometry: StripGeometry, t_s: float = 0.0) -> FoamScene:
 
 def calibrate_by_press(
     folder: Path,
-    geometry: StripGeometry,
+    geometry: FoamStripGeometry,
     law: StripLaw,
     press_sigma_N: float,
     rng: np.random.Generator,
-    say: Callable[[str], None],
+    on_step: Callable[[str], None] = lambda text: None,
 ) -> None:
-    """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would."""
-    say("pressing the foam for its strain-stress curve")
+    """Write ``strain_stress.csv`` from a simulated press and ``foam.yaml`` from that, as a user would.
+
+    Parameters
+    ----------
+    folder
+        Existing folder that receives both files.
+    geometry, law
+        The foam strip and its material.
+    press_sigma_N
+        Standard deviation of the press's force sensor [N].
+    rng
+        Source of that noise.
+    on_step
+        Called with the name of each step.
+    """
+    on_step("pressing the foam for its strain-stress curve")
     rows = calibration_press(
-        geometry=StripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
+        geometry=FoamStripGeometry(geometry.length_m, geometry.width_m, geometry.height_m, spacing_m=0.002),
         law=law,
         reference_sigma_N=press_sigma_N,
         rng=rng,
     )
     write_calibration_csv(folder / "strain_stress.csv", rows)
-    say("calibrating")
+    on_step("calibrating")
     calibration = calibrate_foam(
         read_strain_stress(folder / "strain_stress.csv"),
         width_m=geometry.width_m,
@@ -70,7 +84,7 @@ class VirtualSensor:
     reference from rendered frames: the estimator gets nothing else.
     """
 
-    geometry: StripGeometry = field(default_factory=lambda: StripGeometry(spacing_m=0.001))
+    geometry: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
     law: StripLaw = SOFT_FOAM
     rig: SensorRig = field(default_factory=SensorRig)
     look: Look = field(default_factory=Look.photo)
@@ -84,19 +98,26 @@ class VirtualSensor:
         rng: np.random.Generator,
         *,
         zero_frames: int = 30,
-        on_step: Callable[[str], None] | None = None,
+        on_step: Callable[[str], None] = lambda text: None,
         **config: Any,
     ) -> FoamSensor:
         """Write all files to a folder and return the zeroed sensor.
 
         Parameters
         ----------
+        folder
+            Existing folder that receives the files.
+        rng
+            Source of the noise of press and camera.
+        zero_frames
+            Number of frames of the zero reference.
+        on_step
+            Called with the name of each step.
         config
-            Further fields of ``sensor.yaml``.
+            Further sections of ``sensor.yaml``.
         """
         folder = Path(folder)
-        say = on_step or (lambda text: None)
-        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng, say)
+        calibrate_by_press(folder, self.geometry, self.law, self.press_sigma_N, rng, on_step)
         bent = np.isfinite(self.geometry.radius_m)
         path = self.rig.write(
             folder,
@@ -105,7 +126,7 @@ class VirtualSensor:
             **config,
         )
         sensor = FoamSensor.load(path)
-        say("taking the zero reference")
+        on_step("taking the zero reference")
         zero = sensor.zero(self.rest_frames(rng, zero_frames), limit=zero_frames)
         zero.save(sensor.setup.zero_path)
         return sensor

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
-from ..simulation.foam.strip import StripGeometry
+from ..simulation.foam.strip import FoamStripGeometry
 from ..simulation.mobile.odometry import DriftingBase, OdometryErrors
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames
@@ -66,7 +66,7 @@ def map_virtual_room(
     x, y, heading = room.start
     # The bumper covers the whole front: a corner of the hull beside it would be blind.
     config = PlatformConfig(
-        x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=StripGeometry(0.3, spacing_m=0.002)
+        x_m=x, y_m=y, heading_rad=heading, width_m=0.28, strip=FoamStripGeometry(0.3, spacing_m=0.002)
     )
     world = QuickWorld(room.obstacles, config)
     haptic = HapticMap.empty(

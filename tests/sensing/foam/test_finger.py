@@ -208,7 +208,7 @@ def test_without_a_tag_it_starts_at_rest(plain) -> None:
     setup = FoamSensorConfig.load(sensor.setup.folder / "sensor.yaml")
     setup.config.finger.T_foam_tag = None
     reader = FingerSensor(setup, sensor.zero_reference)
-    readings, truths = closing(maker, reader, [], frames=5, tag=None)
+    readings, truths = closing(maker, reader, [], frames=5, tag=False)
     for reading, truth in zip(readings, truths, strict=True):
         assert reading.finger.position_m == pytest.approx(truth.position_m, abs=1e-5)
 

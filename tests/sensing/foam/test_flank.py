@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from visuohaptic.sensing.foam.material import read_plate
 from visuohaptic.sensing.foam.validity import DECAY_PER_WIDTH, OnsetWatch, stepped_points
 from visuohaptic.sensing.foam.validity._flank_kernels import REACH, SPAN, below_chord
-from visuohaptic.simulation.foam import FoamStrip, Outline, StripGeometry
+from visuohaptic.simulation.foam import FoamStrip, FoamStripGeometry, Outline
 
 WIDTH, SPACING = 0.02, 0.003
 S = SPACING * (np.arange(80) + 0.5)
@@ -125,7 +125,7 @@ def test_what_is_uncertain_proves_nothing() -> None:
 )
 @pytest.mark.parametrize("radius_m", [np.inf, 0.25])
 def test_no_push_of_the_simulated_strip_has_a_step(body, radius_m) -> None:
-    strip = FoamStrip(StripGeometry(length_m=0.24, radius_m=radius_m, spacing_m=0.001))
+    strip = FoamStrip(FoamStripGeometry(length_m=0.24, radius_m=radius_m, spacing_m=0.001))
     path = np.concatenate([np.arange(0.0, 0.0101, 2.5e-4), np.arange(0.01, 0.0, -5e-4)])
     for i, depth in enumerate(path):
         state = strip.press([body.moved(WIDTH - depth, 0.0)], 1 / 30)

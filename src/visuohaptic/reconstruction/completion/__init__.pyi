@@ -6,8 +6,8 @@ from .hole_region import load_hole_regions as load_hole_regions
 from .hole_surface import HoleSpace as HoleSpace
 from .hole_surface import supported_part as supported_part
 from .inner_walls import without_inner_walls as without_inner_walls
-from .radial_model import Profile as Profile
 from .radial_model import RadialModel as RadialModel
+from .radial_model import RadialProfile as RadialProfile
 from .radial_model import WallSeen as WallSeen
 from .radial_model import fit_radial_model as fit_radial_model
 from .radial_model import wall_seen as wall_seen

@@ -35,7 +35,7 @@ from ...core.threads import one_blas_thread
 from .hole import SupportBand
 from .symmetry import ShapePrior
 
-__all__ = ["Profile", "RadialModel", "WallSeen", "fit_radial_model", "wall_seen"]
+__all__ = ["RadialModel", "RadialProfile", "WallSeen", "fit_radial_model", "wall_seen"]
 
 #: Correlation lengths in sizes of the region, and deviations of p, that are compared in both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
@@ -64,7 +64,7 @@ class WallSeen:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class RadialProfile:
     """One process of p, given what is known at the heights of the model."""
 
     fraction: float  #: probability among the processes of a model
@@ -94,7 +94,7 @@ class RadialModel:
     lower: Float[np.ndarray, "k k"]  #: L
     whitened: Float[np.ndarray, "k"]  #: L^-1 y
     picked: Float[np.ndarray, "k q"]  #: L^-1 B
-    profiles: tuple[Profile, ...]  #: likeliest first
+    profiles: tuple[RadialProfile, ...]  #: likeliest first
 
     @one_blas_thread()
     def expected(
@@ -220,7 +220,7 @@ def _given(
     whitened: Float[np.ndarray, "k"],
     order: int,
     length: float,
-) -> list[tuple[float, Callable[[], Profile]]]:
+) -> list[tuple[float, Callable[[], RadialProfile]]]:
     """Log likelihood of each deviation of p, and the process given what is known.
 
     With S the correlation of p and C = B^T (L L^T)^-1 B, all deviations share the eigenvectors of S^1/2 C S^1/2.
@@ -230,14 +230,14 @@ def _given(
     values, vectors = np.linalg.eigh(across.T @ across)
     along = vectors.T @ (across.T @ whitened)
     turned = lower @ vectors
-    found: list[tuple[float, Callable[[], Profile]]] = []
+    found: list[tuple[float, Callable[[], RadialProfile]]] = []
     for deviation in _DEVIATIONS:
         gain = 1 + deviation**2 * np.maximum(values, 0.0)
         likelihood = 0.5 * float(((deviation * along) ** 2 / gain).sum() - np.log(gain).sum())
 
-        def make(deviation: float = deviation, gain: np.ndarray = gain) -> Profile:
+        def make(deviation: float = deviation, gain: np.ndarray = gain) -> RadialProfile:
             root = deviation * turned / np.sqrt(gain)
-            return Profile(
+            return RadialProfile(
                 1.0, order, length, deviation, lower, root @ (deviation * along / np.sqrt(gain)), root
             )
 
@@ -246,7 +246,7 @@ def _given(
 
 
 def _misses(
-    profile: Profile,
+    profile: RadialProfile,
     picked: Float[np.ndarray, "k q"],
     whitened: Float[np.ndarray, "k"],
     each: Float[np.ndarray, "k n"],

@@ -31,7 +31,7 @@ def brick_surface(
     """Marching cubes over bricks side by side; vertices in voxels, joined where bricks meet."""
     from skimage.measure import marching_cubes
 
-    if not known.any() or not (tiled[known].min() < 0 <= tiled[known].max()):
+    if not known.any() or not (tiled[known].min() <= 0 < tiled[known].max()):
         raise InputError("TsdfVolume", "no surface was seen", remedy="integrate views of the volume first")
     edge = kernels.BRICK + 1
     # A cell counts when all its corners are known and it is inside one brick.

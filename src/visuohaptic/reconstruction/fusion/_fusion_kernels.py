@@ -202,8 +202,8 @@ def active_cells(distance, weight, least, places):
                         for k in range(k0, min(k0 + BRICK + 1, shape[2])):
                             if weight[i, j, k] >= least:
                                 value = distance[i, j, k]
-                                below = below or value < 0
-                                above = above or value >= 0
+                                below = below or value <= 0
+                                above = above or value > 0
                     if below and above:
                         break
                 if below and above:

@@ -17,7 +17,20 @@ NO_COLOR: Float32[np.ndarray, "1 1 1 3"] = np.zeros((1, 1, 1, 3), dtype=np.float
 
 
 def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, float]:
-    """Distance of voxels and half width of the band [m], by default 4 voxels."""
+    """Distance of voxels and half width of the band [m], by default 4 voxels.
+
+    Parameters
+    ----------
+    voxel_m
+        Distance between voxels [m].
+    truncation_m
+        Half width of the band around the surface [m].
+
+    Raises
+    ------
+    InputError
+        The distance is not positive or the band is narrower than a voxel.
+    """
     if not (np.isfinite(voxel_m) and voxel_m > 0):
         raise InputError("TsdfVolume", f"found {voxel_m}, expected > 0", field="voxel_m")
     band_m = 4 * voxel_m if truncation_m is None else truncation_m
@@ -29,7 +42,15 @@ def checked_sizes(voxel_m: float, truncation_m: float | None) -> tuple[float, fl
 
 
 class FusionView:
-    """A frame as the kernels take it: pinhole pixels, float32."""
+    """A frame as the kernels take it: pinhole pixels, float32.
+
+    Parameters
+    ----------
+    frame
+        View of any camera; lens distortion is removed.
+    color
+        Whether its color image is wanted.
+    """
 
     def __init__(self, frame: DepthFrame, color: bool) -> None:
         camera = frame.camera
@@ -45,15 +66,24 @@ class FusionView:
         )
         self.T_camera_world: Pose = frame.T_world_camera.inverse()
 
-    def grid(
+    def seen_from(
         self, origin_m: Float[np.ndarray, "3"], voxel_m: float
-    ) -> tuple[Float32[np.ndarray, "3"], Float32[np.ndarray, "3 3"]]:
-        """First voxel and the steps along x, y, z in the camera frame."""
-        origin = self.T_camera_world.apply(origin_m)
-        return origin.astype(np.float32), (self.T_camera_world.rotation.T * voxel_m).astype(np.float32)
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """First voxel and steps along x, y, z in the camera frame [m], intrinsics, depth and color image.
+
+        Parameters
+        ----------
+        origin_m
+            Voxel (0, 0, 0) in the world [m].
+        voxel_m
+            Distance between voxels [m].
+        """
+        origin = self.T_camera_world.apply(origin_m).astype(np.float32)
+        steps = (self.T_camera_world.rotation.T * voxel_m).astype(np.float32)
+        return origin, steps, self.intrinsics, self.depth, self.image
 
     def tiles(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Range of the depth in each tile of the picture."""
+        """Range of the depth in each tile of the image."""
         shape = tuple(-(-n // kernels.TILE) for n in self.depth.shape)
         low, high = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
         holes = np.zeros(shape, np.uint8)

@@ -88,25 +88,38 @@ class TsdfVolume:
         voxel_m: float = 0.005,
         **more: Any,
     ) -> TsdfVolume:
-        """A volume that holds the box from ``low_m`` to ``high_m``."""
+        """A volume that holds a box of the world.
+
+        Parameters
+        ----------
+        low_m, high_m
+            Lowest and highest corner of the box, world [m].
+        voxel_m
+            Distance between voxels [m].
+        more
+            Further arguments of the volume.
+        """
         low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
         shape = np.ceil((high - low) / voxel_m - 1e-9).astype(int) + 1
         return cls(low, (int(shape[0]), int(shape[1]), int(shape[2])), voxel_m, **more)
 
     def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
-        """Average a view into the grid; NaN depths say nothing."""
+        """Average a view into the grid; pixels without depth (NaN) change nothing.
+
+        Parameters
+        ----------
+        frame
+            Depth image with the pose of its camera.
+        weight
+            Weight of the view in the average; a view counts 1 by default.
+        """
         view = FusionView(frame, self.color is not None)
-        origin, steps = view.grid(self.origin_m, self.voxel_m)
         kernels.fuse_dense(
             self.distance,
             self.weight,
             self.color if self.color is not None else NO_COLOR,
             view.use_color,
-            origin,
-            steps,
-            view.intrinsics,
-            view.depth,
-            view.image,
+            *view.seen_from(self.origin_m, self.voxel_m),
             *view.tiles(),
             np.float32(self.truncation_m),
             np.float32(weight),
@@ -115,7 +128,12 @@ class TsdfVolume:
         self.views += 1
 
     def mesh(self, min_weight: float = 1.0) -> SurfaceMesh:
-        """The zero surface between voxels of at least this weight, in the world [m].
+        """The zero surface, by marching cubes, in the world [m].
+
+        Parameters
+        ----------
+        min_weight
+            Minimum weight of the voxels between which it is extracted.
 
         Raises
         ------
@@ -124,11 +142,11 @@ class TsdfVolume:
         """
         bricks = [-(-(n - 1) // kernels.BRICK) for n in self.distance.shape]
         places = np.zeros((int(np.prod(bricks)), 3), dtype=np.int64)
-        least = np.float32(max(min_weight, 1e-6))
-        count = kernels.active_cells(self.distance, self.weight, least, places)
+        lowest = np.float32(max(min_weight, 1e-6))
+        count = kernels.active_cells(self.distance, self.weight, lowest, places)
         places = places[:count]
         side, tiled, known = cube_of_tiles(count)
-        kernels.gather_cells(self.distance, self.weight, least, places, side, tiled, known)
+        kernels.gather_cells(self.distance, self.weight, lowest, places, side, tiled, known)
         vertices, faces = brick_surface(tiled, known, places)
         colors = None
         if self.color is not None:

@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 
-__all__ = ["SENSOR_NOISE", "SensorNoise", "sensor_noise"]
+__all__ = ["SENSOR_NOISE", "DepthNoise", "sensor_noise"]
 
 
 @dataclass(frozen=True, slots=True)
-class SensorNoise:
+class DepthNoise:
     """Expected standard deviation of a depth [m]: ``sqrt(sigma_k(z)^2 + tracking^2)``, Alt 2016, Eq. (5.1).
 
     ``sigma_k(z) = constant + quadratic (z - offset)^2``.
@@ -36,17 +36,15 @@ class SensorNoise:
         """Margin around edges in which depths are not trusted, at least one pixel [px]."""
         return max(1, round(self.edge_rad * focal_px))
 
-    def with_tracking(self, tracking_m: float) -> SensorNoise:
+    def with_tracking(self, tracking_m: float) -> DepthNoise:
         """The same camera with another accuracy of its poses."""
         return replace(self, tracking_m=tracking_m)
 
 
 #: By the name that ``sequence.yaml`` may give in ``sensor``.
-SENSOR_NOISE: dict[str, SensorNoise] = {
-    "kinect": SensorNoise(
-        0.5 * 2.9e-3, baseline_m=0.075, source="Khoshelham 2012, as in Alt 2016, Eq. (5.1)"
-    ),
-    "kinect_axial": SensorNoise(
+SENSOR_NOISE: dict[str, DepthNoise] = {
+    "kinect": DepthNoise(0.5 * 2.9e-3, baseline_m=0.075, source="Khoshelham 2012, as in Alt 2016, Eq. (5.1)"),
+    "kinect_axial": DepthNoise(
         1.9e-3,
         constant_m=1.2e-3,
         offset_m=0.4,
@@ -55,12 +53,12 @@ SENSOR_NOISE: dict[str, SensorNoise] = {
     ),
     # Stereo with a random pattern: z^2 x 0.08 px / (focal x baseline) at 848 px width and 50 mm.
     # Stereo fattens edges by half of its matching window, much more than a Kinect at its 2 of 580 px.
-    "realsense_d435": SensorNoise(3.8e-3, edge_rad=0.0087, source="Intel, tuning guide of the D400 series"),
-    "simulated": SensorNoise(0.5 * 2.9e-3, baseline_m=0.075, source="simulation.depth_camera"),
+    "realsense_d435": DepthNoise(3.8e-3, edge_rad=0.0087, source="Intel, tuning guide of the D400 series"),
+    "simulated": DepthNoise(0.5 * 2.9e-3, baseline_m=0.075, source="simulation.depth_camera"),
 }
 
 
-def sensor_noise(name: str) -> SensorNoise:
+def sensor_noise(name: str) -> DepthNoise:
     """Noise of a camera by its name; names as users write them are understood.
 
     Raises

@@ -16,7 +16,7 @@ __all__ = ["SparseTsdfVolume"]
 
 
 class SparseTsdfVolume:
-    """Truncated signed distances in bricks of 8 x 8 x 8 voxels, made where surfaces are seen.
+    """Truncated signed distances in bricks of 8 x 8 x 8 voxels, allocated where surfaces are seen.
 
     For spaces too large for a dense grid. Free space far from surfaces is not
     stored: what moved away is forgotten only while its own bricks are seen.
@@ -56,7 +56,14 @@ class SparseTsdfVolume:
         return len(self._rows)
 
     def integrate(self, frame: DepthFrame, weight: float = 1.0) -> None:
-        """Make the bricks near the seen surface, and average the view into all bricks in sight.
+        """Allocate the bricks near the seen surface, and average the view into all bricks in sight.
+
+        Parameters
+        ----------
+        frame
+            Depth image with the pose of its camera.
+        weight
+            Weight of the view in the average; a view counts 1 by default.
 
         Raises
         ------
@@ -65,9 +72,8 @@ class SparseTsdfVolume:
         """
         view = FusionView(frame, self._use_color)
         self._make_bricks(view)
-        origin, steps = view.grid(np.zeros(3), self.voxel_m)
         places = self._places[: self.bricks]
-        # Bricks whose middle is within the picture, with room for half a diagonal.
+        # Bricks whose middle is within the image, with room for half a diagonal.
         half_m = kernels.BRICK * self.voxel_m / 2
         middles = view.T_camera_world.apply(places * (2 * half_m) + half_m)
         room_m = np.sqrt(3) * half_m
@@ -85,11 +91,7 @@ class SparseTsdfVolume:
             view.use_color,
             places,
             np.flatnonzero(seen),
-            origin,
-            steps,
-            view.intrinsics,
-            view.depth,
-            view.image,
+            *view.seen_from(np.zeros(3), self.voxel_m),
             np.float32(self.truncation_m),
             np.float32(weight),
             np.float32(self.max_weight),
@@ -147,7 +149,18 @@ class SparseTsdfVolume:
             self._color = np.broadcast_to(NO_COLOR[None], (have + more, 1, 1, 1, 3)).copy()
 
     def mesh(self, min_weight: float = 1.0) -> SurfaceMesh:
-        """The zero surface, in the world [m]; as :meth:`TsdfVolume.mesh`."""
+        """The zero surface, by marching cubes, in the world [m].
+
+        Parameters
+        ----------
+        min_weight
+            Minimum weight of the voxels between which it is extracted.
+
+        Raises
+        ------
+        InputError
+            No surface was seen.
+        """
         b, count = kernels.BRICK, self.bricks
         rows_of_cells = np.ones((count, b + 1, b + 1, b + 1), dtype=np.float32)
         known_of_cells = np.zeros(rows_of_cells.shape, dtype=np.bool_)
@@ -165,7 +178,7 @@ class SparseTsdfVolume:
             known_of_cells[rows, x, y, z] = seen[other, i, j, k]
         low = np.where(known_of_cells, rows_of_cells, np.inf).min(axis=(1, 2, 3))
         high = np.where(known_of_cells, rows_of_cells, -np.inf).max(axis=(1, 2, 3))
-        crossed = np.flatnonzero((low < 0) & (high >= 0))
+        crossed = np.flatnonzero((low <= 0) & (high > 0))
         side, tiled, known = cube_of_tiles(len(crossed))
         for n, row in enumerate(crossed):
             at = tuple(

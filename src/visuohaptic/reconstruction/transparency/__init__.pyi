@@ -20,7 +20,7 @@ from .ray_statistics import SearchReport as SearchReport
 from .ray_statistics import chance_log_odds as chance_log_odds
 from .ray_statistics import edge_fraction as edge_fraction
 from .ray_statistics import search_threshold as search_threshold
-from .refracted_rays import without_seen_through as without_seen_through
+from .refracted_rays import mask_refracted_rays as mask_refracted_rays
 from .regions import TransparentRegion as TransparentRegion
 from .regions import find_regions as find_regions
 from .regions import outer_points as outer_points

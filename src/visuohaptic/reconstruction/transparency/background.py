@@ -13,7 +13,7 @@ from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...io.depth.depth_sequence import DepthFrame
-from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 
 __all__ = [
     "HELLINGER_WEIGHT",
@@ -125,7 +125,7 @@ def intrinsics(camera: Camera) -> tuple[np.float32, np.float32, np.float32, np.f
 def background_model(
     views: Sequence[DepthFrame],
     T_world_camera: Pose,
-    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    noise: DepthNoise = SENSOR_NOISE["kinect"],
     *,
     min_views: int = 3,
     erosion_px: int | None = None,

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int32, UInt8, UInt16
 
 from ...io.depth.depth_sequence import DepthFrame
-from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .background import ideal_depth, intrinsics, motions
 from .ray_statistics import SearchReport, chance_log_odds, edge_fraction, report, search_threshold
@@ -67,7 +67,7 @@ class RayImage:
 def ray_image(
     frame: DepthFrame,
     others: Sequence[DepthFrame],
-    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    noise: DepthNoise = SENSOR_NOISE["kinect"],
     settings: ConsistencySettings | None = None,
 ) -> RayImage:
     """Label every ray of a view by what other views of the same camera say."""
@@ -148,7 +148,7 @@ class ConsistencyDetector:
     """
 
     grid: SpaceGrid
-    noise: SensorNoise = SENSOR_NOISE["kinect"]
+    noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: ConsistencySettings = field(default_factory=ConsistencySettings)
     contradicted: UInt16[np.ndarray, "x y z"] = field(init=False)  #: rays per voxel
     dropped: UInt16[np.ndarray, "x y z"] = field(init=False)  #: rays per voxel

@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Float32
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...io.depth.depth_sequence import DepthFrame
-from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from ..fusion.volume import SpaceGrid
 from .background import BackgroundModel, LocalViews, background_model, ideal_depth, intrinsics
 from .ray_statistics import SearchReport, report
@@ -92,7 +92,7 @@ class TransparencyDetector:
     """
 
     grid: SpaceGrid
-    noise: SensorNoise = SENSOR_NOISE["kinect"]
+    noise: DepthNoise = SENSOR_NOISE["kinect"]
     settings: TransparencySettings = field(default_factory=TransparencySettings)
     volume: Float32[np.ndarray, "x y z"] = field(init=False)  #: summed scores
     views: int = 0  #: views that were given

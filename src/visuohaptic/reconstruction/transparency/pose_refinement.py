@@ -18,7 +18,7 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.geometry import so3_log
 from ...io.depth.depth_sequence import DepthFrame
-from ..fusion.depth_noise import SENSOR_NOISE, SensorNoise
+from ..fusion.depth_noise import SENSOR_NOISE, DepthNoise
 from .background import background_model, ideal_depth
 from .view_selection import nearest_on_both_sides, signed_baselines
 
@@ -32,7 +32,7 @@ _SHARED = 40.0
 
 def refine_poses(
     frames: Sequence[DepthFrame],
-    noise: SensorNoise = SENSOR_NOISE["kinect"],
+    noise: DepthNoise = SENSOR_NOISE["kinect"],
     *,
     sigma_m: float = 0.005,
     sigma_rad: float = math.radians(0.2),
@@ -92,7 +92,7 @@ def alignment_step(
     target_m: Float[np.ndarray, "h w"],
     matrix: Float[np.ndarray, "3 3"],
     prior: Pose,
-    noise: SensorNoise,
+    noise: DepthNoise,
     sigma_m: float,
     sigma_rad: float,
     step_px: int = 4,

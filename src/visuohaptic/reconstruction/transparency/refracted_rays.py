@@ -14,10 +14,10 @@ import numpy as np
 from ...io.depth.depth_sequence import DepthFrame
 from .regions import TransparentRegion
 
-__all__ = ["without_seen_through"]
+__all__ = ["mask_refracted_rays"]
 
 
-def without_seen_through(
+def mask_refracted_rays(
     frame: DepthFrame, regions: Sequence[TransparentRegion], *, min_m: float = 0.01
 ) -> DepthFrame:
     """The frame without what was read through one of the regions.

@@ -14,8 +14,8 @@ from ...core.objects import PrimitiveKind
 from ...report.annotation import FrameNotes, annotated_frame, primitive_outline
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
-from ...simulation.mobile.obstacles import Obstacle, box, cylinder, wall
-from ...simulation.mobile.push_world import PushWorld
+from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, wall
+from ...simulation.mobile.push_world import FoamPushWorld
 from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreSettings, ExploreStep, explore_obstacle
@@ -39,7 +39,7 @@ class Thing:
 
     letter: str
     kind: PrimitiveKind
-    obstacle: Obstacle
+    obstacle: SimulatedObstacle
     radius_m: float = math.nan
 
 
@@ -119,7 +119,7 @@ def run(out: Output) -> None:
 def _touched(
     thing: Thing, sensor: FoamSensor, renderer: SceneRenderer, seed: int
 ) -> tuple[np.ndarray, tuple[Any, ...]]:
-    world = PushWorld([thing.obstacle], seed=seed)
+    world = FoamPushWorld([thing.obstacle], seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=30.0, seed=seed)
     best: list[tuple[float, Frame, Any, Any]] = []
 

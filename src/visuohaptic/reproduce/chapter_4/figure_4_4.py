@@ -16,7 +16,7 @@ from ...navigation.pushing.quasi_static import PushTrace, arc_path
 from ...navigation.pushing.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
 from ...report.charts import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
-from ...simulation.floor.floor_push import FloorPush, FloorThing
+from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
 from ..output import Output
 
@@ -131,7 +131,7 @@ def _two(found: list[Candidate]) -> list[Candidate]:
 
 
 def _driven(model: PushModel, at: tuple[float, float, float], one: Candidate) -> Any:
-    thing = FloorThing(
+    thing = FloorBody(
         model.outline_m, model.support_m, model.round_m, mass_kg=2.0, push_height_m=HEIGHT_m,
         floor_friction=FLOOR, contact_friction=FRICTION,
     )  # fmt: skip

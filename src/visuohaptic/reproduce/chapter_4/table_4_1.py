@@ -15,9 +15,9 @@ from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.scene.scene_tracker import SceneTracker
 from ...simulation.foam.strip_law import SOFT_FOAM, StripLaw
-from ...simulation.mobile.obstacles import Obstacle, box, cylinder, door
+from ...simulation.mobile.obstacles import SimulatedObstacle, box, cylinder, door
 from ...simulation.mobile.platform import PlatformConfig
-from ...simulation.mobile.push_world import PushWorld
+from ...simulation.mobile.push_world import FoamPushWorld
 from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
 from ...tasks.mobile.explore import ExploreSettings, ExploreStep, explore_obstacle
@@ -47,7 +47,7 @@ class Row:
     """One column of the printed table."""
 
     name: str
-    obstacle: Obstacle
+    obstacle: SimulatedObstacle
     static_N: float
     dynamic_N: float = math.nan
     fixed: bool = False
@@ -141,7 +141,7 @@ def _explored(
     row: Row, sensor: FoamSensor, renderer: SceneRenderer, seed: int
 ) -> tuple[str, HapticTag, float, float]:
     """Outcome, tag, largest force, and the mean load in the simulation while it moved [N]."""
-    world = PushWorld([row.obstacle], PlatformConfig(), FIRM_FOAM, seed=seed)
+    world = FoamPushWorld([row.obstacle], PlatformConfig(), FIRM_FOAM, seed=seed)
     source = SimulatedSensorCamera(world, renderer, duration_s=40.0, seed=seed)
     loads: list[float] = []
 

@@ -1,10 +1,10 @@
+from .floor_push import FloorBody as FloorBody
 from .floor_push import FloorPush as FloorPush
-from .floor_push import FloorThing as FloorThing
 from .floor_push import FloorTrace as FloorTrace
 from .floor_senses import FloorSenses as FloorSenses
 from .floor_senses import SenseErrors as SenseErrors
 from .floor_world import FloorBase as FloorBase
-from .floor_world import FloorItem as FloorItem
+from .floor_world import FloorObject as FloorObject
 from .floor_world import FloorRobot as FloorRobot
 from .floor_world import FloorTouch as FloorTouch
 from .floor_world import FloorWorld as FloorWorld

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 
 from ...core.errors import InputError, MissingExtraError
 
-__all__ = ["FloorPush", "FloorThing", "FloorTrace"]
+__all__ = ["FloorBody", "FloorPush", "FloorTrace"]
 
 GRAVITY_M_S2 = 9.81
 FOOT_M = 0.004
@@ -22,7 +22,7 @@ SAG_M, FOOT_KG = 5e-4, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorThing:
+class FloorBody:
     """A rigid thing on explicit feet, in a frame whose origin is on the floor below its reference point.
 
     The platform is a sphere whose equator meets the outline at one height, and
@@ -44,12 +44,12 @@ class FloorThing:
     def __post_init__(self) -> None:
         if len(self.feet_m) < 3 or len(self.outline_m) < 1:
             raise InputError(
-                "FloorThing",
+                "FloorBody",
                 f"found {len(self.feet_m)} feet, {len(self.outline_m)} corners; expected 3 and 1 at least",
             )
         numbers = (self.mass_kg, self.floor_friction, self.centre_height_m)
         if not min(*numbers, self.round_m, self.push_height_m) > 0 or self.contact_friction < 0:
-            raise InputError("FloorThing", f"found {self}, expected mass, friction, radii, heights > 0")
+            raise InputError("FloorBody", f"found {self}, expected mass, friction, radii, heights > 0")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,7 @@ class FloorPush:
 
     def __init__(
         self,
-        thing: FloorThing,
+        thing: FloorBody,
         start_m: Sequence[float],
         platform_m: Sequence[float],
         radius_m: float = 0.17,
@@ -182,7 +182,7 @@ class FloorPush:
 
 
 def _mjcf(
-    thing: FloorThing, radius_m: float, step_s: float, walls_m: Sequence[tuple[float, float, float, float]]
+    thing: FloorBody, radius_m: float, step_s: float, walls_m: Sequence[tuple[float, float, float, float]]
 ) -> str:
     """The model. Every foot is a small body on a spring of its own."""
     geoms, pairs = "", ""

@@ -22,7 +22,7 @@ from ...core.robots import BaseState
 from ...io.maps.occupancy_map import OccupancyMap
 from .walls import wall_boxes
 
-__all__ = ["FloorBase", "FloorItem", "FloorRobot", "FloorTouch", "FloorWorld"]
+__all__ = ["FloorBase", "FloorObject", "FloorRobot", "FloorTouch", "FloorWorld"]
 
 GRAVITY_M_S2 = 9.81
 #: Height of the rim's equator and of the things' outlines: they meet there (m).
@@ -43,7 +43,7 @@ WALL_FRICTION = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class FloorItem:
+class FloorObject:
     """Something that stands on the floor."""
 
     id: str
@@ -62,7 +62,7 @@ class FloorItem:
             or min(self.contact_friction, self.round_m) < 0
             or len(self.footprint_m) < 3
         ):
-            raise InputError("FloorItem", f"found {self}, expected an outline, mass and floor friction > 0")
+            raise InputError("FloorObject", f"found {self}, expected an outline, mass and floor friction > 0")
 
     @property
     def friction_N(self) -> float:
@@ -109,7 +109,7 @@ class FloorWorld:
     def __init__(
         self,
         map: OccupancyMap,
-        items: Sequence[FloorItem],
+        items: Sequence[FloorObject],
         start_m: Sequence[float],
         robot: FloorRobot | None = None,
         *,
@@ -315,7 +315,7 @@ def _towards(now: float, target: float, step: float) -> float:
 def _mjcf(
     map: OccupancyMap,
     boxes: Float[np.ndarray, "n 4"],
-    items: Sequence[FloorItem],
+    items: Sequence[FloorObject],
     robot: FloorRobot,
     step_s: float,
 ) -> str:
@@ -343,7 +343,7 @@ def _mjcf(
     {bodies}</worldbody></mujoco>"""
 
 
-def _item_mjcf(item: FloorItem) -> str:
+def _item_mjcf(item: FloorObject) -> str:
     """A ring of capsules, or a sphere, on feet: pairs with closed formulas for their contact."""
     centre, height = polygon_centroid(item.footprint_m), PUSH_HEIGHT_M
     own = item.footprint_m - centre

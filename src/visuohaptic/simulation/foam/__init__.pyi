@@ -6,8 +6,8 @@ from .press_rig import press_outline as press_outline
 from .press_rig import press_path as press_path
 from .rig import SensorRig as SensorRig
 from .strip import FoamStrip as FoamStrip
+from .strip import FoamStripGeometry as FoamStripGeometry
 from .strip import Outline as Outline
-from .strip import StripGeometry as StripGeometry
 from .strip import StripState as StripState
 from .strip_law import REFERENCE_FOAM as REFERENCE_FOAM
 from .strip_law import SOFT_FOAM as SOFT_FOAM

@@ -11,13 +11,15 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ..rendering.scene import FoamScene, SceneObject
-from .strip import FoamStrip, Outline, StripGeometry, StripState
+from .strip import FoamStrip, FoamStripGeometry, Outline, StripState
 from .strip_law import SOFT_FOAM, StripLaw
 
 __all__ = ["PressSample", "PressShape", "calibration_press", "press", "press_outline", "press_path"]
 
 #: Longest move of the plate that is followed in one step (m).
 STEP_M = 1e-4
+#: Speed of the press (m/s).
+SPEED_M_S = 0.01
 
 
 class PressShape(StrEnum):
@@ -43,11 +45,20 @@ class PressSample:
 
 
 def press_outline(
-    shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0, yaw_rad: float = 0.0
+    shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0
 ) -> Outline:
     """Cross section of a test shape in frame F whose foremost point has gone ``depth_m`` into the foam.
 
-    ``centre_m`` is its place along y, ``yaw_rad`` its turn about that foremost point.
+    Parameters
+    ----------
+    shape
+        Test shape.
+    depth_m
+        Depth of its foremost point below the undeformed front [m].
+    width_m
+        Undeformed width of the foam, from back to front [m].
+    centre_m
+        Position of its centre along y [m].
     """
     reach = {
         PressShape.CYLINDER_4CM: Outline.disc((0.02, 0.0), 0.02),
@@ -55,11 +66,28 @@ def press_outline(
         PressShape.LARGE_PLATE: Outline.box((0.01, 0.0), (0.02, 0.6)),
         PressShape.PLATE_4CM: Outline.box((0.01, 0.0), (0.02, 0.04), edge_m=0.0005),
     }
-    return reach[PressShape(shape)].moved(0.0, 0.0, yaw_rad).moved(width_m - depth_m, centre_m)
+    return reach[PressShape(shape)].moved(width_m - depth_m, centre_m)
 
 
 def press_path(max_m: float, steps: int, *, runs: int = 1, unload: bool = True) -> Float[np.ndarray, "n"]:
-    """Depths of stepwise runs from 0 to ``max_m`` and back."""
+    """Depths of stepwise runs from 0 to ``max_m`` and back.
+
+    Parameters
+    ----------
+    max_m
+        Deepest point of each run [m].
+    steps
+        Number of equal steps down to it.
+    runs
+        Number of runs, one after the other.
+    unload
+        Whether the steps are taken back as well; otherwise a run ends with one move to 0.
+
+    Raises
+    ------
+    InputError
+        The depth is not positive or there are no steps.
+    """
     if not (max_m > 0 and steps >= 1 and runs >= 1):
         raise InputError(
             "press_path", f"found {max_m} m in {steps} steps, expected a depth > 0 and steps >= 1"
@@ -73,22 +101,25 @@ def press(
     shape: PressShape,
     depths_m: Sequence[float] | Float[np.ndarray, "n"],
     *,
-    geometry: StripGeometry | None = None,
+    geometry: FoamStripGeometry | None = None,
     law: StripLaw = SOFT_FOAM,
-    centre_m: float = 0.0,
-    yaw_rad: float = 0.0,
-    speed_m_s: float = 0.01,
     reference_sigma_N: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Iterator[PressSample]:
-    """Move a shape through a path of depths; a sample at every one of them.
+    """Move a shape at 1 cm/s through a path of depths, in the middle of the strip; a sample at every one of them.
 
     Parameters
     ----------
+    shape
+        Test shape.
     depths_m
-        Path, see :func:`press_path`.
+        Path [m], see :func:`press_path`.
+    geometry, law
+        The foam strip and its material.
     reference_sigma_N
-        Noise of the force sensor (0.15 N in Alt 2016, Sec. 3.6.1).
+        Standard deviation of the force sensor [N] (0.15 N in Alt 2016, Sec. 3.6.1).
+    rng
+        Source of the force sensor's noise; seed 0 by default.
 
     Raises
     ------
@@ -107,9 +138,9 @@ def press(
         if target != now:
             direction = "loading" if target > now else "unloading"
         count = max(1, int(np.ceil(abs(target - now) / STEP_M)))
-        elapsed = abs(target - now) / speed_m_s / count
+        elapsed = abs(target - now) / SPEED_M_S / count
         for depth in np.linspace(now, target, count + 1)[1:]:
-            outline = press_outline(shape, float(depth), width_m=width, centre_m=centre_m, yaw_rad=yaw_rad)
+            outline = press_outline(shape, float(depth), width_m=width)
             state = strip.press([outline], elapsed)
         now, t_s = float(target), t_s + elapsed * count
         force = float(state.force_N[0])
@@ -127,7 +158,7 @@ def press(
 
 def calibration_press(
     *,
-    geometry: StripGeometry | None = None,
+    geometry: FoamStripGeometry | None = None,
     law: StripLaw = SOFT_FOAM,
     max_strain: float = 0.6,
     steps: int = 60,
@@ -138,9 +169,22 @@ def calibration_press(
     """Calibration rows (strain, stress_Pa, direction) as a large plate measures them (Sec. 3.2).
 
     The stress is the force by the area of the front; write the rows with
-    :func:`~visuohaptic.simulation.foam.strip.write_calibration_csv`.
+    :func:`~visuohaptic.simulation.foam.strip_law.write_calibration_csv`.
+
+    Parameters
+    ----------
+    geometry, law
+        The foam strip and its material.
+    max_strain
+        Strain at the deepest point of each run.
+    steps, runs
+        Steps of each run, and number of runs.
+    reference_sigma_N
+        Standard deviation of the force sensor [N].
+    rng
+        Source of the force sensor's noise; seed 0 by default.
     """
-    geometry = geometry if geometry is not None else StripGeometry()
+    geometry = geometry if geometry is not None else FoamStripGeometry()
     area = geometry.length_m * geometry.height_m
     path = press_path(max_strain * geometry.width_m, steps, runs=runs)
     samples = press(

@@ -27,8 +27,8 @@ __all__ = [
     "REFERENCE_FOAM",
     "SOFT_FOAM",
     "FoamStrip",
+    "FoamStripGeometry",
     "Outline",
-    "StripGeometry",
     "StripLaw",
     "StripState",
     "write_calibration_csv",
@@ -88,7 +88,7 @@ class Outline:
 
 
 @dataclass(frozen=True, slots=True)
-class StripGeometry:
+class FoamStripGeometry:
     """A strip glued with its back to a straight plate or to a round platform, in frame F."""
 
     length_m: float = 0.25  #: along the back
@@ -99,9 +99,11 @@ class StripGeometry:
 
     def __post_init__(self) -> None:
         if min(self.length_m, self.width_m, self.height_m, self.radius_m, self.spacing_m) <= 0:
-            raise InputError("StripGeometry", f"found {self}, expected lengths > 0")
+            raise InputError("FoamStripGeometry", f"found {self}, expected lengths > 0")
         if self.length_m > 1.9 * math.pi * self.radius_m:
-            raise InputError("StripGeometry", f"{self.length_m} m do not fit around radius {self.radius_m} m")
+            raise InputError(
+                "FoamStripGeometry", f"{self.length_m} m do not fit around radius {self.radius_m} m"
+            )
 
     def positions_m(self) -> Float[np.ndarray, "k"]:
         """s of the columns, from -length / 2 to length / 2; s grows with y."""
@@ -172,15 +174,15 @@ class FoamStrip:
 
     Examples
     --------
-    >>> strip = FoamStrip(StripGeometry(spacing_m=0.001), SOFT_FOAM)
+    >>> strip = FoamStrip(FoamStripGeometry(spacing_m=0.001), SOFT_FOAM)
     >>> wall = Outline.box((0.02 + 0.05 - 0.004, 0.0), (0.1, 0.6))
     >>> state = strip.press([wall])
     >>> round(float(state.force_N[0]) / (0.25 * 0.01 * float(SOFT_FOAM.uniaxial([0.2])[0])), 3)
     1.0
     """
 
-    def __init__(self, geometry: StripGeometry | None = None, law: StripLaw = SOFT_FOAM) -> None:
-        self.geometry = geometry if geometry is not None else StripGeometry()
+    def __init__(self, geometry: FoamStripGeometry | None = None, law: StripLaw = SOFT_FOAM) -> None:
+        self.geometry = geometry if geometry is not None else FoamStripGeometry()
         self.law = law
         self.s_m = self.geometry.positions_m()
         self._stress, self._shear = law.tables()

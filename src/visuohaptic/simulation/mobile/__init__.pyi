@@ -1,7 +1,7 @@
 from .laser import LaserConfig as LaserConfig
 from .laser import SimulatedLaser as SimulatedLaser
-from .obstacles import Obstacle as Obstacle
 from .obstacles import ObstacleKind as ObstacleKind
+from .obstacles import SimulatedObstacle as SimulatedObstacle
 from .obstacles import box as box
 from .obstacles import cylinder as cylinder
 from .obstacles import door as door
@@ -18,12 +18,13 @@ from .office import Office as Office
 from .office import furnished_office as furnished_office
 from .office import obstacles_for_map as obstacles_for_map
 from .office import wall_obstacles as wall_obstacles
+from .platform import DrivenWorld as DrivenWorld
 from .platform import PlatformConfig as PlatformConfig
 from .platform import SimulatedBase as SimulatedBase
 from .platform import platform_mjcf as platform_mjcf
-from .push_world import BodyTruth as BodyTruth
-from .push_world import PushTruth as PushTruth
-from .push_world import PushWorld as PushWorld
+from .push_truth import BodyTruth as BodyTruth
+from .push_truth import PushTruth as PushTruth
+from .push_world import FoamPushWorld as FoamPushWorld
 from .quick_foam import QuickFoam as QuickFoam
 from .quick_foam import QuickFrames as QuickFrames
 from .quick_foam import StripWorld as StripWorld

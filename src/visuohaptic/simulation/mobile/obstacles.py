@@ -16,8 +16,8 @@ from ..foam.strip import Outline
 from ..rendering.scene import Solid
 
 __all__ = [
-    "Obstacle",
     "ObstacleKind",
+    "SimulatedObstacle",
     "box",
     "cylinder",
     "door",
@@ -47,7 +47,7 @@ class ObstacleKind(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Obstacle:
+class SimulatedObstacle:
     """One obstacle, its place in the world, and what the physics has to know of it.
 
     A box, table or wall is placed by its centre, a door by its hinge: the
@@ -128,17 +128,17 @@ class Obstacle:
         far = 1.0 if self.kind is ObstacleKind.DOOR else 0.5
         return float(np.hypot(far * self.length_m, 0.5 * self.width_m))
 
-    def moved(self, x_m: float, y_m: float, yaw_rad: float) -> Obstacle:
+    def moved(self, x_m: float, y_m: float, yaw_rad: float) -> SimulatedObstacle:
         """The same at another place."""
         return replace(self, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def box(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: Any
-) -> Obstacle:
+) -> SimulatedObstacle:
     """A box of size (along x, along y, height)."""
     length, width, height = size_m
-    return Obstacle(
+    return SimulatedObstacle(
         name,
         ObstacleKind.BOX,
         x_m,
@@ -152,10 +152,10 @@ def box(
 
 def cylinder(
     name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: Any
-) -> Obstacle:
+) -> SimulatedObstacle:
     """An upright cylinder."""
     across_m = 2 * radius_m
-    return Obstacle(
+    return SimulatedObstacle(
         name,
         ObstacleKind.CYLINDER,
         x_m,
@@ -169,10 +169,10 @@ def cylinder(
 
 def table(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
-) -> Obstacle:
+) -> SimulatedObstacle:
     """A table that does not move; the foam meets its legs."""
     length, width, height = size_m
-    return Obstacle(
+    return SimulatedObstacle(
         name,
         ObstacleKind.TABLE,
         x_m,
@@ -187,9 +187,9 @@ def table(
 
 def wall(
     name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: Any
-) -> Obstacle:
+) -> SimulatedObstacle:
     """A wall along its x."""
-    return Obstacle(
+    return SimulatedObstacle(
         name,
         ObstacleKind.WALL,
         x_m,
@@ -209,9 +209,9 @@ def door(
     length_m: float = 0.8,
     mass_kg: float = 12.0,
     **rest: Any,
-) -> Obstacle:
+) -> SimulatedObstacle:
     """A wing that turns about its hinge."""
-    return Obstacle(
+    return SimulatedObstacle(
         name,
         ObstacleKind.DOOR,
         hinge_x_m,
@@ -225,7 +225,7 @@ def door(
 
 
 def section(
-    obstacle: Obstacle,
+    obstacle: SimulatedObstacle,
     position_m: Float[np.ndarray, "3"],
     rotation: Float[np.ndarray, "3 3"],
     height_m: float,
@@ -260,7 +260,7 @@ def section(
     return tuple(cut for cut in cuts if len(cut.vertices_m) >= 3)
 
 
-def leaning_solid(obstacle: Obstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
+def leaning_solid(obstacle: SimulatedObstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
     """The body itself where an upright section does not tell its look: it leans, or is round and turns."""
     tilt = math.acos(min(1.0, max(-1.0, float(T_world_obstacle.rotation[2, 2]))))
     if not obstacle.movable or (tilt < UPRIGHT_RAD and obstacle.kind is not ObstacleKind.CYLINDER):
@@ -269,7 +269,7 @@ def leaning_solid(obstacle: Obstacle, T_world_obstacle: Pose, T_foam_world: Pose
     return Solid(outline, obstacle.height_m, T_foam_world @ T_world_obstacle)
 
 
-def feet_mjcf(obstacle: Obstacle) -> str:
+def feet_mjcf(obstacle: SimulatedObstacle) -> str:
     """Contact of the feet with the floor.
 
     MuJoCo's friction is associated: a foot that slides is also lifted, in
@@ -306,7 +306,7 @@ def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     return np.array(chains[0] + chains[1])
 
 
-def obstacle_mjcf(obstacle: Obstacle) -> str:
+def obstacle_mjcf(obstacle: SimulatedObstacle) -> str:
     """MuJoCo body of an obstacle; its frame is on the floor below its centre (door: at the hinge)."""
     o = obstacle
     place = f'pos="{o.x_m} {o.y_m} 0" euler="0 0 {o.yaw_rad}"'

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int8
 
 from ...core.errors import InputError
-from .obstacles import Obstacle, ObstacleKind, box, cylinder, table
+from .obstacles import ObstacleKind, SimulatedObstacle, box, cylinder, table
 
 __all__ = [
     "ApproachPath",
@@ -31,7 +31,7 @@ FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 class ApproachPath:
     """A straight way to one obstacle, free of anything in the map, and on behind it."""
 
-    obstacle: Obstacle
+    obstacle: SimulatedObstacle
     start: tuple[float, float, float]  #: platform (x [m], y [m], heading [rad]) where it begins
     distance_m: float  #: from the platform's centre to that of the obstacle
 
@@ -44,10 +44,10 @@ class Office:
     resolution_m: float
     origin: tuple[float, float, float]
     paths: tuple[ApproachPath, ...]  #: light, heavy, fixed
-    furniture: tuple[Obstacle, ...] = ()  #: drawn in the map already
+    furniture: tuple[SimulatedObstacle, ...] = ()  #: drawn in the map already
 
     @property
-    def obstacles(self) -> tuple[Obstacle, ...]:
+    def obstacles(self) -> tuple[SimulatedObstacle, ...]:
         """The obstacles at the ends of the paths."""
         return tuple(path.obstacle for path in self.paths)
 
@@ -169,7 +169,7 @@ def obstacles_for_map(
     return found[0], found[1], found[2]
 
 
-def _three(robot_radius_m: float) -> tuple[Obstacle, Obstacle, Obstacle]:
+def _three(robot_radius_m: float) -> tuple[SimulatedObstacle, SimulatedObstacle, SimulatedObstacle]:
     """Light, heavy and fixed obstacle of the demonstration, at no place yet."""
     width = min(0.18, robot_radius_m)
     light = cylinder(
@@ -199,7 +199,7 @@ def _three(robot_radius_m: float) -> tuple[Obstacle, Obstacle, Obstacle]:
         seed=2,
         bgr=(70.0, 105.0, 140.0),
     )
-    leg = Obstacle(
+    leg = SimulatedObstacle(
         "fixed leg",
         ObstacleKind.BOX,
         0,
@@ -285,7 +285,7 @@ def wall_obstacles(
     origin: tuple[float, float, float],
     centre_m: tuple[float, float],
     radius_m: float = 1.5,
-) -> tuple[Obstacle, ...]:
+) -> tuple[SimulatedObstacle, ...]:
     """The map's occupied cells near a place as fixed boxes, runs of a row in one."""
     c, s = math.cos(origin[2]), math.sin(origin[2])
     x, y = centre_m[0] - origin[0], centre_m[1] - origin[1]
@@ -300,7 +300,7 @@ def wall_obstacles(
             middle = (low_column + 0.5 * (begin + end), low_row + j + 0.5)
             px, py, yaw = _world(middle, 0.0, resolution_m, origin)
             walls.append(
-                Obstacle(
+                SimulatedObstacle(
                     f"wall {low_row + j}:{low_column + begin}", ObstacleKind.WALL, px, py, yaw,
                     length_m=float(end - begin) * resolution_m, width_m=resolution_m, height_m=1.0,
                     fixed=True, grey=200.0, texture=5.0,

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import StripGeometry
+from ..foam.strip import FoamStripGeometry
 
-if TYPE_CHECKING:
-    from .push_world import PushWorld
-
-__all__ = ["PlatformConfig", "SimulatedBase", "platform_mjcf"]
+__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase", "platform_mjcf"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +28,7 @@ class PlatformConfig:
     max_turn_acceleration_rad_s2: float = 2.0
     max_force_N: float = 40.0  #: of the drive
     kinematic: bool = False  #: moves as told, whatever pushes back
-    strip: StripGeometry = field(default_factory=lambda: StripGeometry(spacing_m=0.001))
+    strip: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
     floor_below_m: float = 0.05  #: height of the foam's visible edge above the floor
 
     def __post_init__(self) -> None:
@@ -47,7 +44,7 @@ class PlatformConfig:
     @classmethod
     def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
         """The dissertation's platform: round, the foam bent around its front."""
-        strip = StripGeometry(radius_m=radius_m, spacing_m=0.001)
+        strip = FoamStripGeometry(radius_m=radius_m, spacing_m=0.001)
         return cls(radius_m=radius_m, round=True, strip=strip, **rest)
 
     @property
@@ -74,14 +71,34 @@ def platform_mjcf(config: PlatformConfig) -> str:
       <geom {shape} friction="0.3 0 0" contype="2" conaffinity="0"/></body>"""
 
 
-class SimulatedBase:
-    """The platform of a :class:`~visuohaptic.simulation.mobile.push_world.PushWorld` as a ``robots.MobileBase``.
+class DrivenWorld(Protocol):
+    """What a simulated world tells of its platform."""
 
-    Velocities are reached with limited acceleration; the world's time goes on
-    only in ``PushWorld.step``.
+    config: PlatformConfig
+
+    @property
+    def t_s(self) -> float:
+        """Simulated time [s]."""
+
+    def platform_pose(self) -> tuple[float, float, float]:
+        """Centre and heading of the platform in the world: (x [m], y [m], heading [rad])."""
+
+    def platform_velocity(self) -> tuple[float, float, float]:
+        """Velocity of the platform in its own frame: (forward, left [m/s], turn rate [rad/s])."""
+
+
+class SimulatedBase:
+    """The platform of a simulated world as a ``robots.MobileBase``.
+
+    Velocities are reached with limited acceleration; time passes only in the ``step`` of the world.
+
+    Parameters
+    ----------
+    world
+        That moves the platform by :meth:`ramp`.
     """
 
-    def __init__(self, world: PushWorld) -> None:
+    def __init__(self, world: DrivenWorld) -> None:
         self._world = world
         self.target_speed_m_s = 0.0
         self.target_turn_rate_rad_s = 0.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,22 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError, MissingExtraError
 from ...core.geometry import so3_exp
 from ...core.measurement import Event, EventKind
-from ..foam.strip import FoamStrip, Outline, StripState
+from ..foam.strip import FoamStrip, Outline
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from ..rendering.scene import FoamScene, SceneObject
-from .obstacles import GRAVITY_M_S2, Obstacle, ObstacleKind, feet_mjcf, leaning_solid, obstacle_mjcf, section
+from .obstacles import (
+    GRAVITY_M_S2,
+    ObstacleKind,
+    SimulatedObstacle,
+    feet_mjcf,
+    leaning_solid,
+    obstacle_mjcf,
+    section,
+)
 from .platform import PlatformConfig, SimulatedBase, platform_mjcf
+from .push_truth import BodyTruth, PushTruth
 
-__all__ = ["BodyTruth", "PushTruth", "PushWorld"]
+__all__ = ["FoamPushWorld"]
 
 #: Interval of the foam's equilibrium, aimed at (s); MuJoCo takes two steps in it.
 FOAM_STEP_S = 0.002
@@ -32,43 +40,7 @@ STRIBECK_M_S = 0.002
 TOUCH_N, MOTION_M, FALL_RAD = 1e-3, 5e-4, 0.5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyTruth:
-    """One movable obstacle at one time, in the world."""
-
-    name: str
-    x_m: float
-    y_m: float
-    yaw_rad: float
-    tilt_rad: float  #: between its axis and the vertical
-    velocity_m_s: Float[np.ndarray, "2"]
-    turn_rate_rad_s: float
-    force_foam_N: Float[np.ndarray, "2"]  #: of the foam on it, frame F
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PushTruth:
-    """Everything at one time."""
-
-    t_s: float
-    load_N: float  #: integral of the foam's pressure, what Eq. (3.1) measures
-    force_foam_N: Float[np.ndarray, "2"]  #: of the foam on all bodies, frame F
-    strip: StripState
-    bodies: tuple[BodyTruth, ...]  #: movable obstacles
-    force_on: dict[str, float]  #: length of the foam's force by obstacle, those that touch
-    platform_pose: tuple[float, float, float]  #: (x [m], y [m], heading [rad])
-    platform_velocity: tuple[float, float, float]  #: (forward, left [m/s], turn rate [rad/s])
-    drive_N: float  #: forward force of the drive
-
-    def body(self, name: str) -> BodyTruth:
-        """The movable obstacle of a name."""
-        for body in self.bodies:
-            if body.name == name:
-                return body
-        raise InputError("PushTruth.body", f"found {name!r}, expected one of {[b.name for b in self.bodies]}")
-
-
-class PushWorld:
+class FoamPushWorld:
     """Platform, foam and obstacles.
 
     Friction, mass and inertia are MuJoCo's. Every two milliseconds the cross
@@ -94,7 +66,7 @@ class PushWorld:
 
     def __init__(
         self,
-        obstacles: Sequence[Obstacle] = (),
+        obstacles: Sequence[SimulatedObstacle] = (),
         platform: PlatformConfig | None = None,
         law: StripLaw = SOFT_FOAM,
         seed: int = 0,
@@ -109,7 +81,7 @@ class PushWorld:
 
         names = [o.name for o in obstacles]
         if len(set(names)) != len(names):
-            raise InputError("PushWorld", f"found obstacles {names}, expected different names")
+            raise InputError("FoamPushWorld", f"found obstacles {names}, expected different names")
         rng = np.random.default_rng(seed)
         factor = np.maximum(0.2, 1.0 + friction_sigma * rng.standard_normal(len(names)))
         self.obstacles = tuple(
@@ -168,7 +140,7 @@ class PushWorld:
     def step(self, dt_s: float) -> PushTruth:
         """Let time pass; the last equilibrium of the foam is the new :attr:`truth`."""
         if not 0 < dt_s <= 10:
-            raise InputError("PushWorld.step", f"found {dt_s} s, expected more than 0 and at most 10 s")
+            raise InputError("FoamPushWorld.step", f"found {dt_s} s, expected more than 0 and at most 10 s")
         count = max(1, round(dt_s / FOAM_STEP_S))
         interval = dt_s / count
         self._model.opt.timestep = 0.5 * interval
@@ -180,7 +152,7 @@ class PushWorld:
             self._mujoco.mj_step(self._model, self._data, 2)
             if not np.isfinite(self._data.qpos).all():
                 raise InputError(
-                    "PushWorld.step", f"the physics diverged at {middle:.3f} s", remedy="lower dt_s"
+                    "FoamPushWorld.step", f"the physics diverged at {middle:.3f} s", remedy="lower dt_s"
                 )
         self.truth = self._record(middle, 0.5 * interval)
         return self.truth
@@ -408,7 +380,7 @@ class PushWorld:
         )
 
 
-def _mjcf(config: PlatformConfig, obstacles: Sequence[Obstacle]) -> str:
+def _mjcf(config: PlatformConfig, obstacles: Sequence[SimulatedObstacle]) -> str:
     """The whole model. Elliptic cones and no-slip iterations keep boxes at rest from creeping."""
     bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
     feet = "\n".join(feet_mjcf(o) for o in obstacles)

@@ -30,7 +30,7 @@ class _Truth(Protocol):
 
 
 class StripWorld(Protocol):
-    """A world with a strip: ``PushWorld`` or ``QuickWorld``."""
+    """A world with a strip: ``FoamPushWorld`` or ``QuickWorld``."""
 
     config: PlatformConfig
 
@@ -65,7 +65,7 @@ class QuickFrames(BlankFrames):
 
 
 class QuickFoam:
-    """Reads the strip of a ``PushWorld`` or ``QuickWorld`` as a foam sensor would.
+    """Reads the strip of a ``FoamPushWorld`` or ``QuickWorld`` as a foam sensor would.
 
     It offers what tasks use of a foam sensor: ``read(frame)``, ``reset()`` and ``setup.material``.
     """

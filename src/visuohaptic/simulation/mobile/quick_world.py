@@ -2,7 +2,7 @@
 
 Platform and obstacles move quasi-statically: a movable thing slides along the
 foam's force once that is larger than its friction, and never turns. For the
-truth of a push take :class:`~visuohaptic.simulation.mobile.push_world.PushWorld`, which
+truth of a push take :class:`~visuohaptic.simulation.mobile.push_world.FoamPushWorld`, which
 costs twenty times more.
 """
 
@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import FoamStrip, Outline, StripGeometry, StripState
+from ..foam.strip import FoamStrip, FoamStripGeometry, Outline, StripState
 from ..foam.strip_law import SOFT_FOAM, StripLaw
-from .obstacles import Obstacle, ObstacleKind
+from .obstacles import ObstacleKind, SimulatedObstacle
 from .platform import PlatformConfig
 
 __all__ = ["QuickTruth", "QuickWorld"]
@@ -38,9 +38,9 @@ class QuickTruth:
 class QuickWorld:
     """Platform with a foam bumper among obstacles; a ``robots.MobileBase`` with exact odometry."""
 
-    obstacles: Sequence[Obstacle]
+    obstacles: Sequence[SimulatedObstacle]
     config: PlatformConfig = field(
-        default_factory=lambda: PlatformConfig(strip=StripGeometry(spacing_m=0.002))
+        default_factory=lambda: PlatformConfig(strip=FoamStripGeometry(spacing_m=0.002))
     )
     law: StripLaw = SOFT_FOAM
 
@@ -140,7 +140,7 @@ class QuickWorld:
             loads = np.hypot(*state.body_force_N.T)
             self.last_touched = near[int(np.argmax(loads))][0].name
 
-    def _near(self) -> list[tuple[Obstacle, Outline]]:
+    def _near(self) -> list[tuple[SimulatedObstacle, Outline]]:
         """Cuts of everything before the foam, frame F."""
         x, y, heading = self.pose
         c, s = math.cos(heading), math.sin(heading)
@@ -163,7 +163,7 @@ class QuickWorld:
         px, py = self.places[name]
         self.places[name] = (px + float(way_m[0]), py + float(way_m[1]))
 
-    def _overlaps(self, o: Obstacle, pose: tuple[float, float, float]) -> bool:
+    def _overlaps(self, o: SimulatedObstacle, pose: tuple[float, float, float]) -> bool:
         """Whether the hull, a rectangle, and a thing share some of the floor."""
         (x, y, heading), (px, py) = pose, self.places[o.name]
         (back, front), v = self._hull_m, 0.5 * self.config.width_m

@@ -14,7 +14,7 @@ from ...core.camera.model import Camera
 from ...core.errors import InputError
 from ...core.resources import Closing
 from ..rendering.scene import FoamScene
-from .push_world import PushWorld
+from .push_world import FoamPushWorld
 
 __all__ = ["Renderer", "SimulatedSensorCamera"]
 
@@ -54,7 +54,7 @@ class SimulatedSensorCamera(Closing):
 
     def __init__(
         self,
-        world: PushWorld,
+        world: FoamPushWorld,
         renderer: Renderer,
         *,
         duration_s: float = math.inf,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from .obstacles import Obstacle, ObstacleKind, box, cylinder, wall
+from .obstacles import ObstacleKind, SimulatedObstacle, box, cylinder, wall
 
 __all__ = ["TouchRoom", "touch_room"]
 
@@ -20,7 +20,7 @@ class TouchRoom:
     """The room, its things, and what is true of any place in it."""
 
     size_m: tuple[float, float]  #: free space between the walls, corner at (0, 0)
-    obstacles: tuple[Obstacle, ...]
+    obstacles: tuple[SimulatedObstacle, ...]
     start: tuple[float, float, float]  #: of the platform (x [m], y [m], heading [rad])
 
     def occupied(

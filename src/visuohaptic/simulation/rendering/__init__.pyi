@@ -5,8 +5,11 @@ from .blank_frames import BlankFrames as BlankFrames
 from .contour_truth import ContourTruth as ContourTruth
 from .contour_truth import crossings as crossings
 from .effects import CameraEffects as CameraEffects
-from .renderer import CameraShake as CameraShake
-from .renderer import SceneLike as SceneLike
+from .exposure import CameraShake as CameraShake
+from .exposure import ExposedScene as ExposedScene
+from .exposure import SceneLike as SceneLike
+from .exposure import inner_edge as inner_edge
+from .exposure import observe as observe
 from .renderer import SceneRenderer as SceneRenderer
 from .rolling_view import RollingView as RollingView
 from .scene import FoamScene as FoamScene

@@ -9,8 +9,8 @@ goes on below it, so that no third surface shines through. Textures are blurred 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Float32, UInt8
@@ -32,26 +32,10 @@ from ._solids import (
 from .appearance import Look, Occluder, Surface
 from .contour_truth import ContourTruth
 from .effects import CameraEffects
-from .rolling_view import RollingView
-from .scene import FoamScene
+from .exposure import CameraShake, ExposedScene, SceneLike, inner_edge, observe
 from .shadow import shade_floor
 
-__all__ = [
-    "CameraEffects",
-    "CameraShake",
-    "ContourTruth",
-    "Look",
-    "Occluder",
-    "SceneLike",
-    "SceneRenderer",
-    "Surface",
-]
-
-#: A scene that stands still, or one that moves with time [s].
-SceneLike = FoamScene | Callable[[float], FoamScene]
-
-#: Movement of the camera: maps coordinates of the resting camera to the moved one, by time [s].
-CameraShake = Callable[[float], Pose]
+__all__ = ["SceneRenderer"]
 
 #: Light comes from above, behind and the left; a face's light grows with its normal along this.
 _LIGHT = np.array([-0.5, 0.3, 1.0])
@@ -65,29 +49,6 @@ _MAX_FACES = 6
 _SENSOR_AXES = (np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Observation:
-    """A frame's view and the states of its scene at the K keys."""
-
-    view: RollingView
-    scenes: tuple[FoamScene, ...]
-    row_times_s: Float[np.ndarray, "rows"]
-
-    @property
-    def middle(self) -> FoamScene:
-        return self.scenes[len(self.scenes) // 2]
-
-    def points(self, name: str) -> Float[np.ndarray, "n K 2"]:
-        """``back_m`` or ``front_m`` at each key."""
-        return np.stack([np.asarray(getattr(s, name), dtype=np.float64) for s in self.scenes], axis=1)
-
-    def outline(self, index: int) -> Float[np.ndarray, "n K 2"]:
-        """Outline of an object at each key, counter-clockwise."""
-        return turned_left(
-            np.stack([np.asarray(s.objects[index].outline_foam_m, np.float64) for s in self.scenes], axis=1)
-        )
-
-
 class SceneRenderer:
     """Draws what the sensor's camera sees.
 
@@ -98,7 +59,7 @@ class SceneRenderer:
     T_camera_foam
         Maps frame F of the sensor to the resting camera.
     look, effects
-        Surfaces, and what lens and sensor do to the picture.
+        Surfaces, and imperfections of lens and sensor.
     shutter_keys
         Number of states that are computed over the readout of a frame when something moves;
         between them pixels are interpolated by cubics. Motion of frequency f and
@@ -154,20 +115,20 @@ class SceneRenderer:
         camera_shake: CameraShake | None = None,
         occluders: Sequence[Occluder] = (),
     ) -> UInt8[np.ndarray, "rows columns *colour"]:
-        """The picture that the camera delivers.
+        """The image that the camera delivers.
 
         Parameters
         ----------
         scene
             A scene, or a function of time that gives one; objects and points keep their order.
         rng
-            Source of the noise; the same state gives the same picture.
+            Source of the noise; the same state gives the same image.
         t_s
             Exposure of the first row [s]; by default the scene's time, needed for a function.
         camera_shake
             Motion of the camera, maps the resting camera's frame to the moved one.
         occluders
-            Things in front of the scene, the last one is nearest.
+            Objects in front of the scene, the last one is nearest.
         """
         exact, row_times_s = self._exact(scene, t_s, camera_shake, occluders)
         image = self.effects.developed(exact, row_times_s, rng)
@@ -181,55 +142,41 @@ class SceneRenderer:
         camera_shake: CameraShake | None = None,
         occluders: Sequence[Occluder] = (),
     ) -> Float32[np.ndarray, "rows columns *colour"]:
-        """The blurred picture before light, gain, noise and rounding; a copy."""
+        """The blurred image before light, gain, noise and rounding; a copy.
+
+        Parameters
+        ----------
+        scene, t_s, camera_shake, occluders
+            As in :meth:`render`.
+        """
         exact, _ = self._exact(scene, t_s, camera_shake, occluders)
         return (exact if self.look.colour else exact[..., 0]).copy()
 
     def truth(
         self, scene: SceneLike, *, t_s: float | None = None, camera_shake: CameraShake | None = None
     ) -> ContourTruth:
-        """Exact image curves of the contours; arguments as in :meth:`render`."""
-        moment = self._moment(scene, t_s, camera_shake)
-        back, front = moment.points("back_m"), moment.points("front_m")
+        """Exact image curves of the contours.
+
+        Parameters
+        ----------
+        scene, t_s, camera_shake
+            As in :meth:`render`.
+        """
+        shot = self._observe(scene, t_s, camera_shake)
+        back, front = shot.points("back_m"), shot.points("front_m")
         curves = [
-            moment.view.polyline(at_height(points, 0.0))
-            for points in (back, front, self._stripe_edge(moment, back, front))
+            shot.view.polyline(at_height(points, 0.0))
+            for points in (back, front, self._stripe_edge(shot, back, front))
         ]
         return ContourTruth(
             curves[0],
             curves[1],
             curves[2] if self.look.stripe is not None else np.zeros((0, 2)),
-            self._front_visible(moment, front),
+            self._front_visible(shot, front),
         )
 
-    def _moment(self, scene: SceneLike, t_s: float | None, shake: CameraShake | None) -> _Observation:
-        rows = np.arange(self.camera.height)
-        if t_s is None:
-            if not isinstance(scene, FoamScene):
-                raise InputError("SceneRenderer", "a scene that moves with time needs t_s", field="t_s")
-            t_s = scene.t_s
-        moves = self.camera.row_delay_s > 0 and (shake is not None or not isinstance(scene, FoamScene))
-        key_rows = np.linspace(0, self.camera.height - 1, self.shutter_keys) if moves else np.zeros(1)
-        times = self.camera.row_time_s(t_s, key_rows)
-        scenes = tuple(scene if isinstance(scene, FoamScene) else scene(float(t)) for t in times)
-        shapes = {
-            (s.back_m.shape, s.front_m.shape, *(o.outline_foam_m.shape for o in s.objects)) for s in scenes
-        }
-        if len(shapes) > 1 or scenes[0].back_m.shape != scenes[0].front_m.shape or len(scenes[0].back_m) < 2:
-            raise InputError(
-                "SceneRenderer",
-                "expected back and front contour with the same number of points (at least 2), "
-                f"and the same objects during a frame; found shapes {sorted(map(str, shapes))}",
-                field="scene",
-            )
-        for state in scenes:
-            _check(state)
-        poses = tuple(
-            self.T_camera_foam if shake is None else shake(float(t)) @ self.T_camera_foam for t in times
-        )
-        return _Observation(
-            RollingView(self.camera, poses, key_rows), scenes, self.camera.row_time_s(t_s, rows)
-        )
+    def _observe(self, scene: SceneLike, t_s: float | None, shake: CameraShake | None) -> ExposedScene:
+        return observe(self.camera, self.T_camera_foam, scene, t_s, shake, max_keys=self.shutter_keys)
 
     def _exact(
         self,
@@ -239,79 +186,79 @@ class SceneRenderer:
         occluders: Sequence[Occluder],
     ) -> tuple[Float32[np.ndarray, "rows columns channels"], Float[np.ndarray, "rows"]]:
         effects = self.effects
-        middle = self._moment(scene, t_s, shake)
+        middle = self._observe(scene, t_s, shake)
         if effects.exposure_s > 0 and effects.exposure_samples > 1:
             count = effects.exposure_samples
             total = np.zeros_like(self._canvas.image)
             for shift in (np.arange(count) + 0.5) / count - 0.5:
                 at = float(middle.row_times_s[0] + shift * effects.exposure_s)
-                self._draw(self._moment(scene, at, shake), occluders)
+                self._draw(self._observe(scene, at, shake), occluders)
                 total += self._canvas.image
             total *= np.float32(1 / count)
             return total, middle.row_times_s
         self._draw(middle, occluders)
         return self._canvas.image, middle.row_times_s
 
-    def _draw(self, moment: _Observation, occluders: Sequence[Occluder]) -> None:
-        view = moment.view
+    def _draw(self, shot: ExposedScene, occluders: Sequence[Occluder]) -> None:
+        view = shot.view
         centre, mid = view.centre_foam_m, view.keys // 2
-        back, front = moment.points("back_m"), moment.points("front_m")
-        outlines = [moment.outline(i) for i in range(len(moment.middle.objects))]
-        regions = self._sensor_regions(moment, back, front)
-        self._draw_floor(moment, [*outlines, closed(front, back)], regions[-1])
-        self._draw_foam_side(moment, back, front)
+        back, front = shot.points("back_m"), shot.points("front_m")
+        outlines = [shot.outline(i) for i in range(len(shot.middle.objects))]
+        regions = self._sensor_regions(shot, back, front)
+        self._draw_floor(shot, [*outlines, closed(front, back)], regions[-1])
+        self._draw_foam_side(shot, back, front)
         holes: list[Hole] = []
         # Far objects first: the nearest point of each outline decides.
         distances = [np.linalg.norm(o[:, mid] - centre[:2], axis=1).min() for o in outlines]
         for i in sorted(range(len(outlines)), key=lambda i: -distances[i]):
-            item, outline = moment.middle.objects[i], outlines[i]
-            parts = self._draw_object(moment, i, outline)
+            item, outline = shot.middle.objects[i], outlines[i]
+            parts = self._draw_object(shot, i, outline)
             for part, sign in hidden_parts(closed(front, back), outline[:, mid], item.top_m, centre):
                 holes.append((view.polygon(view.to_camera(at_height(part, 0.0))), sign, parts))
         surfaces = [self.look.stripe] if self.look.stripe is not None else []
         surfaces += [self.look.foam, self.look.body]
-        planes = [self._plane(moment, surface, _SENSOR_AXES) for surface in surfaces]
+        planes = [self._plane(shot, surface, _SENSOR_AXES) for surface in surfaces]
         self._canvas.paint_nested(regions, planes, holes)
         for occluder in occluders:
-            self._draw_occluder(moment, occluder)
+            self._draw_occluder(shot, occluder)
 
     def _plane(
         self,
-        moment: _Observation,
+        shot: ExposedScene,
         surface: Surface,
         axes: tuple[np.ndarray, np.ndarray, np.ndarray],
         light: float = 1.0,
     ) -> Plane:
         """Plane by its origin and two unit vectors in F, each (3,) or (K, 3)."""
-        shape = (moment.view.keys, 3)
-        matrices = moment.view.plane_matrices(*(np.broadcast_to(axis, shape) for axis in axes))
+        shape = (shot.view.keys, 3)
+        matrices = shot.view.plane_matrices(*(np.broadcast_to(axis, shape) for axis in axes))
         return Plane(matrices, surface, light)
 
-    def _draw_floor(self, moment: _Observation, outlines: list[np.ndarray], hidden: Coverage | None) -> None:
+    def _draw_floor(self, shot: ExposedScene, outlines: list[np.ndarray], hidden: Coverage | None) -> None:
         origins, a, b = [], [], []
         tile_m = self._canvas.tile_m(self.look.floor)
-        for scene in moment.scenes:
+        for scene in shot.scenes:
             world = scene.T_world_foam
             # The nearest corner of the tiling keeps texture coordinates small far from the world's origin.
-            corner = np.round(moment.middle.T_world_foam.translation_m[:2] / tile_m) * tile_m
+            corner = np.round(shot.middle.T_world_foam.translation_m[:2] / tile_m) * tile_m
             below = world.apply(np.array([0.0, 0.0, -scene.floor_below_m]))[2]
             origins.append(world.inverse().apply(np.array([*corner, below])))
             a.append(world.rotation[0])
             b.append(world.rotation[1])
         axes = (np.array(origins), np.array(a), np.array(b))
-        self._canvas.fill(self._plane(moment, self.look.floor, axes), hidden)
+        self._canvas.fill(self._plane(shot, self.look.floor, axes), hidden)
         if self.look.shadow > 0:
-            shade_floor(self._canvas.image, moment.view, moment.middle, outlines, self.look)
+            shade_floor(self._canvas.image, shot.view, shot.middle, outlines, self.look)
 
-    def _draw_object(self, moment: _Observation, index: int, outline: np.ndarray) -> Parts:
-        view, item, low = moment.view, moment.middle.objects[index], -moment.middle.floor_below_m
+    def _draw_object(self, shot: ExposedScene, index: int, outline: np.ndarray) -> Parts:
+        view, item, low = shot.view, shot.middle.objects[index], -shot.middle.floor_below_m
         centre = view.centre_foam_m
         surface = Surface(item.grey, item.texture, item.material, item.bgr, item.seed)
         planes, polygons, lights = [], [], []
         if item.solid is None:
             faces = prism_faces(outline, low, item.top_m, centre)
         else:
-            solids = [solid for s in moment.scenes if (solid := s.objects[index].solid) is not None]
+            solids = [solid for s in shot.scenes if (solid := s.objects[index].solid) is not None]
             poses = tuple(solid.T_foam_solid for solid in solids)
             faces = solid_faces(item.solid.outline_m, item.solid.height_m, poses, -low, centre)
         for face in faces:
@@ -319,7 +266,7 @@ class SceneRenderer:
             if len(polygon) >= 3:
                 lights.append(1.0 + self.look.face_contrast * float(face.normal @ _LIGHT - _MEAN_LIGHT))
                 axes = (face.origin_m, face.along_a, face.along_b)
-                planes.append(self._plane(moment, surface, axes, lights[-1]))
+                planes.append(self._plane(shot, surface, axes, lights[-1]))
                 polygons.append(polygon)
         if len(polygons) <= _MAX_FACES:
             return self._canvas.paint_parts(polygons, planes)
@@ -334,23 +281,23 @@ class SceneRenderer:
         rest = replace(planes[0], surface=replace(surface, texture=0.0), light=float(np.mean(lights)))
         return self._canvas.paint_facets(border, rest, polygons, planes)
 
-    def _draw_foam_side(self, moment: _Observation, back: np.ndarray, front: np.ndarray) -> None:
+    def _draw_foam_side(self, shot: ExposedScene, back: np.ndarray, front: np.ndarray) -> None:
         """Side faces of the strip that look at the camera; it is above them on most robots."""
         height = self.look.foam_height_m
         # Reaches a little above the top, which is drawn over it: no gap at their common edge.
         outline = turned_left(closed(front, back))
         # The back, whose normal points to -x, is glued to the body.
-        for face in prism_faces(outline, -height, 0.1 * height, moment.view.centre_foam_m, -0.7):
+        for face in prism_faces(outline, -height, 0.1 * height, shot.view.centre_foam_m, -0.7):
             if face.normal[2] == 0.0:
-                polygon = moment.view.polygon(moment.view.to_camera(face.corners_m))
+                polygon = shot.view.polygon(shot.view.to_camera(face.corners_m))
                 axes = (face.origin_m, face.along_a, face.along_b)
-                self._canvas.paint_parts([polygon], [self._plane(moment, self.look.foam, axes, _SIDE_LIGHT)])
+                self._canvas.paint_parts([polygon], [self._plane(shot, self.look.foam, axes, _SIDE_LIGHT)])
 
     def _sensor_regions(
-        self, moment: _Observation, back: np.ndarray, front: np.ndarray
+        self, shot: ExposedScene, back: np.ndarray, front: np.ndarray
     ) -> list[Coverage | None]:
         """Foam with body, (foam behind the stripe with body,) body: each contains the next, so no gaps."""
-        look, view = self.look, moment.view
+        look, view = self.look, shot.view
         first, last = back[0] - back[1], back[-1] - back[-2]
         first = back[0] + look.body_margin_m * first / np.linalg.norm(first, axis=-1, keepdims=True)
         last = back[-1] + look.body_margin_m * last / np.linalg.norm(last, axis=-1, keepdims=True)
@@ -359,18 +306,18 @@ class SceneRenderer:
         behind = np.stack([last, last + away, first + away, first])
         lines = [np.concatenate([back[:1], front, back[-1:]]), back]
         if look.stripe is not None:
-            inner = self._stripe_edge(moment, back, front)
+            inner = self._stripe_edge(shot, back, front)
             lines.insert(1, np.concatenate([back[:1], inner, back[-1:]]))
         outlines = [at_height(np.concatenate([line, behind]), 0.0) for line in lines]
         return [self._canvas.cover(view.polygon(view.to_camera(outline))) for outline in outlines]
 
-    def _stripe_edge(self, moment: _Observation, back: np.ndarray, front: np.ndarray) -> np.ndarray:
-        if all(scene.stripe_m is not None for scene in moment.scenes):
-            return moment.points("stripe_m")
+    def _stripe_edge(self, shot: ExposedScene, back: np.ndarray, front: np.ndarray) -> np.ndarray:
+        if all(scene.stripe_m is not None for scene in shot.scenes):
+            return shot.points("stripe_m")
         return inner_edge(back, front, self.look.stripe_width_m)
 
-    def _draw_occluder(self, moment: _Observation, occluder: Occluder) -> None:
-        view, times = moment.view, moment.row_times_s
+    def _draw_occluder(self, shot: ExposedScene, occluder: Occluder) -> None:
+        view, times = shot.view, shot.row_times_s
         active = (times >= occluder.start_s) & (times <= occluder.end_s)
         if not active.any():
             return
@@ -383,46 +330,12 @@ class SceneRenderer:
             points = np.repeat(outline[:, None], view.keys, axis=1)
             polygon = view.polygon(view.to_camera(at_height(points, height)))
         axes = (np.array([0.0, 0.0, height]), _SENSOR_AXES[1], _SENSOR_AXES[2])
-        plane = self._plane(moment, occluder.surface, axes)
+        plane = self._plane(shot, occluder.surface, axes)
         self._canvas.paint_parts([polygon], [plane], None if active.all() else active)
 
-    def _front_visible(self, moment: _Observation, front: np.ndarray) -> np.ndarray:
-        centre, mid = moment.view.centre_foam_m, moment.view.keys // 2
+    def _front_visible(self, shot: ExposedScene, front: np.ndarray) -> np.ndarray:
+        centre, mid = shot.view.centre_foam_m, shot.view.keys // 2
         visible = np.ones(len(front), dtype=bool)
-        for i, item in enumerate(moment.middle.objects):
-            visible &= ~hidden_from(front[:, mid], moment.outline(i)[:, mid], item.top_m, centre)
+        for i, item in enumerate(shot.middle.objects):
+            visible &= ~hidden_from(front[:, mid], shot.outline(i)[:, mid], item.top_m, centre)
         return visible
-
-
-def _check(scene: FoamScene) -> None:
-    """Refuse what could only be drawn wrong."""
-    for name in ("back_m", "front_m"):
-        if not np.isfinite(getattr(scene, name)).all():
-            raise InputError("FoamScene", "found points that are not finite", field=name)
-    for i, item in enumerate(scene.objects):
-        outline = np.asarray(item.outline_foam_m, dtype=np.float64)
-        if outline.ndim != 2 or outline.shape[1] != 2 or len(outline) < 3 or not np.isfinite(outline).all():
-            raise InputError(
-                "FoamScene",
-                f"found shape {outline.shape}, expected at least 3 finite points (x, y)",
-                field=f"objects[{i}].outline_foam_m",
-            )
-        edge = np.roll(outline, -1, axis=0) - outline
-        following = np.roll(edge, -1, axis=0)
-        scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(following, axis=1)
-        turn = (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]) / np.maximum(scale, 1e-18)
-        # Sines of the turns; below a thousandth it is rounding, not shape.
-        if turn.min() < -1e-3 and turn.max() > 1e-3:
-            raise InputError(
-                "FoamScene",
-                "found an outline that is not convex",
-                field=f"objects[{i}].outline_foam_m",
-                remedy="split the object into convex parts",
-            )
-
-
-def inner_edge(back: np.ndarray, front: np.ndarray, width_m: float) -> np.ndarray:
-    """Inner edge of the stripe: its width behind the front, at most half way to the back."""
-    across = back - front
-    length = np.linalg.norm(across, axis=-1, keepdims=True)
-    return front + np.minimum(width_m / np.maximum(length, 1e-12), 0.5) * across

@@ -17,7 +17,9 @@ from .glass_scenes import glass_scene as glass_scene
 from .gripper import GRIPPER_RIG as GRIPPER_RIG
 from .gripper import ROD as ROD
 from .gripper import RUBBER_FOAM as RUBBER_FOAM
+from .gripper import FingerView as FingerView
 from .gripper import GraspObject as GraspObject
+from .gripper import GripperDrive as GripperDrive
 from .gripper import GripperTruth as GripperTruth
 from .gripper import VirtualGripper as VirtualGripper
 from .gripper import gripper_look as gripper_look

@@ -10,7 +10,7 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -19,10 +19,11 @@ from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ...core.resources import Closing
 from ...core.robots import GripperState
 from ..foam.rig import SensorRig
-from ..foam.strip import FoamStrip, Outline, StripGeometry
+from ..foam.strip import FoamStrip, FoamStripGeometry, Outline
 from ..foam.strip_law import StripLaw
 from ..rendering._finger_tag import FingerTag, paint_tag
 from ..rendering.appearance import Look, Occluder, Surface
@@ -34,7 +35,9 @@ __all__ = [
     "GRIPPER_RIG",
     "ROD",
     "RUBBER_FOAM",
+    "FingerView",
     "GraspObject",
+    "GripperDrive",
     "GripperTruth",
     "VirtualGripper",
     "gripper_look",
@@ -43,7 +46,7 @@ __all__ = [
 #: Rubber foam (EPDM): slope some 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
 RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))
 #: The rod on the finger: cross section 1.5 x 1 cm.
-ROD = StripGeometry(length_m=0.1, width_m=0.015, height_m=0.01, spacing_m=0.001)
+ROD = FoamStripGeometry(length_m=0.1, width_m=0.015, height_m=0.01, spacing_m=0.001)
 #: Camera above the gripper, slightly outside of the grasping range.
 GRIPPER_RIG = SensorRig(look_ahead_m=0.022)
 
@@ -71,12 +74,40 @@ def gripper_look(*, stripe: bool = True) -> Look:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class GripperDrive:
+    """Opening and drive of the gripper; both fingers move alike."""
+
+    open_m: float = field(default=0.1, metadata=POSITIVE)  #: maximum opening, between the fronts of both rods
+    acceleration_m_s2: float = field(default=0.5, metadata=POSITIVE)  #: of each finger
+    max_force_N: float = field(default=120.0, metadata=POSITIVE)  #: the drive stops by itself at this force
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FingerView:
+    """The camera of the gripper and the surfaces of the finger that it sees."""
+
+    rig: SensorRig = GRIPPER_RIG
+    look: Look = field(default_factory=gripper_look)
+    effects: CameraEffects = field(default_factory=lambda: CameraEffects(1.0, 3.0))
+    tag: FingerTag | None = _TAG  #: AprilTag on the finger
+    occluders: tuple[Occluder, ...] = ()  #: objects in front of the scene
+    frame_rate_Hz: float = field(default=30.0, metadata=POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspObject:
     """Something between the fingers: an outline on a spring that both fingers load."""
 
     outline: Outline  #: cross section, frame R
-    stiffness_N_per_m: float = math.inf  #: force by the way that its surface retreats before one finger
+    #: Force by the displacement of its surface before one finger; infinite for a rigid object.
+    stiffness_N_per_m: float = math.inf
     top_m: float = 0.05  #: height of its top above the foam's top
     surface: Surface = _BLUE
 
@@ -109,24 +140,22 @@ class GripperTruth:
 class VirtualGripper(Closing):
     """The gripper and its camera; implements ``Gripper`` and ``FrameSource``.
 
-    Time passes only by :meth:`advance` or by taking frames: each frame takes one frame period.
+    Time passes only by :meth:`advance_to`, :meth:`skip_to` or by taking frames: each takes one frame period.
 
     Parameters
     ----------
     objects
-        What stands between the fingers.
-    open_m
-        Largest opening, between the fronts of both rods; the finger is at position 0 there.
-    look
-        Surfaces; by default :func:`gripper_look`.
-    tag
-        AprilTag on the finger; ``None`` for none.
-    occluders
-        Things in front of the scene.
+        Objects between the fingers.
     rng
         Source of the camera's noise.
+    drive
+        Opening, acceleration and maximum force.
+    view
+        Camera and what is visible of the finger.
+    geometry, law
+        The foam rod on the finger and its material.
     duration_s
-        The frames end then.
+        Time after which the source has no more frames [s].
     """
 
     def __init__(
@@ -134,34 +163,19 @@ class VirtualGripper(Closing):
         objects: Sequence[GraspObject] = (),
         *,
         rng: np.random.Generator,
-        open_m: float = 0.1,
-        geometry: StripGeometry = ROD,
+        drive: GripperDrive | None = None,
+        view: FingerView | None = None,
+        geometry: FoamStripGeometry = ROD,
         law: StripLaw = RUBBER_FOAM,
-        rig: SensorRig = GRIPPER_RIG,
-        look: Look | None = None,
-        effects: CameraEffects | None = None,
-        tag: FingerTag | None = _TAG,
-        occluders: Sequence[Occluder] = (),
-        frame_rate_Hz: float = 30.0,
-        acceleration_m_s2: float = 0.5,
-        force_limit_N: float = 120.0,
         duration_s: float = math.inf,
     ) -> None:
-        if not (open_m > 0 and frame_rate_Hz > 0 and acceleration_m_s2 > 0):
-            raise InputError("VirtualGripper", "expected open_m, frame rate and acceleration > 0")
         self.objects = tuple(objects)
-        self.open_m = open_m
-        self.rig = rig
-        self.tag = tag
-        self.occluders = tuple(occluders)
-        self.frame_rate_Hz = frame_rate_Hz
-        self.acceleration_m_s2 = acceleration_m_s2
-        self.force_limit_N = force_limit_N
+        self.drive = drive or GripperDrive()
+        self.view = view or FingerView()
         self.duration_s = duration_s
         self._rng = rng
-        self._renderer = SceneRenderer(
-            rig.camera, rig.T_camera_foam, look or gripper_look(), effects or CameraEffects(1.0, 3.0)
-        )
+        rig = self.view.rig
+        self._renderer = SceneRenderer(rig.camera, rig.T_camera_foam, self.view.look, self.view.effects)
         self._strip = FoamStrip(geometry, law)
         self._back = geometry.back_m(self._strip.s_m)
         self._springs = np.array([item.stiffness_N_per_m for item in self.objects])
@@ -178,12 +192,12 @@ class VirtualGripper(Closing):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Begin to move to an opening; the drive stops by itself at its force limit."""
-        if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
+        if not (0.0 <= opening_m <= self.drive.open_m and speed_m_s > 0):
             raise InputError(
                 "move",
-                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.open_m} m and a speed > 0",
+                f"found {opening_m} m at {speed_m_s} m/s, expected 0 to {self.drive.open_m} m and a speed > 0",
             )
-        self._target, self._limit = 0.5 * (self.open_m - opening_m), 0.5 * speed_m_s
+        self._target, self._limit = 0.5 * (self.drive.open_m - opening_m), 0.5 * speed_m_s
 
     def stop(self) -> None:
         """Hold the present opening."""
@@ -191,22 +205,22 @@ class VirtualGripper(Closing):
 
     def state(self) -> GripperState:
         """Newest reading of the drive, which nobody in Sec. 3.6.4 uses."""
-        return GripperState(self._times[-1], self.open_m - 2 * self._position, -2 * self._speed)
+        return GripperState(self._times[-1], self.drive.open_m - 2 * self._position, -2 * self._speed)
 
     # FrameSource
 
     @property
     def camera(self) -> Camera:
         """The camera's model."""
-        return self.rig.camera
+        return self.view.rig.camera
 
     @property
     def frame_count(self) -> int | None:
         """How many frames there will be; ``None`` without a duration."""
-        return None if math.isinf(self.duration_s) else math.ceil(self.duration_s * self.frame_rate_Hz)
+        return None if math.isinf(self.duration_s) else math.ceil(self.duration_s * self.view.frame_rate_Hz)
 
     def __iter__(self) -> Iterator[Frame]:
-        while self._next_frame / self.frame_rate_Hz < self.duration_s:
+        while self._next_frame / self.view.frame_rate_Hz < self.duration_s:
             yield self.frame()
 
     def close(self) -> None:
@@ -217,17 +231,17 @@ class VirtualGripper(Closing):
     def frame(self) -> Frame:
         """The next frame of the camera; simulates up to the end of its readout."""
         index, self._next_frame = self._next_frame, self._next_frame + 1
-        t_s = index / self.frame_rate_Hz
+        t_s = index / self.view.frame_rate_Hz
         effects, camera = self._renderer.effects, self.camera
         self.advance_to(t_s + camera.row_delay_s * camera.height + effects.exposure_s)
         exact = self._renderer.render_exact(
-            self.scene, t_s=t_s, camera_shake=self._ride, occluders=self.occluders
+            self.scene, t_s=t_s, camera_shake=self._ride, occluders=self.view.occluders
         )
         image = np.atleast_3d(exact)
         rows_s = camera.row_time_s(t_s, np.arange(camera.height))
-        if self.tag is not None:
+        if self.view.tag is not None:
             positions = np.interp(rows_s, self._times, [truth.position_m for truth in self._truths])
-            paint_tag(image, camera, self.rig.T_camera_foam, self.tag, positions, effects.blur_px)
+            paint_tag(image, camera, self.view.rig.T_camera_foam, self.view.tag, positions, effects.blur_px)
         developed = effects.developed(image, rows_s, self._rng)
         return Frame(developed if self._renderer.look.colour else developed[..., 0], t_s, index)
 
@@ -240,7 +254,7 @@ class VirtualGripper(Closing):
     def skip_to(self, t_s: float) -> None:
         """Let time pass without pictures; the next frame is the first one at or after ``t_s``."""
         self.advance_to(t_s)
-        self._next_frame = max(self._next_frame, math.ceil(t_s * self.frame_rate_Hz - 1e-9))
+        self._next_frame = max(self._next_frame, math.ceil(t_s * self.view.frame_rate_Hz - 1e-9))
 
     def truth(self, t_s: float | None = None) -> GripperTruth:
         """What was the case at a time that has been simulated; the newest by default."""
@@ -286,7 +300,7 @@ class VirtualGripper(Closing):
     def _other_finger(self, truth: GripperTruth) -> tuple[SceneObject, SceneObject]:
         """Rod and body of the mirrored finger; its foam is drawn as deep as ours is pressed."""
         geometry, foam, body = self._strip.geometry, self._renderer.look.foam, self._renderer.look.body
-        back = 2 * geometry.width_m + self.open_m - 2 * truth.position_m
+        back = 2 * geometry.width_m + self.drive.open_m - 2 * truth.position_m
         near = back - float(truth.front_m[:, 0].min())
         half = 0.5 * geometry.length_m
         rod = np.array([[near, -half], [back, -half], [back, half], [near, half]])
@@ -299,20 +313,20 @@ class VirtualGripper(Closing):
 
     def _ride(self, t_s: float) -> Pose:
         """The camera as the finger sees it move: the renderer's frame F rides on the finger."""
-        rest = self.rig.T_camera_foam
+        rest = self.view.rig.T_camera_foam
         moved = Pose(np.eye(3), np.array([self.truth(t_s).position_m, 0.0, 0.0]))
         return rest @ moved @ rest.inverse()
 
     def _step(self, dt_s: float) -> None:
         now = self._truths[-1]
         way = self._target - self._position
-        blocked = now.force_N >= self.force_limit_N and way > 0
+        blocked = now.force_N >= self.drive.max_force_N and way > 0
         # Brakes in time: v^2 = 2 a s.
-        wanted = 0.0 if blocked else min(self._limit, math.sqrt(2 * self.acceleration_m_s2 * abs(way)))
+        wanted = 0.0 if blocked else min(self._limit, math.sqrt(2 * self.drive.acceleration_m_s2 * abs(way)))
         change = np.clip(
             math.copysign(wanted, way) - self._speed,
-            -self.acceleration_m_s2 * dt_s,
-            self.acceleration_m_s2 * dt_s,
+            -self.drive.acceleration_m_s2 * dt_s,
+            self.drive.acceleration_m_s2 * dt_s,
         )
         self._speed = 0.0 if blocked else self._speed + float(change)
         move = self._speed * dt_s

@@ -47,7 +47,12 @@ def add_arguments(parser: ArgumentParser) -> None:
         "--voxel-m", type=float, default=0.005, help="edge of a voxel [m] (default: %(default)s)"
     )
     parser.add_argument(
-        "--no-refine", action="store_true", help="take the poses as they are (published: as printed)"
+        "--no-refine", action="store_true", help="use the poses as they are (published: as printed)"
+    )
+    parser.add_argument(
+        "--sparse",
+        action="store_true",
+        help="fuse the surface wherever it was seen, not only in the space of interest",
     )
     parser.add_argument(
         "--view", action="store_true", help="show the result in the browser until interrupted"
@@ -60,21 +65,12 @@ def run(args: Arguments) -> dict[str, Any]:
 
     from ....core.errors import InputError
     from ....io.depth.depth_sequence import DepthSequence
-    from ....reconstruction.fusion.depth_noise import SENSOR_NOISE, sensor_noise
+    from ....reconstruction.fusion.depth_noise import sensor_noise
     from ....reconstruction.fusion.volume import SpaceGrid, space_of_interest
-    from ....reconstruction.pipeline import reconstruct
+    from ....reconstruction.pipeline import reconstruct, sequence_noise
 
     sequence = DepthSequence(args.sequence)
-    if args.sensor:
-        noise = sensor_noise(args.sensor)
-    else:
-        try:
-            noise = sensor_noise(sequence.sensor)
-        except InputError:
-            noise = SENSOR_NOISE["kinect"]
-            args.report(
-                f"of the sensor {sequence.sensor!r} no noise is known, that of a kinect is used (--sensor)"
-            )
+    noise = sensor_noise(args.sensor) if args.sensor else sequence_noise(sequence)
     frames = list(sequence)
     if not 0 < args.voxel_m < 0.5:
         raise InputError("--voxel-m", f"found {args.voxel_m}, expected a length between 0 and 0.5 m")
@@ -82,7 +78,14 @@ def run(args: Arguments) -> dict[str, Any]:
         grid = SpaceGrid.around(args.space[:3], args.space[3:], args.voxel_m)
     else:
         grid = space_of_interest(frames, voxel_m=args.voxel_m)
-    found = reconstruct(frames, grid=grid, noise=noise, method=args.method, refine=not args.no_refine)
+    found = reconstruct(
+        frames,
+        grid=grid,
+        noise=noise,
+        method=args.method,
+        refine=not args.no_refine,
+        sparse=args.sparse,
+    )
     found.save(args.out)
     for region in found.regions:
         x, y, z = region.centroid_m

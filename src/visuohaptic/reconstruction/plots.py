@@ -1,0 +1,140 @@
+"""Figures of a reconstruction and of a completed surface with its standard deviation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..core.errors import InputError
+from ..core.files import atomic_path
+from .completion.surface_completion import Completion
+from .mesh import SurfaceMesh
+from .pipeline import Reconstruction
+
+__all__ = ["plot_completion", "plot_reconstruction"]
+
+_SUFFIXES = (".png", ".pdf", ".svg")
+#: Azimuth of the two views of an object, and their elevation [deg].
+_AZIMUTHS_DEG, _ELEVATION_DEG = (-60.0, 30.0), 20.0
+#: Scenes are drawn with this many vertices along their longest edge: a figure shows no more.
+_DRAWN_VERTICES = 120
+_GREY = (0.72, 0.72, 0.72, 1.0)
+
+
+def plot_completion(completion: Completion, path: Path | str) -> None:
+    """The completed surface from two sides: grey where it was seen, else coloured by its standard deviation.
+
+    Parameters
+    ----------
+    completion
+        With the touches so far; contacts are drawn as points.
+    path
+        .png, .pdf or .svg.
+
+    Raises
+    ------
+    InputError
+        Another suffix, or the file cannot be written.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+
+    path = _checked(path)
+    mesh = completion.completed()
+    sigma_mm = 1e3 * completion.sigma_m(mesh.vertices_m)[mesh.faces].mean(axis=1)
+    seen = sigma_mm <= 1e3 * completion.settings.visual_sigma_m
+    scale = ScalarMappable(Normalize(0.0, max(float(sigma_mm.max(initial=0.0)), 1e-3)), "viridis")
+    colors = np.where(seen[:, None], _GREY, scale.to_rgba(sigma_mm))
+    contacts_m = np.array([t.contact_m for t in completion.touches if t.contact_m is not None]).reshape(-1, 3)
+    # The object alone: what it stands on would hide it.
+    low_m, high_m = completion.region.hull_m.min(axis=0), completion.region.hull_m.max(axis=0)
+    room_m = 0.5 * completion.region.size_m
+    figure, views = _figure()
+    for axes in views:
+        _draw(axes, mesh, colors, low_m - room_m, high_m + room_m)
+        axes.scatter(*(1e3 * contacts_m.T), color="crimson", s=18, depthshade=False, zorder=3)
+    figure.colorbar(scale, ax=views, label="standard deviation [mm]", shrink=0.7)
+    error_mm = 1e3 * completion.expected_error_m()
+    figure.suptitle(f"{len(completion.touches)} touches, expected error {error_mm:.1f} mm")
+    _save(figure, path)
+
+
+def plot_reconstruction(found: Reconstruction, path: Path | str) -> None:
+    """The visual surface in grey and the transparent parts, coloured by their score, from two sides.
+
+    Parameters
+    ----------
+    found
+        Surface and transparent parts.
+    path
+        .png, .pdf or .svg.
+
+    Raises
+    ------
+    InputError
+        Another suffix, or the file cannot be written.
+    """
+    path = _checked(path)
+    figure, views = _figure()
+    low_m, high_m = found.surface.vertices_m.min(axis=0), found.surface.vertices_m.max(axis=0)
+    mesh = found.surface.welded(float((high_m - low_m).max()) / _DRAWN_VERTICES)
+    colors = np.broadcast_to(_GREY, (len(mesh.faces), 4))
+    for axes in views:
+        _draw(axes, mesh, colors, low_m, high_m)
+        points = axes.scatter(*(1e3 * found.points_m.T), c=found.scores, s=4, cmap="viridis", zorder=3)
+    if found.regions:
+        figure.colorbar(points, ax=views, label="score of transparency", shrink=0.7)
+    figure.suptitle(f"{len(found.regions)} transparent parts in {found.search.views} views")
+    _save(figure, path)
+
+
+def _checked(path: Path | str) -> Path:
+    path = Path(path)
+    if path.suffix not in _SUFFIXES:
+        raise InputError(path, f"found suffix {path.suffix!r}, expected one of {', '.join(_SUFFIXES)}")
+    return path
+
+
+def _figure() -> tuple[Any, list[Any]]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    views = [figure.add_subplot(1, 2, k + 1, projection="3d") for k in range(2)]
+    for axes, azimuth_deg in zip(views, _AZIMUTHS_DEG, strict=True):
+        axes.view_init(elev=_ELEVATION_DEG, azim=azimuth_deg)
+        axes.computed_zorder = False  # points are drawn over surfaces
+    return figure, views
+
+
+def _draw(
+    axes: Any,
+    mesh: SurfaceMesh,
+    colors: Float[np.ndarray, "f 4"],
+    low_m: Float[np.ndarray, "3"],
+    high_m: Float[np.ndarray, "3"],
+) -> None:
+    """The triangles of a mesh in a box, shaded, in millimetres."""
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    centres_m = mesh.vertices_m[mesh.faces].mean(axis=1)
+    chosen = np.flatnonzero(((centres_m >= low_m) & (centres_m <= high_m)).all(axis=1))
+    shade = 0.75 + 0.25 * mesh.face_normals[chosen] @ np.array([0.48, -0.6, 0.64])
+    shaded = np.column_stack([colors[chosen, :3] * shade[:, None], colors[chosen, 3]])
+    triangles = 1e3 * mesh.vertices_m[mesh.faces[chosen]]
+    axes.add_collection3d(Poly3DCollection(triangles, facecolors=shaded, edgecolors="none"))
+    for name, low, high in zip("xyz", 1e3 * low_m, 1e3 * high_m, strict=True):
+        getattr(axes, f"set_{name}lim")(low, high)
+        getattr(axes, f"set_{name}label")(f"{name} [mm]")
+    axes.locator_params(nbins=4)
+    axes.tick_params(labelsize=8)
+    axes.set_box_aspect(np.maximum(high_m - low_m, 1e-3), zoom=0.9)
+
+
+def _save(figure: Any, path: Path) -> None:
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=120)
