@@ -27,7 +27,7 @@ from visuohaptic.simulation.mobile import (
     table,
     wall,
 )
-from visuohaptic.tasks.mobile import Exploration, ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.mobile import ExploreOutcome, ExploreSettings, ObstacleExploration, explore_obstacle
 
 #: Front of the foam at rest (m), and the gap that the platform drives before it touches (m).
 FRONT_M, GAP_M = 0.19, 0.015
@@ -57,7 +57,7 @@ class Push:
     """What was found and what was true; NaN where there was nothing to find."""
 
     case: Case
-    outcome: Outcome
+    outcome: ExploreOutcome
     tag: HapticTag
     static_N: float  #: force when it broke away
     dynamic_N: float  #: mean force while it was pushed
@@ -164,7 +164,7 @@ def explore(case: Case, sensor: FoamSensor, render: Callable[[FoamPushWorld], np
     return _compared(case, found, np.array(source.rows).T, time.process_time() - begin)
 
 
-def _compared(case: Case, found: Exploration, rows: np.ndarray, cpu_s: float) -> Push:
+def _compared(case: Case, found: ObstacleExploration, rows: np.ndarray, cpu_s: float) -> Push:
     t, load, speed, turn, yaw, x, place, platform = rows
     reach = case.obstacle.reach_m
     nan = float("nan")

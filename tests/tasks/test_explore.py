@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,7 +24,14 @@ from visuohaptic.core import (
 )
 from visuohaptic.core.camera import Frame
 from visuohaptic.sensing.push import StopReason
-from visuohaptic.tasks.mobile import ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.framework import Trace, replay
+from visuohaptic.tasks.mobile import (
+    ExploreObservation,
+    ExploreOutcome,
+    ExploreSettings,
+    ExploreTask,
+    explore_obstacle,
+)
 
 FRAME_S, WIDTH_M, STIFFNESS_N_PER_M = 1 / 30, 0.02, 800.0
 
@@ -132,7 +139,7 @@ def explore(
 def test_a_movable_obstacle_is_pushed_tagged_and_left() -> None:
     phases: list[str] = []
     found, base = explore(Obstacle(0.05, 4.0), on_step=lambda step: phases.append(step.phase))
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     assert found.touched
     assert found.stopped_by is StopReason.PUSHED_FAR
     assert [kind for kind, before in zip(phases, ["", *phases], strict=False) if kind != before] == [
@@ -152,7 +159,7 @@ def test_a_movable_obstacle_is_pushed_tagged_and_left() -> None:
 
 def test_a_wall_is_fixed() -> None:
     found, _ = explore(Obstacle(0.05, math.inf))
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     assert found.stopped_by is StopReason.DENSIFIED
     assert found.tag.fixed is True
     assert found.tag.static_friction_N is None
@@ -169,7 +176,7 @@ def test_a_heavy_obstacle_stops_the_platform_at_its_force() -> None:
 
 def test_nothing_found() -> None:
     found, base = explore(Obstacle(9.0, 4.0), ExploreSettings(search_m=0.2))
-    assert found.outcome is Outcome.NOTHING_FOUND
+    assert found.outcome is ExploreOutcome.NOTHING_FOUND
     assert not found.touched
     assert found.tag.explored == 0
     assert found.tag.fixed is None
@@ -179,27 +186,27 @@ def test_nothing_found() -> None:
 def test_a_blind_sensor_ends_the_push() -> None:
     """A few hidden frames do not matter, fifteen in a row do."""
     found, _ = explore(Obstacle(0.05, 4.0), hidden=range(20, 30))
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     found, base = explore(Obstacle(0.05, 4.0), hidden=range(45, 2000))
-    assert found.outcome is Outcome.SENSOR_FAILED
+    assert found.outcome is ExploreOutcome.SENSOR_FAILED
     assert found.touched
     assert base.t_s == pytest.approx((45 + 15) * FRAME_S)
 
 
 def test_timed_out() -> None:
     found, base = explore(Obstacle(9.0, 4.0), ExploreSettings(search_m=5.0, timeout_s=2.0))
-    assert found.outcome is Outcome.TIMED_OUT
+    assert found.outcome is ExploreOutcome.TIMED_OUT
     assert base.t_s == pytest.approx(2.0, abs=3 * FRAME_S)
 
 
 def test_source_ended() -> None:
     """What was felt until then is still told."""
     found, _ = explore(Obstacle(0.05, 4.0), count=60)
-    assert found.outcome is Outcome.SOURCE_ENDED
+    assert found.outcome is ExploreOutcome.SOURCE_ENDED
     assert found.touched
     assert found.tag.explored == 1
     found, _ = explore(Obstacle(0.05, 4.0), count=0)
-    assert found.outcome is Outcome.SOURCE_ENDED
+    assert found.outcome is ExploreOutcome.SOURCE_ENDED
     assert len(found.profiles) == 0
     assert found.fit is None
 
@@ -238,7 +245,7 @@ def test_the_way_is_driven_as_fast_as_it_is_seen_to_be_free() -> None:
         scene=FakeScene(base, obstacle),
         on_step=lambda step: speeds.append((step.travel_m, base.speed_m_s)),
     )
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     assert max(speed for _, speed in speeds) == pytest.approx(0.2)
     # Never faster than it can brake to the slow speed 2 cm before the obstacle; a frame late.
     for travel, speed in speeds:
@@ -272,7 +279,7 @@ def test_what_falls_is_not_pushed_on() -> None:
         FakeSensor(base, obstacle),
         scene=FakeScene(base, obstacle, fall_at_s=1.8),
     )
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     assert found.stopped_by is StopReason.FELL
     assert EventKind.FALL in [event.kind for event in found.events]
     assert found.tag.falls is True
@@ -308,7 +315,7 @@ def test_four_rendered_pushes(tmp_path) -> None:
         world = FoamPushWorld([obstacle])
         with SimulatedSensorCamera(world, virtual.renderer(), seed=number) as source:
             found = explore_obstacle(world.base, source, sensor, settings)
-        assert found.outcome is Outcome.TAGGED
+        assert found.outcome is ExploreOutcome.TAGGED
         assert found.tag.fixed is (obstacle in fixed), obstacle.name
         soft = found.tag.deformability
         # Three frames of phase (a) tell nothing of a light object; a fixed one is pressed for long.
@@ -324,3 +331,24 @@ def test_four_rendered_pushes(tmp_path) -> None:
                 (static, obstacle.static_friction_N),
             ):
                 assert abs(found_value.value - true) < 3 * found_value.sigma
+
+
+def test_an_exploration_is_replayed_from_its_trace(tmp_path) -> None:
+    """Decisions follow from the recorded observations alone: the same states, commands and ending."""
+    base, obstacle = FakeBase(), Obstacle(0.2, 4.0)
+    settings = ExploreSettings(cruise_m_s=0.2, free_ahead_m=0.1)
+    found = explore_obstacle(
+        base, frames(base, 3000), FakeSensor(base, obstacle), settings, scene=FakeScene(base, obstacle)
+    )
+    assert found.trace.states() == ("approach", "push", "halt", "back_off")
+    found.trace.save(tmp_path / "explore.jsonl")
+
+    def again(**changes: float) -> ExploreTask:
+        limit_m = 0.9 * 0.5 * WIDTH_M
+        return ExploreTask(replace(settings, **changes), max_deflection_m=limit_m, sight_m=0.15)
+
+    trace = Trace.load(tmp_path / "explore.jsonl")
+    assert replay(trace, again(), ExploreObservation) == found.ending
+    assert found.ending.success
+    with pytest.raises(InputError, match=r"step .*expected"):
+        replay(trace, again(push_m=0.03), ExploreObservation)

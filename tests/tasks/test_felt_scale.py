@@ -18,7 +18,7 @@ from visuohaptic.simulation.mobile import (
     cylinder,
     wall,
 )
-from visuohaptic.tasks.mobile import Exploration, ExploreSettings, explore_obstacle
+from visuohaptic.tasks.mobile import ExploreSettings, ObstacleExploration, explore_obstacle
 from visuohaptic.tasks.mobile.touch_map._felt_scale import FeltScale, felt_stretch
 
 SETTINGS = ExploreSettings(
@@ -37,7 +37,7 @@ class Wheels(DriftingBase):
         self._scale = scale
 
 
-def touched(world: QuickWorld, scale: float, slip_m: float = 1e-9) -> list[Exploration]:
+def touched(world: QuickWorld, scale: float, slip_m: float = 1e-9) -> list[ObstacleExploration]:
     """Four pushes against whatever is ahead."""
     base = Wheels(world, scale, slip_m)
     foam: Any = QuickFoam(world, np.random.default_rng(0))

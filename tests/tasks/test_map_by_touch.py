@@ -25,7 +25,7 @@ from visuohaptic.simulation.mobile import (
     wall,
 )
 from visuohaptic.tasks.framework import replay
-from visuohaptic.tasks.mobile import ExploreSettings, Outcome, explore_obstacle
+from visuohaptic.tasks.mobile import ExploreOutcome, ExploreSettings, explore_obstacle
 from visuohaptic.tasks.mobile.touch_map import MapObservation, MapOutcome, MapSettings, MapState, TouchMapTask
 from visuohaptic.tasks.mobile.touch_map._map_contacts import aside_rad, contact_of
 
@@ -187,7 +187,7 @@ def test_the_quick_world_slides_at_its_friction(friction_N: float) -> None:
     assert isinstance(QuickFrames(world), FrameSource)
     foam: Any = QuickFoam(world, np.random.default_rng(0), gain_sigma=0.0)
     found = explore_obstacle(world, QuickFrames(world), foam, FAST)
-    assert found.outcome is Outcome.TAGGED
+    assert found.outcome is ExploreOutcome.TAGGED
     assert found.tag.fixed is False
     # A frame at 4 cm/s lets the force overshoot by the slope of the foam times a millimetre.
     assert found.tag.dynamic_friction_N.value == pytest.approx(friction_N, rel=0.1)

@@ -15,8 +15,8 @@ from visuohaptic.tasks.mobile.travel import (
     TravelSenses,
     TravelSettings,
     final_places,
-    trace_from_json,
-    trace_to_json,
+    records_from_json,
+    records_to_json,
     travel,
 )
 
@@ -59,15 +59,15 @@ def test_pushes_the_stool_out_of_the_door(offset):
     truth = world.item_pose_m("stool")
     assert np.hypot(*(estimated.centre_m - truth[:2])) < 0.06
     assert done.problem.objects[0].tag.explored > 1
-    places = final_places(done.trace)
+    places = final_places(done.records)
     assert not places or np.allclose(places["stool"][:2], estimated.centre_m, atol=1e-6)
-    assert trace_from_json(json.loads(json.dumps(trace_to_json(done.trace))))[-1].event == "arrived"
+    assert records_from_json(json.loads(json.dumps(records_to_json(done.records))))[-1].event == "arrived"
 
 
 def test_a_second_run_is_the_same():
     def run():
         stool = MovableObject("stool", box(1.95, 1.45, 0.35), STOOL)
-        return trace_to_json(go(*scene([stool], [LIGHT])).trace)
+        return records_to_json(go(*scene([stool], [LIGHT])).records)
 
     assert run() == run()
 
@@ -90,7 +90,7 @@ def test_an_unknown_object_is_explored_first():
     problem, world, senses = scene([thing], [LIGHT])
     done = go(problem, world, senses)
     assert done.arrived
-    assert any(record.event == "explored" for record in done.trace)
+    assert any(record.event == "explored" for record in done.records)
     force = done.problem.objects[0].tag.static_friction_N
     assert force is not None
     assert force.value == pytest.approx(8.0, rel=0.3)
@@ -101,7 +101,7 @@ def test_nothing_to_do_is_said():
     done = go(*scene([block], [20.0]))
     assert done.outcome is TravelOutcome.NO_PLAN
     assert done.reason
-    assert done.trace[-1].state == "plan"
+    assert done.records[-1].state == "plan"
 
 
 def test_too_heavy_after_all_is_refused():
@@ -126,5 +126,5 @@ def test_a_wall_that_the_map_does_not_have_is_entered_by_touch():
     hidden[20:33, 50] = 100  # in the way, at x = 2.5, from 1.0 to 1.65
     world = FloorWorld(type(WALLS)(hidden, WALLS.resolution_m), [], (0.7, 1.4, 0.0))
     done = go(problem, world, FloorSenses(world, np.random.default_rng(0)))
-    assert any(record.values.get("new") for record in done.trace)
+    assert any(record.values.get("new") for record in done.records)
     assert done.arrived

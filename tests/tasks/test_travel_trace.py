@@ -1,13 +1,27 @@
-"""A trace survives JSON and tells where things went."""
+"""Records survive JSON and tell where objects went; a travel is replayed from its trace."""
 
 from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
+from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
+from tests.tasks.block_robot import BlockRobot
 
 from visuohaptic.core import InputError
-from visuohaptic.tasks.mobile.travel import TravelRecord, final_places, trace_from_json, trace_to_json
+from visuohaptic.navigation.problem import MovableObject, PlanningProblem
+from visuohaptic.tasks.framework import Trace, replay
+from visuohaptic.tasks.mobile.travel import (
+    TravelObservation,
+    TravelRecord,
+    TravelSettings,
+    TravelTask,
+    final_places,
+    records_from_json,
+    records_to_json,
+    travel,
+)
 
 TRACE = (
     TravelRecord(0.5, "plan", "planned", (1.0, 2.0, 0.5), values={"reachable": True, "tasks": ["navigate"]}),
@@ -17,7 +31,7 @@ TRACE = (
 
 
 def test_round_trip():
-    assert trace_from_json(json.loads(json.dumps(trace_to_json(TRACE)))) == TRACE
+    assert records_from_json(json.loads(json.dumps(records_to_json(TRACE)))) == TRACE
 
 
 def test_the_last_look_counts():
@@ -35,4 +49,25 @@ def test_the_last_look_counts():
 )
 def test_bad_records(entry, text):
     with pytest.raises(InputError, match=text):
-        trace_from_json([entry])
+        records_from_json([entry])
+
+
+def test_a_travel_is_replayed_from_its_trace(tmp_path):
+    """A block in a door is pushed: the recorded observations alone lead to the same plans, pushes and ending."""
+    walls = rooms(4.0, 3.0, [(1.9, 0.0, 2.0, 1.0), (1.9, 1.9, 2.0, 3.0)])
+    block = MovableObject("block", box(1.95, 1.4, 0.35), STOOL)
+    problem = PlanningProblem(
+        with_objects(walls, [block]), ROBOT, np.array([0.7, 1.4]), np.array([3.4, 1.4]), (block,)
+    )
+    robot = BlockRobot(8.0, stiffness_N_per_m=2e4)
+    settings = TravelSettings(timeout_s=25.0)
+    done = travel(problem, robot, robot, robot.wait, settings)
+    assert done.trace.states()[:4] == ("plan", "drive", "push", "back off")
+    assert done.pushes >= 1
+    done.trace.save(tmp_path / "travel.jsonl")
+    trace = Trace.load(tmp_path / "travel.jsonl")
+    again = TravelTask(problem, settings)
+    assert replay(trace, again, TravelObservation) == done.trace.ending
+    assert tuple(again.records) == done.records
+    with pytest.raises(InputError, match=r"step .*expected"):
+        replay(trace, TravelTask(problem, TravelSettings(timeout_s=5.0)), TravelObservation)

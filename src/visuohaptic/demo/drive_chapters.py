@@ -65,7 +65,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
 
     begin_s = world.t_s
     found = travel(problem, world.base, senses, wait, TravelSettings(timeout_s=600.0))
-    for record in found.trace:
+    for record in found.records:
         if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
             more = f" {record.object}" if record.object else ""
             mission.say(f"  {record.t_s - begin_s:5.0f} s  {record.event}{more}")
@@ -97,7 +97,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             *parts,
         )
     known.arrived = True
-    pushed = sorted({record.object for record in found.trace if record.event == "pushed"})
+    pushed = sorted({record.object for record in found.records if record.event == "pushed"})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
     return done(
         f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", off_m < NEAR_M, *parts

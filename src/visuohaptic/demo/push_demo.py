@@ -30,7 +30,8 @@ from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.push_world import FoamPushWorld
 from ..simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ..simulation.rendering.appearance import Look
-from ..tasks.mobile.explore import Exploration, ExploreSettings, ExploreStep, explore_obstacle
+from ..tasks.mobile.explore import ExploreStep, ObstacleExploration, explore_obstacle
+from ..tasks.mobile.explore_records import ExploreSettings
 
 if TYPE_CHECKING:
     from ..sensing.foam.sensor import FoamSensor
@@ -70,7 +71,7 @@ class DemoObject:
 
     name: str
     path: ApproachPath
-    exploration: Exploration
+    exploration: ObstacleExploration
     samples: tuple[DemoSample, ...]
     picture_bgr: UInt8[np.ndarray, "rows columns 3"] | None  #: the camera's view at the largest force
     strip: ObservedStrip | None  #: what the sensor saw in it

@@ -13,7 +13,7 @@ from ..core.robots import BaseState, FrameSource
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.problem.planning_problem import MovableObject
 from ..simulation.faults import FaultyFrames, frame_faults
-from ..tasks.mobile.explore import ExploreSettings
+from ..tasks.mobile.explore_records import ExploreSettings
 from .office_chapters import ROBOT, approach_to, set_the_door
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
 from .story import ChapterResult, Measure, Mission, Picture, done, failed

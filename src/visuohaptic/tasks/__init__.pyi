@@ -20,10 +20,10 @@ from .manipulation.hand import Place as Place
 from .manipulation.squeeze_task import SqueezeCurve as SqueezeCurve
 from .manipulation.squeeze_task import SqueezeSettings as SqueezeSettings
 from .manipulation.squeeze_task import Squeezing as Squeezing
-from .mobile.explore import Exploration as Exploration
-from .mobile.explore import ExploreSettings as ExploreSettings
 from .mobile.explore import ExploreStep as ExploreStep
+from .mobile.explore import ObstacleExploration as ObstacleExploration
 from .mobile.explore import explore_obstacle as explore_obstacle
+from .mobile.explore_records import ExploreSettings as ExploreSettings
 from .mobile.touch_map.map_records import MapSettings as MapSettings
 from .mobile.touch_map.map_task import TouchMapping as TouchMapping
 from .mobile.touch_map.map_task import map_by_touch as map_by_touch

@@ -20,7 +20,8 @@ from ...simulation.mobile.platform import PlatformConfig
 from ...simulation.mobile.push_world import FoamPushWorld
 from ...simulation.mobile.sensor_camera import SimulatedSensorCamera
 from ...simulation.rendering.renderer import SceneRenderer
-from ...tasks.mobile.explore import ExploreSettings, ExploreStep, explore_obstacle
+from ...tasks.mobile.explore import ExploreStep, explore_obstacle
+from ...tasks.mobile.explore_records import ExploreSettings
 from ..output import Output
 
 __all__ = ["CAPTION", "TITLE", "run"]

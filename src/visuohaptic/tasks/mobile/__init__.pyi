@@ -1,8 +1,12 @@
-from .explore import Exploration as Exploration
-from .explore import ExploreSettings as ExploreSettings
 from .explore import ExploreStep as ExploreStep
-from .explore import Outcome as Outcome
+from .explore import ObstacleExploration as ObstacleExploration
 from .explore import explore_obstacle as explore_obstacle
+from .explore_records import ExploreCommand as ExploreCommand
+from .explore_records import ExploreObservation as ExploreObservation
+from .explore_records import ExploreOutcome as ExploreOutcome
+from .explore_records import ExploreSettings as ExploreSettings
+from .explore_records import ExploreState as ExploreState
+from .explore_task import ExploreTask as ExploreTask
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState
 from .steered_push import PushEnd as PushEnd

@@ -16,7 +16,7 @@ import numpy as np
 from ....core.measurement import Contact, ForceProfile, Reason
 
 if TYPE_CHECKING:
-    from ..explore import Exploration
+    from ..explore import ObstacleExploration
 
 __all__ = ["FeltScale", "felt_stretch"]
 
@@ -42,7 +42,7 @@ class FeltScale:
         self.sigma = sigma
         self._ratios: list[float] = []
 
-    def add(self, found: Exploration) -> None:
+    def add(self, found: ObstacleExploration) -> None:
         """Take one exploration; what moved, or was hardly touched, says nothing."""
         ratio = felt_stretch(found)
         if abs(ratio - 1.0) < 3.0 * self.sigma + 3.0 * FEW_SIGMA:
@@ -64,7 +64,7 @@ class FeltScale:
         return value if abs(value - 1.0) < 3.0 * self.sigma else 1.0
 
 
-def felt_stretch(found: Exploration) -> float:
+def felt_stretch(found: ObstacleExploration) -> float:
     """Way told by way felt of one push against something fixed; NaN when it cannot be said.
 
     How far the front comes back towards the platform (along -x of F, at the places across that are pressed to

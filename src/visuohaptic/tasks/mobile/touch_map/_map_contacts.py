@@ -12,7 +12,7 @@ from ....core.objects import Primitive, PrimitiveKind
 from ....core.robots import BaseState
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
 from ....sensing.push.push_record import StopReason
-from ..explore import Exploration
+from ..explore import ObstacleExploration
 from ._felt_scale import FeltScale
 from ._straight_walls import held_by_walls
 from .map_records import MapSettings
@@ -34,7 +34,7 @@ class Placing:
         self._map = haptic_map
         self._before = haptic_map.static.copy(), haptic_map.movable.copy(), haptic_map.contacts
 
-    def add(self, told: HapticContact, found: Exploration) -> list[HapticContact]:
+    def add(self, told: HapticContact, found: ObstacleExploration) -> list[HapticContact]:
         """All contacts until now, with a new one."""
         self.scale.add(found)
         self._told.append(told)
@@ -58,7 +58,7 @@ class Placing:
             self._map.add(contact)
 
 
-def contact_of(found: Exploration, settings: MapSettings | None = None) -> HapticContact | None:
+def contact_of(found: ObstacleExploration, settings: MapSettings | None = None) -> HapticContact | None:
     """What one exploration says to the map; ``None`` without a contact.
 
     Where no primitive fits well the contact itself is used: a segment from
@@ -86,7 +86,7 @@ def contact_of(found: Exploration, settings: MapSettings | None = None) -> Hapti
     )
 
 
-def _largest(found: Exploration, state: BaseState) -> Contact | None:
+def _largest(found: ObstacleExploration, state: BaseState) -> Contact | None:
     """The contact that was fitted: at the time of the fit, the largest."""
     for profile, other in zip(reversed(found.profiles), reversed(found.states), strict=True):
         if other.t_s <= state.t_s and profile.contacts:
@@ -94,7 +94,7 @@ def _largest(found: Exploration, state: BaseState) -> Contact | None:
     return None
 
 
-def aside_rad(found: Exploration, now: BaseState, settings: MapSettings) -> float:
+def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings) -> float:
     """Turn to the left after which the platform faces what its foam has met; NaN unless only the foam's end has met it.
 
     There the foam gives way to little force: it is full before a light thing slides, and a shape of a few
@@ -118,7 +118,7 @@ def aside_rad(found: Exploration, now: BaseState, settings: MapSettings) -> floa
     return math.remainder(bearing - now.heading_rad, 2.0 * math.pi)
 
 
-def _held(found: Exploration) -> bool:
+def _held(found: ObstacleExploration) -> bool:
     """Whether it stopped the platform where it was met.
 
     Foam that is hit fast eases while the platform brakes, which looks like the first moment of a motion:

@@ -17,7 +17,8 @@ from ....core.robots import BaseState, FrameSource, MobileBase, require_members
 from ....navigation.mapping.haptic_map import HapticContact, HapticMap
 from ...framework.machine import Machine, Rule
 from ...framework.trace import Ending, Trace
-from ..explore import Exploration, ExploreSettings, Outcome, explore_obstacle
+from ..explore import ObstacleExploration, explore_obstacle
+from ..explore_records import ExploreOutcome, ExploreSettings
 from ..force_guard import ForceGuard, GuardState
 from ._map_contacts import Placing, aside_rad, contact_of, face_rad
 from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, MapState
@@ -61,7 +62,7 @@ class TouchMapping:
     ending: Ending
     haptic_map: HapticMap
     contacts: tuple[HapticContact, ...]
-    explorations: tuple[Exploration, ...]
+    explorations: tuple[ObstacleExploration, ...]
     trace: Trace
 
 
@@ -172,7 +173,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
     def _explored(self, seen: MapObservation) -> MapCommand:
         s = self.settings
         self._last = (seen.x_m, seen.y_m, seen.heading_rad)
-        if seen.explored == Outcome.SENSOR_FAILED:
+        if seen.explored == ExploreOutcome.SENSOR_FAILED:
             self.end(False, MapOutcome.SENSOR_FAILED, f"after {self.contacts} contacts")
             return _STOP
         if math.isfinite(seen.aside_rad) and not self.once_more:
@@ -197,7 +198,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             self._goal_rad = seen.heading_rad + turn
             self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
             return MapCommand(turn_rate_rad_s=s.turn_rad_s)
-        if seen.explored == Outcome.TIMED_OUT:
+        if seen.explored == ExploreOutcome.TIMED_OUT:
             return self._free(seen, "timed out")  # told to go on, but held where the foam is not
         self._empty += 1
         if self._empty >= s.empty_ways:
@@ -260,7 +261,7 @@ def map_by_touch(
     task = TouchMapTask(settings)
     placing = Placing(settings, haptic_map, base.state())
     contacts: list[HapticContact] = []
-    explorations: list[Exploration] = []
+    explorations: list[ObstacleExploration] = []
     frames = iter(source)
     command = _STOP
     try:
@@ -290,7 +291,7 @@ def map_by_touch(
                     if on_contact is not None:
                         on_contact(contact, haptic_map)
                 moment = _moment(state.t_s, state, False)
-                if found.outcome is Outcome.SOURCE_ENDED:
+                if found.outcome is ExploreOutcome.SOURCE_ENDED:
                     task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
                     break
                 command = task.step(

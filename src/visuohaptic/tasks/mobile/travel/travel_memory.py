@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ....core.geometry import rotation_2d
+from ....core.geometry import rotation_2d, wrap_angle
 from ....core.objects import HapticTag
 from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ....navigation.planning.search_domain import clear_cells, fill_cells, grid_from_world
@@ -99,7 +99,7 @@ class TravelMemory:
         """An object was seen; returns whether it has moved."""
         known = self._known[id]
         off = place_m - known.place_m
-        turn = math.atan2(math.sin(off[2]), math.cos(off[2]))
+        turn = wrap_angle(float(off[2]))
         if np.hypot(off[0], off[1]) < MOVED_M and abs(turn) < MOVED_RAD:
             return False
         known.place_m = np.asarray(place_m, dtype=np.float64)

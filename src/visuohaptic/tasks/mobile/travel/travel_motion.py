@@ -1,24 +1,35 @@
-"""What every motion of a travel passes through: the force stop, the clocks, and the ways to stand still."""
+"""Motions of a travel, one command per control period: the force stop, the clocks, and standing still."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Generator
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from ....core.robots import ClockWatch, MobileBase
+from ....core.robots import ClockWatch
 from ..force_guard import ForceGuard, GuardState
-from .travel_types import TravelOutcome, TravelSenses
+from .travel_types import TravelCommand, TravelObservation, TravelOutcome
 
-__all__ = ["PERIOD_S", "TravelInterrupted", "TravelMotion"]
+__all__ = ["Motion", "TravelInterrupted", "TravelMotion"]
 
-PERIOD_S = 0.02
+ResultT = TypeVar("ResultT")
+#: Yields one command per control period, and returns when the motion is over.
+Motion = Generator[TravelCommand, None, ResultT]
 
 
 class TravelInterrupted(Exception):
-    """Ends a travel from within any motion."""
+    """Ends a travel from within any motion.
+
+    Parameters
+    ----------
+    outcome
+        How the travel ends.
+    reason
+        One sentence.
+    """
 
     def __init__(self, outcome: TravelOutcome, reason: str) -> None:
         super().__init__(reason)
@@ -26,133 +37,206 @@ class TravelInterrupted(Exception):
 
 
 class TravelMotion:
-    """One control period after the other.
+    """Turning, driving straight, looking and standing still under the force stop.
+
+    Every motion is a generator: before it is resumed, :attr:`seen` holds the observation of the period that
+    its last command has made.
 
     Parameters
     ----------
-    base, senses, wait
-        See :func:`~visuohaptic.tasks.mobile.travel.navigate.travel`.
     max_force_N
         What the platform can push [N].
     timeout_s
         Of the whole travel, by the base's clock or by the periods that were waited, whichever is longer.
     """
 
-    def __init__(
-        self,
-        base: MobileBase,
-        senses: TravelSenses,
-        wait: Callable[[float], None],
-        max_force_N: float,
-        timeout_s: float,
-    ) -> None:
-        self._base, self._senses, self._wait = base, senses, wait
+    seen: TravelObservation
+
+    def __init__(self, max_force_N: float, timeout_s: float) -> None:
         self._max_force_N, self._timeout_s = max_force_N, timeout_s
-        self._clock, self._periods = ClockWatch(), 0
-        self._begin_s = self.now_s()
-        self._guard = self.new_guard()
+        # The host's clock would not replay: the time of the periods stands for it.
+        self._clock = ClockWatch(host_clock=lambda: self.seen.t_s)
+        self._start_s = math.nan
+        self._guard = ForceGuard(max_force_N)
 
-    def now_s(self) -> float:
-        """Time of the base [s]."""
-        return self._base.state().t_s
+    def observe(self, seen: TravelObservation) -> None:
+        """Take the observation of a control period.
 
-    def pose_m(self) -> Float[np.ndarray, "3"]:
-        """Where the robot is in the map: x, y [m], heading [rad]."""
-        return np.array(self._senses.pose())
-
-    def passed_s(self) -> float:
-        """How long the travel has lasted [s]."""
-        return max(self.now_s() - self._begin_s, self._periods * PERIOD_S)
-
-    def left_s(self) -> float:
-        """Time until the travel ends [s]."""
-        return max(self._timeout_s - self.passed_s(), 0.0)
-
-    def new_guard(self) -> ForceGuard:
-        """Forget what was felt: another motion begins."""
-        self._guard = ForceGuard(self._max_force_N)
-        return self._guard
-
-    def command(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Drive for one period; whoever calls has judged the force.
+        Parameters
+        ----------
+        seen
+            The newest.
 
         Raises
         ------
         TravelInterrupted
             The time is over, or the robot's clock stands still.
         """
-        self._base.drive(speed_m_s, turn_rate_rad_s)
-        self._pass()
-
-    def go(self, speed_m_s: float, turn_rate_rad_s: float) -> bool:
-        """Drive for one period as far as the force allows; whether the motion may go on.
-
-        Raises
-        ------
-        TravelInterrupted
-            As :meth:`command`; or the force was not read for too long.
-        """
-        force_N, point_m = self._senses.touch()
-        pressing = self._pressing(speed_m_s, turn_rate_rad_s, point_m)
-        state = self._guard.update(force_N, pressing=pressing)
-        if state is GuardState.GO:
-            self.command(speed_m_s, turn_rate_rad_s)
-            return True
-        self._base.stop()
-        if state is GuardState.UNREAD:
-            raise force_unread()
-        self._pass()
-        return state is GuardState.HOLD
-
-    def turn_to(self, heading_rad: float) -> None:
-        """Turn on the spot."""
-        self.new_guard()
-        begin_s = self.now_s()
-        while self.now_s() - begin_s < 20.0:
-            error = math.remainder(heading_rad - float(self.pose_m()[2]), 2.0 * math.pi)
-            rate = math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error)
-            if abs(error) < 0.02 or not self.go(0.0, rate):
-                break
-        self.halt()
-
-    def straight(self, speed_m_s: float, way_m: float, timeout_s: float) -> None:
-        """Drive straight for a way or a time, and stand."""
-        self.new_guard()
-        begin, begin_s = self.pose_m(), self.now_s()
-        while float(np.hypot(*(self.pose_m()[:2] - begin[:2]))) < way_m:
-            if self.now_s() - begin_s > timeout_s or not self.go(speed_m_s, 0.0):
-                break
-        self.halt()
-
-    def halt(self) -> None:
-        """Stand still."""
-        self._base.stop()
-        for _ in range(50):
-            self._pass()
-            state = self._base.state()
-            if abs(state.speed_m_s) < 1e-3 and abs(state.turn_rate_rad_s) < 1e-3:
-                break
-
-    def _pass(self) -> None:
-        """Let a period pass."""
-        self._wait(PERIOD_S)
-        self._periods += 1
-        if why := self._clock.update(self.now_s()):
+        self.seen = seen
+        if math.isnan(self._start_s):
+            self._start_s = seen.base_t_s
+        if why := self._clock.update(seen.base_t_s):
             raise TravelInterrupted(TravelOutcome.CLOCK_STOPPED, why)
         if self.passed_s() >= self._timeout_s:
             raise TravelInterrupted(TravelOutcome.TIMED_OUT, f"after {self._timeout_s:.0f} s")
 
-    def _pressing(
-        self, speed_m_s: float, turn_rate_rad_s: float, point_m: tuple[float, float] | None
-    ) -> bool:
+    def now_s(self) -> float:
+        """Time of the base [s]."""
+        return self.seen.base_t_s
+
+    def pose_m(self) -> Float[np.ndarray, "3"]:
+        """Where the robot is in the map: x, y [m], heading [rad]."""
+        return np.array(self.seen.pose_m)
+
+    def point_m(self) -> Float[np.ndarray, "2"] | None:
+        """Where the rim is touched in the map [m]; ``None`` without touch."""
+        return None if self.seen.point_m is None else np.array(self.seen.point_m)
+
+    def passed_s(self) -> float:
+        """How long the travel has lasted [s]."""
+        return max(self.now_s() - self._start_s, self.seen.t_s)
+
+    def left_s(self) -> float:
+        """Time until the travel ends [s]."""
+        return max(self._timeout_s - self.passed_s(), 0.0)
+
+    def new_guard(self) -> None:
+        """Forget what was felt: another motion starts."""
+        self._guard = ForceGuard(self._max_force_N)
+
+    def place_m(self, id: str) -> Float[np.ndarray, "3"] | None:
+        """Where an object was seen in this period.
+
+        Parameters
+        ----------
+        id
+            Of an object that the last command asked for.
+
+        Returns
+        -------
+        (3,) array or None
+            x, y of its centroid [m], turn [rad]; ``None`` when it was not seen.
+        """
+        for sighting in self.seen.sightings:
+            if sighting.id == id and sighting.place_m is not None:
+                return np.array(sighting.place_m)
+        return None
+
+    def look(self, id: str) -> Motion[Float[np.ndarray, "3"] | None]:
+        """Stand for one period and look where an object is.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+
+        Returns
+        -------
+        (3,) array or None
+            As :meth:`place_m`.
+        """
+        yield TravelCommand(look=(id,))
+        return self.place_m(id)
+
+    def go(self, speed_m_s: float, turn_rate_rad_s: float) -> Motion[bool]:
+        """Drive for one period as far as the force allows.
+
+        Parameters
+        ----------
+        speed_m_s, turn_rate_rad_s
+            Velocity of the platform [m/s, rad/s].
+
+        Returns
+        -------
+        bool
+            Whether the motion may go on.
+
+        Raises
+        ------
+        TravelInterrupted
+            The force was not read for too long.
+        """
+        state = self._guard.update(self.seen.force_N, pressing=self._pressing(speed_m_s, turn_rate_rad_s))
+        if state is GuardState.UNREAD:
+            raise force_unread()
+        if state is GuardState.GO:
+            yield TravelCommand(speed_m_s, turn_rate_rad_s)
+        else:
+            yield TravelCommand()
+        return state is not GuardState.TOO_HEAVY
+
+    def turn_to(self, heading_rad: float) -> Motion[None]:
+        """Turn on the spot.
+
+        Parameters
+        ----------
+        heading_rad
+            In the map [rad].
+        """
+        self.new_guard()
+        start_s = self.now_s()
+        while self.now_s() - start_s < 20.0:
+            error = math.remainder(heading_rad - float(self.pose_m()[2]), 2.0 * math.pi)
+            rate = math.copysign(max(min(1.0, 3.0 * abs(error)), 0.05), error)
+            if abs(error) < 0.02:
+                break
+            if not (yield from self.go(0.0, rate)):
+                break
+        yield from self.halt()
+
+    def straight(self, speed_m_s: float, length_m: float, timeout_s: float) -> Motion[None]:
+        """Drive straight, and stand.
+
+        Parameters
+        ----------
+        speed_m_s
+            Negative: backwards [m/s].
+        length_m
+            Distance after which the motion is over [m].
+        timeout_s
+            Time after which it is over [s].
+        """
+        self.new_guard()
+        start, start_s = self.pose_m(), self.now_s()
+        while float(np.hypot(*(self.pose_m()[:2] - start[:2]))) < length_m:
+            if self.now_s() - start_s > timeout_s:
+                break
+            if not (yield from self.go(speed_m_s, 0.0)):
+                break
+        yield from self.halt()
+
+    def leave(self, point_m: Float[np.ndarray, "2"], length_m: float) -> Motion[None]:
+        """Away from a wall that is touched: a disc turns on the spot, and what it leaves does not hold it.
+
+        Parameters
+        ----------
+        point_m
+            Where it is touched, map frame [m].
+        length_m
+            How far to go [m].
+        """
+        away = self.pose_m()[:2] - point_m
+        ahead = math.atan2(away[1], away[0])
+        behind = abs(math.remainder(ahead - float(self.pose_m()[2]), 2.0 * math.pi)) > 0.5 * math.pi
+        yield from self.turn_to(math.remainder(ahead + math.pi, 2.0 * math.pi) if behind else ahead)
+        yield from self.straight(-0.05 if behind else 0.05, length_m, 3.0)
+
+    def halt(self) -> Motion[None]:
+        """Stand still."""
+        for _ in range(50):
+            yield TravelCommand()
+            if abs(self.seen.speed_m_s) < 1e-3 and abs(self.seen.turn_rate_rad_s) < 1e-3:
+                break
+
+    def _pressing(self, speed_m_s: float, turn_rate_rad_s: float) -> bool:
         """Whether a motion goes against what is touched; where that is not known, any but a retreat does."""
         if speed_m_s == 0.0:
             return turn_rate_rad_s != 0.0
-        if point_m is None:
+        if self.seen.point_m is None:
             return speed_m_s > 0.0
-        x, y, heading = (float(value) for value in self.pose_m())
-        ahead = math.cos(heading) * (point_m[0] - x) + math.sin(heading) * (point_m[1] - y)
-        return speed_m_s * ahead > 0.0
+        x, y, heading = self.seen.pose_m
+        px, py = self.seen.point_m
+        return speed_m_s * (math.cos(heading) * (px - x) + math.sin(heading) * (py - y)) > 0.0
 
 
 def force_unread() -> TravelInterrupted:

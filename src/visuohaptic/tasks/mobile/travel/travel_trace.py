@@ -1,4 +1,4 @@
-"""What happened on the way, record by record; JSON both ways, and played again."""
+"""What happened on a travel, event by event, in JSON both ways."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ....core.errors import InputError
 
-__all__ = ["TravelRecord", "final_places", "trace_from_json", "trace_to_json"]
+__all__ = ["TravelRecord", "final_places", "records_from_json", "records_to_json"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,13 +20,19 @@ class TravelRecord:
     t_s: float  #: by the base's clock
     state: str  #: of the machine, when it happened
     event: str  #: "planned", "pushed", "looked", ...
-    pose_m: tuple[float, float, float]  #: of the robot as it believes, map frame
-    object: str = ""  #: whom it concerns
+    pose_m: tuple[float, float, float]  #: estimated, of the robot in the map: x, y [m], heading [rad]
+    object: str = ""  #: that it concerns
     values: Mapping[str, Any] = field(default_factory=dict)  #: numbers and texts that belong to it
 
 
-def trace_to_json(trace: Sequence[TravelRecord]) -> list[dict[str, Any]]:
-    """Plain data for ``json.dumps``."""
+def records_to_json(records: Sequence[TravelRecord]) -> list[dict[str, Any]]:
+    """Plain data for ``json.dumps``.
+
+    Parameters
+    ----------
+    records
+        Records in order of time.
+    """
     return [
         {
             "t_s": round(record.t_s, 4),
@@ -36,19 +42,26 @@ def trace_to_json(trace: Sequence[TravelRecord]) -> list[dict[str, Any]]:
             **({"object": record.object} if record.object else {}),
             **({"values": dict(record.values)} if record.values else {}),
         }
-        for record in trace
+        for record in records
     ]
 
 
-def trace_from_json(data: Sequence[Mapping[str, Any]], *, where: str = "trace") -> tuple[TravelRecord, ...]:
-    """Read what :func:`trace_to_json` wrote.
+def records_from_json(data: Sequence[Mapping[str, Any]], *, where: str = "trace") -> tuple[TravelRecord, ...]:
+    """Read what :func:`records_to_json` wrote.
+
+    Parameters
+    ----------
+    data
+        One mapping per record.
+    where
+        Name of the source in errors.
 
     Raises
     ------
     InputError
         A field that is missing or of the wrong kind.
     """
-    records = []
+    found = []
     for number, entry in enumerate(data):
         try:
             x, y, heading = (float(value) for value in entry["pose_m"])
@@ -56,7 +69,7 @@ def trace_from_json(data: Sequence[Mapping[str, Any]], *, where: str = "trace") 
             values = dict(entry.get("values", {}))
             if not np.isfinite([x, y, heading, t_s]).all():
                 raise ValueError("a number that is not finite")
-            records.append(
+            found.append(
                 TravelRecord(
                     t_s,
                     str(entry["state"]),
@@ -70,13 +83,19 @@ def trace_from_json(data: Sequence[Mapping[str, Any]], *, where: str = "trace") 
             raise InputError(f"{where}[{number}]", "is missing", field=str(error.args[0])) from error
         except (TypeError, ValueError, AttributeError) as error:
             raise InputError(f"{where}[{number}]", f"is no record ({error})") from error
-    return tuple(records)
+    return tuple(found)
 
 
-def final_places(trace: Sequence[TravelRecord]) -> dict[str, tuple[float, float, float]]:
-    """Where each object was seen last (x, y of its centroid, turn since the beginning), by playing the trace."""
+def final_places(records: Sequence[TravelRecord]) -> dict[str, tuple[float, float, float]]:
+    """Where each object was seen last: x, y of its centroid [m], turn since the start [rad].
+
+    Parameters
+    ----------
+    records
+        Records in order of time.
+    """
     places: dict[str, tuple[float, float, float]] = {}
-    for record in trace:
+    for record in records:
         if record.event == "looked":
             x, y, turn = record.values["place_m"]
             places[record.object] = (float(x), float(y), float(turn))

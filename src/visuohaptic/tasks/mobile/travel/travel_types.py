@@ -1,4 +1,4 @@
-"""What a travel is told with: what is perceived, states, outcomes, settings."""
+"""Interface of a travel: what is perceived and commanded, states, outcomes, settings."""
 
 from __future__ import annotations
 
@@ -6,12 +6,24 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
-__all__ = ["TravelOutcome", "TravelSenses", "TravelSettings", "TravelState"]
+__all__ = [
+    "PERIOD_S",
+    "ObjectSighting",
+    "TravelCommand",
+    "TravelObservation",
+    "TravelOutcome",
+    "TravelSenses",
+    "TravelSettings",
+    "TravelState",
+]
+
+#: Control period [s].
+PERIOD_S = 0.02
 
 
 @runtime_checkable
 class TravelSenses(Protocol):
-    """What is perceived on the way."""
+    """What the robot perceives."""
 
     def pose(self) -> tuple[float, float, float]:
         """Where the robot is in the map: x, y [m], heading [rad]."""
@@ -25,12 +37,20 @@ class TravelSenses(Protocol):
     def look(self, id: str) -> tuple[float, float, float] | None:
         """Where an object is: x, y of its outline's centroid [m], turn since the travel began [rad].
 
-        ``None`` when it can't be seen now.
+        Parameters
+        ----------
+        id
+            Of the object in the planning problem.
+
+        Returns
+        -------
+        tuple or None
+            ``None`` when it cannot be seen now.
         """
 
 
 class TravelState(StrEnum):
-    """Of the machine."""
+    """What the robot is doing."""
 
     PLAN = "plan"
     DRIVE = "drive"
@@ -38,8 +58,6 @@ class TravelState(StrEnum):
     EXPLORE = "explore"
     TURN = "turn"
     BACK_OFF = "back off"
-    ARRIVED = "arrived"
-    FAILED = "failed"
 
 
 class TravelOutcome(StrEnum):
@@ -54,8 +72,39 @@ class TravelOutcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class ObjectSighting:
+    """Where one object was seen."""
+
+    id: str
+    place_m: tuple[float, float, float] | None  #: x, y of its centroid [m], turn [rad]; ``None``: not seen
+
+
+@dataclass(frozen=True, slots=True)
+class TravelObservation:
+    """What the robot perceives in one control period."""
+
+    t_s: float  #: by the periods that were waited
+    base_t_s: float  #: by the clock of the base
+    pose_m: tuple[float, float, float]  #: in the map: x, y [m], heading [rad]
+    speed_m_s: float
+    turn_rate_rad_s: float
+    force_N: float  #: on the rim; NaN when it was not read
+    point_m: tuple[float, float] | None  #: where it acts in the map; ``None`` without touch
+    sightings: tuple[ObjectSighting, ...] = ()  #: of the objects that the last command asked for
+
+
+@dataclass(frozen=True, slots=True)
+class TravelCommand:
+    """Velocity for the next control period, and the objects to look at after it."""
+
+    speed_m_s: float = 0.0
+    turn_rate_rad_s: float = 0.0
+    look: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class TravelSettings:
-    """What the text leaves open."""
+    """Margins, limits and tolerances of a travel."""
 
     #: Room that plans keep beside the robot and beside what it pushes, tried in order [m]: cells, tracking
     #: and drift take some of it
@@ -80,5 +129,5 @@ class TravelSettings:
     moved_m: float = 0.015  #: an object that went less has not moved
     failures: int = 4  #: pushes of one object that may fail before it counts as fixed
     look_s: float = 0.1  #: between looks during a push
-    near_m: float = 0.03  #: an object that ends so near to its goal, and turned so little, needs no new plan
+    near_m: float = 0.03  #: an object within this of its goal, and turned by less, needs no new plan
     near_rad: float = 0.12

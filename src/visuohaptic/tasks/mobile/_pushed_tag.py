@@ -1,0 +1,135 @@
+"""What is recorded of one push, and the shape and haptic tag that follow from it (Alt 2016, Sec. 4.1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.measurement import Event, ForceProfile
+from ...core.objects import HapticTag, PrimitiveKind
+from ...core.robots import BaseState
+from ...sensing.push.primitives import PrimitiveFit, fit_contact
+from ...sensing.push.push_record import StopReason, record_push
+from ...sensing.push.tag import tag_from_push
+
+__all__ = ["PushRecording"]
+
+
+class PushRecording:
+    """Force profiles and odometry of one push, until the platform backs off."""
+
+    def __init__(self) -> None:
+        self.profiles: list[ForceProfile] = []
+        self.states: list[BaseState] = []
+        self.angles_rad: list[float] = []  #: of the object in the world, by its texture
+        self._start: BaseState | None = None
+        self._halted: list[tuple[ForceProfile, BaseState]] = []
+
+    def add(self, profile: ForceProfile, state: BaseState, angle_rad: float) -> None:
+        """Take one frame."""
+        self.profiles.append(profile)
+        self.states.append(state)
+        self.angles_rad.append(angle_rad)
+
+    def stood(self, profile: ForceProfile, state: BaseState) -> None:
+        """Take a frame of the halt; one that was made while the platform still rolled does not count."""
+        if abs(state.speed_m_s) < 1e-3 and profile.contacts:
+            self._halted.append((profile, state))
+
+    def travel_m(self, state: BaseState) -> float:
+        """Distance along the direction of the start, which is the first state asked for [m]."""
+        start = self._start = self._start or state
+        dx, dy = state.x_m - start.x_m, state.y_m - start.y_m
+        return dx * math.cos(start.heading_rad) + dy * math.sin(start.heading_rad)
+
+    def travels_m(self) -> Float[np.ndarray, "N"]:
+        """Distance along the direction of the start at every frame [m]."""
+        return np.array([self.travel_m(state) for state in self.states])
+
+    def travel_at(self, t_s: float) -> float:
+        """Distance at a time between frames [m]."""
+        times = [profile.t_s for profile in self.profiles]
+        return float(np.interp(t_s, times, self.travels_m()))
+
+    def shape(self) -> tuple[PrimitiveFit | None, BaseState | None]:
+        """The primitive, from the largest contact while the platform stood still, or at its deepest."""
+        if self._halted:
+            profile, state = self._halted[len(self._halted) // 2]
+        else:
+            pressed = [i for i, p in enumerate(self.profiles) if p.contacts]
+            if not pressed:
+                return None, None
+            best = max(pressed, key=lambda i: float(np.nansum(self.profiles[i].delta_m)))
+            profile, state = self.profiles[best], self.states[best]
+        contact = profile.max_contact
+        return (None, None) if contact is None else (fit_contact(contact), state)
+
+    def tag(
+        self, fit: PrimitiveFit | None, events: Sequence[Event], stopped_by: StopReason | None
+    ) -> HapticTag:
+        """Friction, deformability and rotation of what was pushed."""
+        best = fit.best if fit is not None else None
+        centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
+        if best is not None and best.kind is PrimitiveKind.SEGMENT:
+            centre = 0.5 * float(best.parameters[1] + best.parameters[3])
+        flat = best is not None and best.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT)
+        push = record_push(
+            self.profiles, self.travels_m(), lateral_m=self._laterals_m(), angle_rad=self._turn_rad(flat)
+        )
+        return tag_from_push(
+            push, events=events, stopped_by=stopped_by, primitive=best, object_centre_m=centre
+        )
+
+    def _laterals_m(self) -> Float[np.ndarray, "N"]:
+        """Shift of the platform to the left of the direction of the start."""
+        first = self.states[0]
+        return np.array(
+            [
+                -(state.x_m - first.x_m) * math.sin(first.heading_rad)
+                + (state.y_m - first.y_m) * math.cos(first.heading_rad)
+                for state in self.states
+            ]
+        )
+
+    def _turn_rad(self, flat: bool) -> Float[np.ndarray, "N"] | None:
+        """Angle of the object in the world; its texture tells that of a round object, too, a face only of a flat one."""
+        face = None
+        if flat:
+            face = np.array(
+                [
+                    _face_angle(profile) + state.heading_rad
+                    for profile, state in zip(self.profiles, self.states, strict=True)
+                ]
+            )
+        pushed = np.array([bool(profile.contacts) for profile in self.profiles])
+        texture = np.array(self.angles_rad)
+        if not np.isfinite(texture[pushed]).mean() > 0.5:
+            return face
+        return texture if face is None else _joined(texture, face)
+
+
+def _joined(texture_rad: np.ndarray, face_rad: np.ndarray) -> np.ndarray:
+    """Mean of two angles that differ by a constant; where one is missing, the other."""
+    both = np.isfinite(texture_rad) & np.isfinite(face_rad)
+    if not both.any():
+        return texture_rad
+    shifted = face_rad - np.median(face_rad[both] - texture_rad[both])
+    one = np.where(np.isfinite(texture_rad), texture_rad, shifted)
+    return np.where(both, 0.5 * (texture_rad + shifted), one)
+
+
+def _face_angle(profile: ForceProfile) -> float:
+    """Angle of the flat face that is touched, in frame F [rad]; NaN without enough contact."""
+    contact = profile.max_contact
+    if contact is None:
+        return math.nan
+    pressed = contact.delta_m > 0.7 * contact.delta_m.max()
+    if pressed.sum() < 4:
+        return math.nan
+    x, y = contact.points_foam_m[pressed].T
+    slope = np.polyfit(y, x, 1)[0]
+    # A face along y has angle zero; turning counter-clockwise moves x down as y grows.
+    return float(-math.atan(slope))

@@ -1,0 +1,142 @@
+"""The states of an exploration by pushing: approach, push, stand still, back off (Alt 2016, Sec. 3.6.2)."""
+
+from __future__ import annotations
+
+import math
+
+from ...sensing.push.push_record import StopLimits, StopReason, stop_reason
+from ..framework.machine import Machine, Rule
+from ._look_ahead import LookAhead
+from .explore_records import (
+    ExploreCommand,
+    ExploreObservation,
+    ExploreOutcome,
+    ExploreSettings,
+    ExploreState,
+)
+from .force_guard import ForceGuard, GuardState
+
+__all__ = ["ExploreTask"]
+
+
+class ExploreTask(Machine[ExploreState, ExploreObservation, ExploreCommand]):
+    """Straight on until something is touched, push it, stand still, back off.
+
+    Parameters
+    ----------
+    settings
+        Speeds, distances and limits.
+    max_deflection_m
+        Deflection at which the foam is dense [m].
+    sight_m
+        How far ahead of the foam the scene is seen [m]; 0 without scene tracking.
+    """
+
+    task = "explore"
+
+    def __init__(
+        self,
+        settings: ExploreSettings | None = None,
+        *,
+        max_deflection_m: float,
+        sight_m: float = 0.0,
+    ) -> None:
+        self.settings = settings or ExploreSettings()
+        s = ExploreState
+        self.rules = {
+            s.APPROACH: Rule((s.PUSH, s.HALT)),
+            s.PUSH: Rule((s.HALT,)),
+            s.HALT: Rule((s.BACK_OFF,)),
+            s.BACK_OFF: Rule(),
+        }
+        super().__init__({"explore": self.settings, "max_deflection_m": max_deflection_m, "sight_m": sight_m})
+        self.limits = StopLimits(max_deflection_m, self.settings.max_force_N, self.settings.push_m)
+        self.ahead = LookAhead(sight_m, self.settings)
+        self.stopped_by: StopReason | None = None
+        self.touched = False
+        # The foam is compliant: its first reading at the limit is enough.
+        self._guard = ForceGuard(
+            self.settings.max_force_N, median_of=1, max_unread=self.settings.blind_frames
+        )
+        self._first: ExploreObservation | None = None
+        self._halted_s = self._back_travel_m = math.nan
+        self._command = ExploreCommand(self.settings.approach_m_s)
+
+    def halt(self) -> ExploreCommand:
+        """The platform stands still."""
+        return ExploreCommand(0.0)
+
+    def decide(self, seen: ExploreObservation) -> ExploreCommand:
+        """Speed of the platform after one frame.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
+        self._first = self._first or seen
+        if seen.sight and not self.touched:
+            self.ahead.update(seen.sight_valid, seen.ahead_m, seen.travel_m, at_border=seen.at_border)
+        pressing = self.state in (ExploreState.APPROACH, ExploreState.PUSH)
+        force_N = seen.force_N if seen.force_read else math.nan
+        allowed = self._guard.update(force_N, seen.force_sigma_N, pressing=pressing)
+        passed_s = max(seen.base_t_s - self._first.base_t_s, seen.t_s - self._first.t_s)
+        if passed_s > self.settings.timeout_s:
+            self.end(False, ExploreOutcome.TIMED_OUT, f"after {passed_s:.1f} s")
+        elif allowed is GuardState.UNREAD:
+            why = f"{self.settings.blind_frames} frames in a row cannot be trusted"
+            self.end(False, ExploreOutcome.SENSOR_FAILED, why)
+        elif allowed is GuardState.TOO_HEAVY:
+            self.touched = True
+            self._stop(StopReason.TOO_HEAVY, seen)
+        else:
+            self._follow(seen)
+        return self._command
+
+    def _follow(self, seen: ExploreObservation) -> None:
+        """Next state by what the present one waits for, and the speed in it."""
+        s = self.settings
+        if self.state is ExploreState.APPROACH:
+            if seen.in_contact:
+                self.touched = True
+                self.go(ExploreState.PUSH, f"touched after {seen.travel_m:.3f} m")
+                self._command = ExploreCommand(s.push_m_s)
+            elif seen.travel_m > s.search_m:
+                self.end(False, ExploreOutcome.NOTHING_FOUND, f"no contact in {seen.travel_m:.2f} m")
+            elif seen.sight:
+                self._command = ExploreCommand(self.ahead.speed_m_s(seen.travel_m))
+        elif self.state is ExploreState.PUSH:
+            reason = self._must_stop(seen)
+            if reason is None and seen.travel_m > s.search_m + s.push_m:
+                # Lost on the way: what was touched went out of reach without ever resisting.
+                reason = StopReason.PUSHED_FAR
+            if reason is not None:
+                self._stop(reason, seen)
+        elif self.state is ExploreState.HALT:
+            if seen.base_t_s - self._halted_s >= s.halt_s:
+                self.go(ExploreState.BACK_OFF, f"stood for {s.halt_s:g} s")
+                self._back_travel_m = seen.travel_m
+                self._command = ExploreCommand(-s.back_off_m_s)
+        elif seen.travel_m < self._back_travel_m - s.back_off_m:
+            self.end(True, ExploreOutcome.TAGGED, f"stopped by {self.stopped_by}")
+
+    def _must_stop(self, seen: ExploreObservation) -> StopReason | None:
+        """Stop condition that holds; none when the foam was not seen."""
+        if seen.fell:
+            return StopReason.FELL
+        if math.isnan(seen.deflection_m):
+            return None
+        moves = not math.isnan(seen.motion_travel_m)
+        pushed_m = seen.travel_m - seen.motion_travel_m if moves else 0.0
+        return stop_reason(
+            seen.deflection_m,
+            seen.force_N,
+            pushed_m,
+            self.limits,
+            force_sigma_N=seen.force_sigma_N,
+            unread_frames=0,  # the force guard counts them
+        )
+
+    def _stop(self, reason: StopReason, seen: ExploreObservation) -> None:
+        self.go(ExploreState.HALT, f"{reason} at {seen.force_N:.1f} N and {1e3 * seen.deflection_m:.1f} mm")
+        self.stopped_by, self._halted_s, self._command = reason, seen.base_t_s, self.halt()

@@ -1,0 +1,240 @@
+"""Pushes of a travel: through an object's centre, beside it, or only to learn what it is (Alt 2016, Sec. 4.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from ....core.errors import InputError
+from ....core.objects import Estimate, HapticTag
+from ....navigation.planning.off_centre_push import TurningPush
+from ....navigation.problem.path_plan import Task
+from ....navigation.problem.planning_problem import RobotModel
+from ..steered_push import PushEnd, PushSettings, SteeredPush
+from .travel_memory import TravelMemory
+from .travel_motion import Motion, TravelMotion, force_unread
+from .travel_types import PERIOD_S, TravelCommand, TravelSettings
+
+__all__ = ["TravelPushes"]
+
+
+class TravelPushes:
+    """Pushes objects and takes down what the pushes tell of them.
+
+    Parameters
+    ----------
+    robot
+        Radius, speeds and force of the platform.
+    memory
+        Where the objects are, and their tags.
+    motion
+        The platform.
+    settings
+        Limits and tolerances.
+    note
+        Called with an event, an object and values.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        memory: TravelMemory,
+        motion: TravelMotion,
+        settings: TravelSettings,
+        note: Callable[..., None],
+    ) -> None:
+        self._robot, self._memory, self._motion, self._settings = robot, memory, motion, settings
+        self._note = note
+        self.count = 0  #: pushes that were to bring an object somewhere
+        self.driven_m = 0.0  #: by all pushes
+        self.margin_m = 0.0  #: room beside the robot that the present plan keeps
+        self.behind_m = 0.0  #: length straight behind the robot that is known to be free after the last push
+        self._at_wall = False  #: whether the last push ended at a wall
+
+    def push(self, task: Task) -> Motion[bool]:
+        """Push an object as planned.
+
+        Parameters
+        ----------
+        task
+            A task of kind "push".
+
+        Returns
+        -------
+        bool
+            Whether the object is where the plan wanted it.
+        """
+        assert task.displacement_m is not None
+        settings = self._settings
+        length_m = float(np.hypot(*task.displacement_m))
+        push = yield from self._through_centre(task, length_m)
+        self.count += 1
+        known = self._memory.item(task.object).tag is not None
+        seen = yield from self._motion.look(task.object)
+        if seen is not None and self._memory.seen(task.object, seen):
+            self._note("looked", task.object, place_m=[float(value) for value in seen])
+        as_planned = (
+            push.end is PushEnd.DONE
+            and seen is not None
+            and task.goal_m is not None
+            and float(np.hypot(*(seen[:2] - task.goal_m))) < settings.near_m
+            and abs(push.turned_rad) < settings.near_rad
+        )
+        moved_m = float(push.moved_m[0])
+        good = moved_m > max(settings.moved_m, 0.5 * length_m)
+        stalled = push.end is PushEnd.STALLED and not self._at_wall
+        self._learn(
+            task.object, push, moved=good or moved_m > settings.moved_m, failed=not good, fixed=stalled
+        )
+        if (beside := push.centre_beside_m()) is not None:
+            self._memory.learn_centre(task.object, _direction(task), beside)
+        self._note(
+            "pushed", task.object, end=str(push.end), moved_m=[float(v) for v in push.moved_m],
+            turned_rad=push.turned_rad, length_m=length_m, as_planned=as_planned,
+            force_N=_finite(push.force_N[1]), known=known,
+        )  # fmt: skip
+        return as_planned
+
+    def explore(self, task: Task) -> Motion[None]:
+        """Touch an unknown object, push it a little, and take down a tag.
+
+        Parameters
+        ----------
+        task
+            The push for which the plan has to know it.
+        """
+        push = yield from self._through_centre(task, self._settings.explore_m)
+        moved = float(push.moved_m[0]) > self._settings.moved_m
+        first, rest = push.force_N
+        observed = math.isfinite(first)
+        tag = HapticTag(
+            static_friction_N=Estimate(first, 0.1 * first) if observed and moved else None,
+            dynamic_friction_N=Estimate(rest, 0.1 * rest) if observed and moved else None,
+            fixed=not moved,
+            explored=1,
+            failed=0 if moved else 1,
+            min_static_friction_N=None
+            if moved or not self._too_heavy(push)
+            else self._robot.push_force_max_N,
+        )
+        self._memory.explored(task.object, tag)
+        self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
+
+    def turn(self, wanted: TurningPush) -> Motion[None]:
+        """Drive straight against an object beside its centre.
+
+        Parameters
+        ----------
+        wanted
+            Where from, in which direction, and how far.
+        """
+        before = yield from self._motion.look(wanted.object)
+        length_m = max(wanted.length_m - wanted.free_m, 0.01)
+        push = yield from self._contact(wanted.object, wanted.stand_m, wanted.direction_rad, length_m, None)
+        self.count += 1
+        after = yield from self._motion.look(wanted.object)
+        off = np.zeros(3) if before is None or after is None else after - before
+        off[2] = math.remainder(off[2], 2.0 * math.pi)
+        settings = self._settings
+        moved = bool(np.hypot(off[0], off[1]) > settings.moved_m or abs(off[2]) > settings.near_rad)
+        unseen = before is None or after is None
+        self._learn(wanted.object, push, moved=moved or unseen, failed=False, fixed=False)
+        self._note(
+            "turned", wanted.object, end=str(push.end), moved_m=[float(v) for v in off[:2]],
+            turned_rad=float(off[2]), predicted_rad=wanted.turn_rad, opens=wanted.opens,
+            force_N=_finite(push.force_N[1]),
+        )  # fmt: skip
+
+    def _learn(self, id: str, push: SteeredPush, *, moved: bool, failed: bool, fixed: bool) -> None:
+        """Counters of an object's tag after a push, or that it does not move."""
+        if moved:
+            self._memory.pushed(id, failed=failed)
+        elif self._too_heavy(push):
+            self._memory.too_heavy(id)
+        else:
+            often = self._memory.failures(id) + 1 >= self._settings.failures
+            self._memory.refused(id, fixed=fixed or often)
+
+    def _too_heavy(self, push: SteeredPush) -> bool:
+        """Whether a push met an object, and not a wall, that takes more than the platform has."""
+        return push.end is PushEnd.TOO_HEAVY and not self._at_wall
+
+    def _through_centre(self, task: Task, length_m: float) -> Motion[SteeredPush]:
+        """Push an object through its centre, steering by where it is seen."""
+        place = yield from self._motion.look(task.object)
+        stand = np.array(task.path_m[0])
+        return (yield from self._contact(task.object, stand, _direction(task), length_m, place))
+
+    def _contact(
+        self,
+        id: str,
+        stand: Float[np.ndarray, "2"],
+        direction: float,
+        length_m: float,
+        place: Float[np.ndarray, "3"] | None,
+    ) -> Motion[SteeredPush]:
+        """Turn to the object, push it, stop; straight where its place is not given."""
+        motion, settings = self._motion, self._settings
+        yield from motion.turn_to(direction)
+        push = self._steered(id, stand, direction, length_m, place)
+        start, looked_s, seen = motion.pose_m(), -math.inf, place
+        while True:
+            now_s = motion.now_s()
+            force_N, point_m = motion.seen.force_N, motion.seen.point_m
+            speed_m_s, turn = push.command(now_s, motion.pose_m(), force_N, point_m, seen)
+            if push.end is not None:
+                break
+            # Asked for with this command, seen after it.
+            due = place is not None and now_s + PERIOD_S - looked_s >= settings.look_s
+            yield TravelCommand(speed_m_s, turn, (id,) if due else ())
+            if due:
+                seen, looked_s = motion.place_m(id), motion.now_s()
+        if push.end is PushEnd.UNREAD:
+            raise force_unread()
+        point = motion.point_m()
+        yield from motion.halt()
+        gone_m = float(np.hypot(*(motion.pose_m()[:2] - start[:2])))
+        self.driven_m += gone_m
+        held = push.end in (PushEnd.STALLED, PushEnd.TOO_HEAVY)
+        self._at_wall = held and point is not None and not self._memory.near(point)
+        if self._at_wall and point is not None:
+            yield from motion.leave(point, settings.leave_m)
+        self.behind_m = 0.0 if self._at_wall else min(settings.back_off_m, gone_m + 0.02)
+        return push
+
+    def _steered(
+        self,
+        id: str,
+        stand: Float[np.ndarray, "2"],
+        direction: float,
+        length_m: float,
+        place: Float[np.ndarray, "3"] | None,
+    ) -> SteeredPush:
+        """The controller of a push, with what is known of the object's friction."""
+        robot = self._robot
+        offset, lever = self._memory.friction(id)
+        speed = min(robot.v_push_m_s, robot.v_max_m_s)
+        settings = PushSettings(
+            radius_m=robot.radius_m,
+            speed_m_s=speed,
+            search_m=0.15 + 2 * self.margin_m,
+            max_force_N=robot.push_force_max_N,
+            timeout_s=min(30.0 + 3.0 * length_m / speed, self._motion.left_s()),
+        )
+        return SteeredPush(
+            stand, direction, length_m,
+            object_m=place, offset_m=offset, lever_m=lever, settings=settings,
+        )  # fmt: skip
+
+
+def _direction(task: Task) -> float:
+    if task.displacement_m is None:
+        raise InputError("travel", f"found a {task.kind} task without displacement_m, expected one")
+    return math.atan2(task.displacement_m[1], task.displacement_m[0])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,289 @@
+"""The states of a travel: plan, drive, push, explore, turn, back off (Alt 2016, Sec. 4.2 to 4.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ....core.robots import BaseState
+from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
+from ....navigation.planning.off_centre_push import TurningPush
+from ....navigation.planning.path_follower import FollowLimits, PathFollower
+from ....navigation.planning.policies import make_plan
+from ....navigation.problem.path_plan import Plan, Task
+from ....navigation.problem.planning_problem import PlanningProblem
+from ...framework.machine import Machine, Rule
+from .travel_memory import TravelMemory
+from .travel_motion import Motion, TravelInterrupted, TravelMotion
+from .travel_plans import TravelPlans
+from .travel_pushes import TravelPushes
+from .travel_trace import TravelRecord
+from .travel_types import TravelCommand, TravelObservation, TravelOutcome, TravelSettings, TravelState
+
+__all__ = ["TravelTask"]
+
+_WORKING = (TravelState.DRIVE, TravelState.PUSH, TravelState.EXPLORE, TravelState.TURN)
+
+
+class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
+    """Plan, execute, look, plan again.
+
+    After every push it looks where the object is, takes down how the push went (counters of the tag, centre of
+    friction), and plans again: a manipulation node whose object was moved away is a navigation node then, and one
+    that failed is avoided (Sec. 4.2.1). Where no straight push helps, it turns an object by a push beside its
+    centre.
+
+    Parameters
+    ----------
+    problem
+        Map, tagged objects, robot, goal.
+    settings
+        Margins, limits and tolerances.
+    planner
+        Asked with a robot that is larger by a margin. A replay needs the same.
+    """
+
+    task = "travel"
+
+    def __init__(
+        self,
+        problem: PlanningProblem,
+        settings: TravelSettings | None = None,
+        planner: Callable[[PlanningProblem], Plan] = make_plan,
+    ) -> None:
+        self.settings = settings or TravelSettings()
+        s = TravelState
+        after = (s.PLAN, *_WORKING)
+        self.rules = {
+            s.PLAN: Rule(after),
+            s.DRIVE: Rule((*after, s.BACK_OFF)),
+            s.PUSH: Rule((s.BACK_OFF,)),
+            s.EXPLORE: Rule((s.BACK_OFF, s.PLAN)),
+            s.TURN: Rule((s.BACK_OFF,)),
+            s.BACK_OFF: Rule(after),
+        }
+        super().__init__(self.settings)
+        self.robot = problem.robot
+        self.records: list[TravelRecord] = []
+        self.memory = TravelMemory(problem)
+        self.plans = TravelPlans(self.memory, self.settings, planner, self._note)
+        self.motion = TravelMotion(self.robot.push_force_max_N, self.settings.timeout_s)
+        self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
+        self._objects = tuple(item.id for item in problem.objects)
+        self._tasks: list[Task] = []
+        self._turning: TurningPush | None = None  #: what follows the tasks
+        self._clearance: Callable[[Float[np.ndarray, "2"]], float] = lambda _: math.inf
+        self._driven_m = 0.0
+        self._as_planned = False  #: the last push did what the plan said
+        self._behind_m = 0.0  #: length straight behind the robot that is known to be free
+        self._run = self._from_state_to_state()
+
+    @property
+    def length_m(self) -> float:
+        """Driven until now, without backing off [m]."""
+        return self._driven_m + self.pushes.driven_m
+
+    def halt(self) -> TravelCommand:
+        """The robot stands still."""
+        return TravelCommand()
+
+    def decide(self, seen: TravelObservation) -> TravelCommand:
+        """Velocity for the next control period.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
+        try:
+            self.motion.observe(seen)
+            return next(self._run)
+        except TravelInterrupted as interrupted:
+            self._finish(interrupted.outcome, interrupted.reason)
+        except StopIteration:
+            assert self.ended
+        return self.halt()
+
+    def _from_state_to_state(self) -> Motion[None]:
+        steps = {
+            TravelState.PLAN: self._plan,
+            TravelState.DRIVE: self._drive,
+            TravelState.PUSH: self._push,
+            TravelState.EXPLORE: self._explore,
+            TravelState.TURN: self._turn,
+            TravelState.BACK_OFF: self._back_off,
+        }
+        while True:
+            following = yield from steps[self.state]()
+            if following is None:
+                return
+            self.go(following, self.records[-1].event if self.records else "")
+
+    def _finish(self, outcome: TravelOutcome, reason: str) -> None:
+        self._note(str(outcome), reason=reason)
+        self.end(outcome is TravelOutcome.ARRIVED, outcome.value, reason)
+
+    def _plan(self) -> Motion[TravelState | None]:
+        """Look around, and ask the planner with the largest margin that lets it find something."""
+        if self.plans.asked >= self.settings.plans:
+            self._finish(TravelOutcome.GAVE_UP, f"after {self.plans.asked} plans")
+            return None
+        yield from self._look_around()
+        pose = self.motion.pose_m()
+        best, last = self.plans.with_room(pose)
+        turn = self.plans.turning(pose) if best is None else None
+        if best is not None:
+            self.pushes.margin_m, problem, plan = best
+            self._tasks, self._turning = list(plan.tasks), None
+        elif turn is not None:
+            self.pushes.margin_m, problem, self._turning = turn
+            path = tuple((float(x), float(y)) for x, y in self._turning.approach_m)
+            length_m = float(np.hypot(*np.diff(self._turning.approach_m, axis=0).T).sum())
+            approach = Task("navigate", self._turning.cost_s, length_m, path)
+            self._tasks = [approach] if len(path) > 1 else []
+        elif self.plans.reset_failures():
+            self._note("failures reset")
+            return TravelState.PLAN
+        else:
+            self._finish(TravelOutcome.NO_PLAN, last.reason)
+            return None
+        self._clearance = _clearance(problem)
+        return self._next()
+
+    def _next(self) -> TravelState | None:
+        """State of the next task; ``None`` at the goal."""
+        if not self._tasks:
+            if self._turning is not None:
+                return TravelState.TURN
+            self._finish(TravelOutcome.ARRIVED, "")
+            return None
+        return {
+            "navigate": TravelState.DRIVE,
+            "push": TravelState.PUSH,
+            "explore": TravelState.EXPLORE,
+        }.get(self._tasks[0].kind, TravelState.PLAN)
+
+    def _drive(self) -> Motion[TravelState | None]:
+        """Follow the path of the plan until its end, or until something is in the way."""
+        task, robot, settings, motion = self._tasks[0], self.robot, self.settings, self.motion
+        radius_m = robot.radius_m + self.pushes.margin_m
+        limits = FollowLimits(radius_m, robot.v_max_m_s, min(robot.v_min_m_s, robot.v_max_m_s))
+        follower = PathFollower(np.array(task.path_m), limits, clearance=self._clearance)
+        last, start_s = motion.pose_m(), motion.now_s()
+        moved_s, bumped_s = start_s, math.nan
+        motion.new_guard()
+        while True:
+            pose, now_s, force_N = motion.pose_m(), motion.now_s(), motion.seen.force_N
+            x, y, heading = (float(value) for value in pose)
+            speed, turn = follower.command(BaseState(now_s, x, y, heading, 0.0, 0.0))
+            if follower.done:
+                self._driven_m += task.length_m
+                self._tasks.pop(0)
+                self._behind_m = 0.0
+                self._note("drove", seconds=now_s - start_s)
+                return self._next()
+            turned = math.remainder(pose[2] - last[2], 2.0 * math.pi)
+            if np.hypot(*(pose[:2] - last[:2])) > 0.02 or abs(turned) > 0.1:
+                last, moved_s = pose, now_s
+            if force_N < settings.bump_N or math.isnan(bumped_s):
+                bumped_s = now_s
+            event = ""
+            if now_s - moved_s > settings.drive_stall_s:
+                event = "stalled"
+            elif now_s - bumped_s > settings.bump_s or now_s - start_s > 20.0 + 10 * task.cost_s:
+                event = "bumped"
+            elif not (yield from motion.go(speed, turn)):
+                event = "overloaded"
+            if event:
+                return (yield from self._bumped(event, force_N))
+
+    def _bumped(self, event: str, force_N: float) -> Motion[TravelState]:
+        """Something is where the map has nothing: remember it, back off, plan again."""
+        point = self.motion.point_m()
+        yield from self._look_around()
+        new = point is not None and self.memory.touched(point)
+        self._note(
+            event, force_N=force_N, point_m=[] if point is None else [float(v) for v in point], new=new
+        )
+        if new:
+            self.plans.changed()
+        else:
+            self.plans.bumped(self.pushes.margin_m)
+        self._behind_m, self._as_planned = self.settings.back_off_m, False
+        if point is not None and not self.memory.near(point):
+            yield from self.motion.leave(point, self.settings.leave_m)
+            return TravelState.PLAN
+        return TravelState.BACK_OFF
+
+    def _back_off(self) -> Motion[TravelState | None]:
+        """Straight back, over floor that it has just driven on."""
+        yield from self.motion.straight(-0.1, self._behind_m, 4.0 + self._behind_m / 0.05)
+        if self._as_planned:
+            self._tasks.pop(0)
+            return self._next()
+        return TravelState.PLAN
+
+    def _push(self) -> Motion[TravelState]:
+        """Push an object; when it went as planned, the plan goes on."""
+        self.plans.changed()
+        self._as_planned = yield from self.pushes.push(self._tasks[0])
+        self._behind_m = self.pushes.behind_m
+        return TravelState.BACK_OFF
+
+    def _explore(self) -> Motion[TravelState]:
+        """Touch and tag an unknown object; the next plan decides."""
+        self.plans.changed()
+        unknown = self._tasks[0].object
+        after = next((t for t in self._tasks[1:] if t.kind == "push" and t.object == unknown), None)
+        if after is None:
+            return TravelState.PLAN
+        yield from self.pushes.explore(after)
+        self._as_planned, self._behind_m = False, self.pushes.behind_m
+        return TravelState.BACK_OFF
+
+    def _turn(self) -> Motion[TravelState]:
+        """Push an object beside its centre."""
+        wanted, self._turning = self._turning, None
+        self.plans.changed()
+        assert wanted is not None
+        yield from self.pushes.turn(wanted)
+        self._as_planned, self._behind_m = False, self.pushes.behind_m
+        return TravelState.BACK_OFF
+
+    def _look_around(self) -> Motion[None]:
+        """Look where every object is."""
+        if self._objects:
+            yield TravelCommand(look=self._objects)
+        for id in self._objects:
+            seen = self.motion.place_m(id)
+            if seen is not None and self.memory.seen(id, seen):
+                self.plans.changed()
+                self._note("looked", id, place_m=[float(value) for value in seen])
+
+    def _note(self, event: str, object: str = "", **values: Any) -> None:
+        """One event for the log of the travel."""
+        motion = self.motion
+        self.records.append(
+            TravelRecord(motion.now_s(), str(self.state), event, motion.seen.pose_m, object, values)
+        )
+
+
+def _clearance(problem: PlanningProblem) -> Callable[[Float[np.ndarray, "2"]], float]:
+    """Distance to the nearest obstacle at a point, from the map that was planned in."""
+    robot = problem.robot
+    layers = grid_layers(problem.map, SpeedLimits(robot.radius_m, robot.v_max_m_s, robot.v_min_m_s))
+    distance, grid = layers.distance_m, problem.map
+    x, y, yaw = grid.origin
+    c, s, scale = math.cos(yaw), math.sin(yaw), 1.0 / grid.resolution_m
+    rows, columns = grid.shape
+
+    def clearance(point: Float[np.ndarray, "2"]) -> float:
+        dx, dy = float(point[0]) - x, float(point[1]) - y
+        column, row = int((c * dx + s * dy) * scale), int((c * dy - s * dx) * scale)
+        return float(distance[row, column]) if 0 <= row < rows and 0 <= column < columns else 0.0
+
+    return clearance
