@@ -25,6 +25,13 @@ from .push.tag import predictive_interval as predictive_interval
 from .push.tag import tag_from_push as tag_from_push
 from .push.tag_file import tag_from_dict as tag_from_dict
 from .push.tag_file import tag_to_dict as tag_to_dict
+from .readers import BeamReader as BeamReader
+from .readers import FoamReader as FoamReader
+from .readers import SceneReader as SceneReader
+from .readers import SensorReader as SensorReader
+from .readers import SensorReading as SensorReading
+from .readers import load_reader as load_reader
+from .readers import write_templates as write_templates
 from .scene.ego_motion import EgoMotionFilter as EgoMotionFilter
 from .scene.ego_motion import EgoMotionSettings as EgoMotionSettings
 from .scene.floor_motion import FloorTracker as FloorTracker
