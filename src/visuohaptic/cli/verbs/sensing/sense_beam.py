@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from ....sensing.readers import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "read force and moment, six axes, from templates on a bending rod"
 
 EPILOG = """\
 reads

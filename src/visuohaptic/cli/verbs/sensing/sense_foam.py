@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from ....sensing.foam.sensor import FoamSensor
     from ....sensing.readers import FoamReader, SensorReading
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "read force and shape of a foam strip from camera frames"
 
 EPILOG = """\
 reads

@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from ....sensing.readers import SceneReader, SensorReading
     from ....sensing.scene.scene_tracker import SceneReading
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "track obstacles ahead, the floor that passes and the object that is pushed"
 
 EPILOG = """\
 reads

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from ....sensing.readers import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose, TemplateTracker
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "find and track printed templates and tags, and read their 6D poses"
 
 EPILOG = """\
 reads
