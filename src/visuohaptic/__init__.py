@@ -1,11 +1,19 @@
 """A robot looks, touches and remembers.
 
 Cameras and touch become measurements, measurements become object knowledge,
-knowledge becomes plans. Import the package that you need, for example
-``from visuohaptic.sensing.foam import FoamSensor``; importing ``visuohaptic``
-itself costs nothing.
+knowledge becomes plans. ``import visuohaptic as vh`` offers the names that most
+programs need, grouped in ``__init__.pyi`` by what they are for; each is imported
+when it is first used, so that the import itself costs nothing. Everything else
+is in the packages, for example ``from visuohaptic.sensing.push import fit_circle``.
 """
 
-from ._version import __version__
+import lazy_loader
 
-__all__ = ["__version__"]
+from ._version import __version__ as __version__
+
+__getattr__, _, _lazy = lazy_loader.attach_stub(__name__, __file__)
+__all__ = sorted([*_lazy, "__version__"])
+
+
+def __dir__() -> list[str]:
+    return __all__.copy()

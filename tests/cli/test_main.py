@@ -23,7 +23,6 @@ def verbs(monkeypatch):
 
     def register(name, run, **more):
         module = types.ModuleType(f"fake_{name.replace(' ', '_')}")
-        module.HELP = f"Help of {name}."
         module.EPILOG = "reads   a box\nwrites  a tag\n\nexample: visuohaptic touch box --force 3\n"
         module.run = run
         module.add_arguments = lambda parser: parser.add_argument("--force", type=float, default=1.0)
@@ -215,7 +214,7 @@ def test_numpy_is_not_imported_before_a_verb_runs():
 @pytest.mark.skipif(os.name != "posix", reason="pipes of POSIX")
 def test_a_reader_that_goes_away_is_no_error():
     script = (
-        "import sys, types; m = types.ModuleType('talk'); m.HELP = ''; m.add_arguments = lambda p: None\n"
+        "import sys, types; m = types.ModuleType('talk'); m.add_arguments = lambda p: None\n"
         "m.run = lambda args: [args.report('x' * 1000) for _ in range(1000)] and None\n"
         "sys.modules['talk'] = m\n"
         "from visuohaptic.cli.main import main; sys.exit(main(['talk'], {'talk': ('talk', '')}))"

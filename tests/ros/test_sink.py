@@ -15,9 +15,10 @@ from visuohaptic.core.camera import Frame, Pose
 from visuohaptic.core.files import save_yaml
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.io.sinks import MeasurementSink
-from visuohaptic.ros import RosNode, RosSink, contact_markers, load_reader
+from visuohaptic.ros import RosNode, RosSink, contact_markers
 from visuohaptic.ros.bridge_config import sensor_kind
 from visuohaptic.ros.wire import Qos, decode, encode, message_type
+from visuohaptic.sensing import load_reader
 
 from .conftest import until
 
@@ -109,7 +110,7 @@ def test_a_scene_is_read(tmp_path: Path) -> None:
     reasons = []
     for i in range(6):
         image = render.render(scenes.scene(i / 30, scenes.planar(0.004 * i, 0, 0), []), rng=rng)
-        reasons.append(reader.read(Frame(image, i / 30, i), sink))
+        reasons.append(reader.read(Frame(image, i / 30, i), sink).reason)
     reader.blank(1.0, sink)
     reader.close()
     assert reasons[1:] == [Reason.OK] * 5
@@ -124,7 +125,7 @@ def test_a_scene_is_read(tmp_path: Path) -> None:
 def test_a_beam_is_read(tmp_path: Path) -> None:
     from visuohaptic.core.camera import Camera
     from visuohaptic.rigs import VirtualBeam
-    from visuohaptic.ros import BeamReader
+    from visuohaptic.sensing import BeamReader
     from visuohaptic.sensing.beam import TrackedBeam
     from visuohaptic.simulation.beam import RodRig
     from visuohaptic.simulation.rendering import CameraEffects
@@ -142,7 +143,7 @@ def test_a_beam_is_read(tmp_path: Path) -> None:
     assert reader.zeroed
     load = np.array([0.0, 2.0, 0.0, 0.0, 0.0, 0.0])
     for frame in virtual.frames(np.tile(load, (3, 1)), rng, renderer=renderer):
-        assert reader.read(frame, sink) is Reason.OK
+        assert reader.read(frame, sink).reason is Reason.OK
     reader.blank(9.0, sink)
     reader.close()
     *measured, last = sink.messages["/probe/wrench"]

@@ -1,8 +1,7 @@
 """The command ``visuohaptic``: finds the verb, loads only that verb's module, and turns errors into one line.
 
-A verb is a module with
+A verb is a line of ``VERBS`` (what it does) and a module with
 
-- ``HELP: str``, what it does in one line;
 - ``add_arguments(parser)``, its arguments;
 - ``run(args) -> dict | None``, the work; the mapping is what ``--json`` prints;
 - optionally ``EPILOG: str``, what it reads and writes, with an example;
@@ -12,7 +11,7 @@ A verb is a module with
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
-Exit codes: 0 done, 2 bad input or usage, 1 a mistake of ours, 130 interrupted,
+Exit codes: 0 done, 2 bad input or usage, 1 internal error, 130 interrupted,
 141 the reader of our output has gone.
 """
 
@@ -32,28 +31,27 @@ from ._console import Arguments, Console, OutputClosedError
 
 __all__ = ["VERBS", "UsageError", "main", "verb_parser"]
 
-#: Verb -> module and one line of help. The help is repeated here so that the
-#: overview needs no import of the modules, which take half a second.
+#: Verb -> module and one line of help; kept here so that the overview imports no verb.
 VERBS: Mapping[str, tuple[str, str]] = {
     "demo": (
         "visuohaptic.cli.verbs.system.demo",
-        "tell the story of a simulated robot that looks, touches and remembers",
+        "run the end-to-end demo: a simulated robot looks, touches and remembers",
     ),
     "sense foam": (
         "visuohaptic.cli.verbs.sensing.sense_foam",
-        "read force and shape of a foam strip from camera frames",
+        "measure force and shape with a strip of foam that a camera watches",
     ),
     "sense scene": (
         "visuohaptic.cli.verbs.sensing.sense_scene",
-        "track obstacles ahead, the floor that passes and the object that is pushed",
+        "track obstacles ahead, the motion of the floor and the pushed object",
     ),
     "track": (
         "visuohaptic.cli.verbs.sensing.track",
-        "find and track printed templates and tags, and read their 6D poses",
+        "track printed templates and AprilTags, and estimate their 6D poses",
     ),
     "template check": (
         "visuohaptic.cli.verbs.sensing.template_check",
-        "predict how well a picture can be found and tracked as a template",
+        "predict how well an image can be detected and tracked as a template",
     ),
     "template sheet": (
         "visuohaptic.cli.verbs.sensing.template_sheet",
@@ -61,60 +59,66 @@ VERBS: Mapping[str, tuple[str, str]] = {
     ),
     "sense beam": (
         "visuohaptic.cli.verbs.sensing.sense_beam",
-        "read force and moment, six axes, from a bending rod",
+        "measure force and moment, six axes, with templates on a bending rod",
     ),
-    "calibrate foam": ("visuohaptic.cli.verbs.sensing.calibrate_foam", "fit a foam's strain-stress curve"),
+    "calibrate foam": (
+        "visuohaptic.cli.verbs.sensing.calibrate_foam",
+        "fit a foam's stress-strain curve, or say why the data are unsuitable",
+    ),
     "calibrate beam": (
         "visuohaptic.cli.verbs.sensing.calibrate_beam",
         "fit a beam sensor's compliance from known loads",
     ),
     "calibrate camera": (
         "visuohaptic.cli.verbs.sensing.calibrate_camera",
-        "find a camera's matrix and distortion",
+        "estimate a camera's intrinsics and lens distortion",
     ),
     "calibrate stripe": (
         "visuohaptic.cli.verbs.sensing.calibrate_stripe",
-        "learn the colours of a stripe on the foam",
+        "learn the colours of a stripe on the foam from one image",
     ),
     "example foam": (
         "visuohaptic.cli.verbs.sensing.example_foam",
-        "write a small recording to try the foam sensor on",
+        "write a small simulated recording to try the foam sensor on",
     ),
     "example beam": (
         "visuohaptic.cli.verbs.sensing.example_beam",
-        "write a small recording to try the beam sensor on",
+        "write a small simulated recording to try the beam sensor on",
     ),
     "map inspect": (
         "visuohaptic.cli.verbs.planning.map_inspect",
-        "say what is on a map and where a robot can drive",
+        "summarise a map, and where a robot can drive on it",
     ),
-    "map build": ("visuohaptic.cli.verbs.planning.map_build", "build a map from laser scans and odometry"),
+    "map build": (
+        "visuohaptic.cli.verbs.planning.map_build",
+        "build an occupancy map from laser scans and odometry",
+    ),
     "map graph": (
         "visuohaptic.cli.verbs.planning.map_graph",
-        "turn a map into distance, cost, graph and regions",
+        "compute distance, cost, skeleton graph and regions of a map",
     ),
-    "plan": ("visuohaptic.cli.verbs.planning.plan", "plan where to drive and what to push aside"),
+    "plan": (
+        "visuohaptic.cli.verbs.planning.plan",
+        "plan navigation among movable obstacles: where to drive, what to push",
+    ),
     "stiffness": (
         "visuohaptic.cli.verbs.planning.stiffness",
-        "compute how stiff a container is at every surface point",
+        "compute the stiffness of a container at every surface point",
     ),
-    "grasp": (
-        "visuohaptic.cli.verbs.planning.grasp",
-        "say where to grasp a container that gives way, and how hard",
-    ),
+    "grasp": ("visuohaptic.cli.verbs.planning.grasp", "plan grasps on deformable containers"),
     "reconstruct": (
         "visuohaptic.cli.verbs.geometry.reconstruct",
-        "fuse a depth sequence into a surface and find what is transparent",
+        "fuse a depth sequence into a surface, and detect transparent parts",
     ),
     "complete": (
         "visuohaptic.cli.verbs.geometry.complete",
-        "complete a surface where it could not be seen, and say where to touch",
+        "complete a surface by touch where it could not be seen, and plan the next touch",
     ),
     "objects list": ("visuohaptic.cli.verbs.knowledge.objects_list", "list the objects of a database"),
-    "objects show": ("visuohaptic.cli.verbs.knowledge.objects_show", "say all that is known of one object"),
+    "objects show": ("visuohaptic.cli.verbs.knowledge.objects_show", "show all that is known of one object"),
     "objects add": (
         "visuohaptic.cli.verbs.knowledge.objects_add",
-        "add an object, or new evidence of one that is known",
+        "add an object, or new evidence of a known one",
     ),
     "objects import": (
         "visuohaptic.cli.verbs.knowledge.objects_import",
@@ -124,40 +128,46 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.verbs.knowledge.objects_export",
         "export objects as folders with cards",
     ),
-    "objects sync": (
-        "visuohaptic.cli.verbs.knowledge.objects_sync",
-        "exchange what is new with a shared database",
-    ),
+    "objects sync": ("visuohaptic.cli.verbs.knowledge.objects_sync", "synchronise with a shared database"),
     "objects search": (
         "visuohaptic.cli.verbs.knowledge.objects_search",
         "find the objects with the most similar features",
     ),
     "objects recognise": (
         "visuohaptic.cli.verbs.knowledge.objects_recognise",
-        "say what a seen object may be, with probabilities",
+        "rank what a seen object may be, with probabilities",
     ),
     "objects build": (
         "visuohaptic.cli.verbs.knowledge.objects_build",
-        "compute stiffness maps and features of whole classes",
+        "compute stiffness maps and features of whole container classes",
     ),
     "reproduce": (
         "visuohaptic.cli.verbs.system.reproduce",
-        "make figures and tables of the dissertation again, its numbers beside ours",
+        "reproduce figures and tables of the dissertation, beside its numbers",
     ),
-    "classify train": ("visuohaptic.cli.verbs.knowledge.classify_train", "train a tree that plans touches"),
-    "classify plan": ("visuohaptic.cli.verbs.knowledge.classify_plan", "show what to touch, in what order"),
+    "classify train": (
+        "visuohaptic.cli.verbs.knowledge.classify_train",
+        "train a classification tree and a touch planner, or a model of states",
+    ),
+    "classify plan": (
+        "visuohaptic.cli.verbs.knowledge.classify_plan",
+        "show the planned touches in their order",
+    ),
     "classify run": (
         "visuohaptic.cli.verbs.knowledge.classify_run",
-        "say what an object is from touches, and where to touch",
+        "classify an object from touches, and plan the next touch",
     ),
-    "recording info": ("visuohaptic.cli.verbs.geometry.recording_info", "say what is in a recording"),
+    "recording info": (
+        "visuohaptic.cli.verbs.geometry.recording_info",
+        "summarise a recording: topics, frames, duration, damage",
+    ),
     "recording import": (
         "visuohaptic.cli.verbs.geometry.recording_import",
-        "make a depth sequence from depth pictures and poses of another layout",
+        "convert depth images and poses of another layout into a depth sequence",
     ),
     "ros bridge": (
         "visuohaptic.cli.verbs.system.ros_bridge",
-        "run the sensors as a ROS 2 node, image topics in, forces out",
+        "run the sensors as a ROS 2 node: image topics in, forces out",
     ),
     "view": (
         "visuohaptic.cli.verbs.system.view",
@@ -165,9 +175,9 @@ VERBS: Mapping[str, tuple[str, str]] = {
     ),
     "warmup": (
         "visuohaptic.cli.verbs.system.warmup",
-        "compile the kernels once, so that later starts are fast",
+        "compile all kernels now, so that later starts are fast",
     ),
-    "doctor": ("visuohaptic.cli.verbs.system.doctor", "try every library and say what to install"),
+    "doctor": ("visuohaptic.cli.verbs.system.doctor", "check every library, and say what to install"),
 }
 
 _GLOBAL_FLAGS = {"--json", "--verbose", "-v", "--quiet", "-q"}
@@ -264,7 +274,7 @@ def _run(words: list[str], console: Console, verbs: Mapping[str, tuple[str, str]
         console.report(_overview({name: verbs[name] for name in words_of_group}))
         return 0
     module = _load(verb, verbs)
-    parser = verb_parser(verb, module)
+    parser = verb_parser(verb, module, verbs)
     try:
         args = parser.parse_args(rest, namespace=Arguments())
     except SystemExit as stop:  # argparse has printed the help
@@ -295,11 +305,24 @@ def _do(verb: str, module: ModuleType, args: argparse.Namespace) -> Mapping[str,
         raise missing_library_error(error, verb) from error
 
 
-def verb_parser(verb: str, module: ModuleType) -> argparse.ArgumentParser:
-    """The parser of one verb, with the options that every verb has."""
+def verb_parser(
+    verb: str, module: ModuleType, verbs: Mapping[str, tuple[str, str]] = VERBS
+) -> argparse.ArgumentParser:
+    """The parser of one verb, with the options that every verb has.
+
+    Parameters
+    ----------
+    verb
+        Its words, as ``sense foam``.
+    module
+        Where its arguments are added.
+    verbs
+        The registry, with its line of help.
+    """
+    text = verbs[verb][1]
     parser = _Parser(
         prog=f"visuohaptic {verb}",
-        description=module.HELP,
+        description=f"{text[:1].upper()}{text[1:]}.",
         epilog=getattr(module, "EPILOG", None),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

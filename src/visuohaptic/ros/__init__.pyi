@@ -14,11 +14,6 @@ from .node import RosNode as RosNode
 from .node import RosOptions as RosOptions
 from .node import RosPublisher as RosPublisher
 from .node import RosSubscription as RosSubscription
-from .readers import BeamReader as BeamReader
-from .readers import FoamReader as FoamReader
-from .readers import Reader as Reader
-from .readers import SceneReader as SceneReader
-from .readers import load_reader as load_reader
 from .robots.gripper import RosGripper as RosGripper
 from .robots.mobile_base import RosBase as RosBase
 from .robots.probe_arm import RosArm as RosArm

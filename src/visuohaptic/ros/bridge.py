@@ -6,20 +6,20 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 from ..core.camera.frame import Frame
-from ..core.errors import DeviceError, InputError
+from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..core.resources import Closing
 from ..core.robots import BaseState
+from ..sensing.readers import SensorReader, load_reader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .frames import TopicFrames
 from .latest import LatestMessage
 from .node import RosNode
-from .readers import Reader, load_reader
 from .robots.mobile_base import base_state
 from .sink import RosSink
 
@@ -41,26 +41,22 @@ class SensorReport:
     lost: int = 0  #: images that were sent but never came, and those left out
 
 
-class _Odometry:
-    """The part of a ``MobileBase`` that sensors use; it cannot drive."""
+def _odometry(latest: LatestMessage) -> Callable[[float], BaseState | None]:
+    """Newest odometry, where there is some now: without it a sensor goes by its images alone."""
 
-    def __init__(self, latest: LatestMessage) -> None:
-        self._latest = latest
+    def state(t_s: float) -> BaseState | None:
+        try:
+            return base_state(latest.get(0.0))
+        except StaleFrameError:
+            return None
 
-    def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        raise DeviceError("a bridge does not drive")
-
-    def stop(self) -> None:
-        raise DeviceError("a bridge does not drive")
-
-    def state(self) -> BaseState:
-        return base_state(self._latest.get(0.0))
+    return state
 
 
 class _Channel:
     """One sensor with its topics and its thread."""
 
-    def __init__(self, bridge: Bridge, section: SensorSection, reader: Reader) -> None:
+    def __init__(self, bridge: Bridge, section: SensorSection, reader: SensorReader[Any]) -> None:
         self.report = SensorReport(section.name)
         self._bridge, self._section, self.reader = bridge, section, reader
         self.sink = RosSink(bridge.node, frame=section.frame or section.name)
@@ -102,7 +98,7 @@ class _Channel:
                 self.report.stale += 1
                 self.reader.blank(time.time(), self.sink)
             return
-        reason = self.reader.read(frame, self.sink)
+        reason = self.reader.read(frame, self.sink).reason
         self.report.frames += 1
         self.report.reasons[reason.value] += 1
         if self._last_index >= 0:
@@ -138,7 +134,7 @@ class Bridge(Closing):
         self.reports: tuple[SensorReport, ...] = ()
         files = [(section, folder / section.config) for section in config.sensors]
         kinds = [sensor_kind(path) for _, path in files]
-        readers: list[Reader] = []
+        readers: list[SensorReader[Any]] = []
         node: RosNode | None = None
         try:
             for (section, path), kind in zip(files, kinds, strict=True):
@@ -149,7 +145,7 @@ class Bridge(Closing):
             for (section, _), reader in zip(files, readers, strict=True):
                 if section.odometry is not None:
                     latest = LatestMessage(node, section.odometry, "nav_msgs/msg/Odometry", config.stale_s)
-                    reader.base = _Odometry(latest)
+                    reader.odometry = _odometry(latest)
                 self._channels.append(_Channel(self, section, reader))
         except BaseException:
             for reader in readers:
@@ -214,15 +210,11 @@ class Bridge(Closing):
         self.node.close()
 
 
-def _check(section: SensorSection, reader: Reader, path: Path, kind: str) -> None:
+def _check(section: SensorSection, reader: SensorReader[Any], path: Path, kind: str) -> None:
     if section.odometry is not None and kind == "beam":
         raise InputError(path, "a beam sensor has no use for odometry", field=f"{section.name}.odometry")
-    if not reader.zeroed and not section.zero_frames:
-        raise InputError(
-            path,
-            "there is no zero reference",
-            remedy=f"take one first (visuohaptic sense {kind} ... --zero) or set zero_frames",
-        )
+    if not section.zero_frames:
+        reader.require_zero("set zero_frames")
 
 
 def summary(reports: tuple[SensorReport, ...]) -> list[dict[str, Any]]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import threading
 from typing import Any
 
+from ..core.measurement import ForceProfile
 from ..io.sinks.measurement_sink import MeasurementSink
+from .markers import contact_markers
 from .node import RosNode, RosPublisher
 from .wire.graph import Qos
 
@@ -44,6 +46,20 @@ class RosSink(MeasurementSink):
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
         """Publish the fields of any standard message that this library knows."""
         self.advertise(topic, datatype).publish(message)
+
+    def write_force(self, profile: ForceProfile, name: str = "foam") -> None:
+        """As in a recording, and arrows for RViz on ``/NAME/markers``.
+
+        Parameters
+        ----------
+        profile
+            Of a foam strip; without contact, or not valid, the arrows are taken away.
+        name
+            First part of the topics.
+        """
+        super().write_force(profile, name)
+        arrows = contact_markers(profile, self.frame, name)
+        self.write(f"/{name}/markers", "visualization_msgs/msg/MarkerArray", profile.t_s, arrows)
 
     @property
     def sent(self) -> int:

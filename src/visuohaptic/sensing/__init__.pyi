@@ -23,6 +23,13 @@ from .push.push_record import stop_reason as stop_reason
 from .push.tag import TagSettings as TagSettings
 from .push.tag import predictive_interval as predictive_interval
 from .push.tag import tag_from_push as tag_from_push
+from .readers import BeamReader as BeamReader
+from .readers import FoamReader as FoamReader
+from .readers import SceneReader as SceneReader
+from .readers import SensorReader as SensorReader
+from .readers import SensorReading as SensorReading
+from .readers import load_reader as load_reader
+from .readers import write_templates as write_templates
 from .scene.ego_motion import EgoMotionFilter as EgoMotionFilter
 from .scene.ego_motion import EgoMotionSettings as EgoMotionSettings
 from .scene.floor_motion import FloorTracker as FloorTracker

@@ -72,7 +72,7 @@ def test_from_poses_to_a_table_and_a_recording(folder, capsys):
     result = json.loads(capsys.readouterr().out)
     assert result["frames"] == 5
     assert result["reasons"] == {"ok": 4, "saturated": 1}
-    assert result["largest"]["fy_N"] == pytest.approx(1.5, abs=0.01)
+    assert result["max"]["fy_N"] == pytest.approx(1.5, abs=0.01)
     header = (folder / "run.csv").read_text().splitlines()[0]
     assert header.startswith(",".join(("t_s", "valid", "reason", *AXES)))
     wrenches = read_wrench_table(folder / "run.csv")

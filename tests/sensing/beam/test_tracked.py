@@ -146,4 +146,4 @@ def test_the_verb_reads_pictures(world, tmp_path, capsys):
     topics = {message.channel.topic for message in read_ros2_messages(str(out))}
     assert {"/template/reference", "/template/middle", "/template/tip"} <= topics
     assert main(["sense", "beam", "--config", str(folder / "sensor.yaml"), "--poses", "x.csv", "--view"]) == 2
-    assert "has no pictures" in capsys.readouterr().err
+    assert "has no images" in capsys.readouterr().err

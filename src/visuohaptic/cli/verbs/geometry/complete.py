@@ -6,12 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("robust_laplacian", "skimage")
 
-HELP = "Complete a surface where it could not be seen, by touches, and say where to touch next."
 EPILOG = """\
 reads   a surface (PLY, metres, z up), regions.json (clusters with hull), touches as a table with
         x_m, y_m, z_m and optionally start_x_m ..., end_x_m ..., sigma_m (no contact: x_m empty)

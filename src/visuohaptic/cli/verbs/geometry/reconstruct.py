@@ -8,12 +8,11 @@ from typing import Any
 
 from ..._console import Arguments
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("skimage",)
 
-HELP = "Fuse a depth sequence into a surface and find what is transparent."
 EPILOG = """\
 reads   a sequence folder: sequence.yaml, camera.yaml, depth/, poses.txt (see: visuohaptic recording import)
 writes  surface.ply, transparency.ply (points with score) and regions.json (hull, centroid, size, score of

@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Make a depth sequence folder from depth pictures, intrinsics and poses of another layout."
 EPILOG = """\
 reads   a folder with camera.json, cam.info.txt or camera_intrinsics.yaml (layouts arm, apc, cleargrasp),
         or any folder of 16-bit PNG or EXR depth with --camera, --poses and --depth-scale-m

@@ -5,10 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-__all__ = ["HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = """Show what is in a recording: topics, frames, duration, size, and what is damaged.
-
+EPILOG = """\
 Reads a video, a folder of images, an MCAP file (also a cut one), or a map_server YAML file; writes nothing.
 
 Example: visuohaptic recording info run.mcap

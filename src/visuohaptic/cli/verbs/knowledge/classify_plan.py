@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Show the exploration plan of a trained tree."
 EPILOG = """\
 reads   a tree of classify train
 writes  the plan to stdout; with --plot a picture of the tree and the features, like figure 6.7

@@ -13,9 +13,8 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Say what an object is from measured curves, and what to touch next."
 EPILOG = """\
 reads   a tree of classify train with its .npz, and a CSV file of curves with the columns
           height (1..16), side (x+, x-, y+, y-), force_N, deformation_m [, width_m]

@@ -8,9 +8,8 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Train a classification tree, which is an exploration plan, and a planner of touches; or states."
 EPILOG = """\
 reads   a folder of objects build, or the .npz file of an earlier training
         or, with --states, a container: a shipped class or a .yaml file

@@ -8,12 +8,11 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, described, opened
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
 
-HELP = "Add an object, or new evidence of one that is known."
 EPILOG = """\
 reads   the arguments, and what is known of the object
 writes  into the database; it is on the disk when the verb returns

@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Compute stiffness maps and features of many variants of container classes."
 EPILOG = """\
 reads   a YAML plan:
           seed: 1

@@ -7,12 +7,11 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
-HELP = "Export objects as folders with cards."
 EPILOG = """\
 reads   a database of objects
 writes  for each object a folder with card.yaml, arrays.parquet and mesh.glb

@@ -7,12 +7,11 @@ from typing import Any
 
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy", "trimesh")
 
-HELP = "Import objects from folders with cards."
 EPILOG = """\
 reads   folders with card.yaml, arrays.parquet and mesh.glb, and compares their hashes
 writes  into the database, 128 objects in a transaction

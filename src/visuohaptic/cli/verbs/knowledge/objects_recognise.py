@@ -8,9 +8,8 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "needs", "run"]
+__all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
-HELP = "Say what a seen object may be, with probabilities, before it is touched."
 EPILOG = """\
 reads   a database of objects (their meshes, pictures of faces and last places), or a prior that was saved
         from one; a picture, or the points of one object from one side (.npy, or .ply in metres)

@@ -8,12 +8,11 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
 
-HELP = "Find the objects with the most similar features."
 EPILOG = """\
 reads   a database of objects, and the features of one of them or of a .npy file (NaN: not known)
 writes  the answer, to stdout

@@ -9,12 +9,11 @@ from typing import Any
 from ....core.errors import InputError
 from ._objects import add_database, opened
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("pyarrow", "sqlalchemy")
 
-HELP = "Exchange what is new with a shared database."
 EPILOG = """\
 reads   both databases; one of them may be new, and is made
 writes  both; where objects were seen last stays here

@@ -13,9 +13,8 @@ if TYPE_CHECKING:
     from ....grasping.grasp_task import GraspTask
     from ....grasping.planner import Grasp, GraspPlan
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "grasp_json", "run"]
+__all__ = ["EPILOG", "add_arguments", "grasp_json", "run"]
 
-HELP = "Rank the grasps of a container: stable, and without crushing it."
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is

@@ -5,10 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-__all__ = ["HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = """Build an occupancy map from laser scans with odometry.
-
+EPILOG = """\
 Reads an MCAP file with sensor_msgs/LaserScan and nav_msgs/Odometry, or a CSV
 file (t_s, x_m, y_m, yaw_rad, angle_min_rad, angle_step_rad, range_min_m,
 range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM picture.

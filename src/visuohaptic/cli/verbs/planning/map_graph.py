@@ -8,9 +8,8 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Turn a map into distance, cost, skeleton, graph and regions."
 EPILOG = """\
 reads   a map_server YAML file with its picture
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),

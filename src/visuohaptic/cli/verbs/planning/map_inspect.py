@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Say what is on a map, and where a robot can drive on it."
 EPILOG = """\
 reads   a map_server YAML file with its picture
 writes  nothing

@@ -10,9 +10,8 @@ if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
     from ....navigation.problem.planning_problem import PlanningProblem
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "plan where to drive and what to push aside"
 
 EPILOG = """\
 reads

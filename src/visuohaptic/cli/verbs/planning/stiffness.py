@@ -9,9 +9,8 @@ from typing import Any
 
 from ._container import add_container_arguments, read_container
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "Compute the stiffness of every surface point of a container under a dual-tip pinch."
 EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), or a mesh: STL, PLY, OBJ, GLB, DAE. A mesh is the middle

@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "fit the compliance of a beam sensor from known loads, or say why the data are unsuitable"
 
 EPILOG = """\
 reads

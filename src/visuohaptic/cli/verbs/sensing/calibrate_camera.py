@@ -5,10 +5,9 @@ from __future__ import annotations
 from argparse import ArgumentParser, Namespace
 from typing import Any
 
-__all__ = ["HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = """Calibrate a camera from images of a ChArUco board or a chessboard.
-
+EPILOG = """\
 Reads a folder of images, a video or an MCAP file; writes a ROS camera_info
 YAML file. Prints every parameter with its standard deviation, and refuses a
 session that would give a bad camera, with the reason.

@@ -6,9 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["HELP", "add_arguments", "run"]
-
-HELP = "fit a foam material from a CSV of strain and stress, or say why it is unsuitable"
+__all__ = ["add_arguments", "run"]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

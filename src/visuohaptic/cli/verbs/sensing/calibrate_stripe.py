@@ -11,12 +11,11 @@ from ....core.errors import InputError
 if TYPE_CHECKING:
     from ....core.camera.frame import Frame
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("sklearn",)
 
-HELP = "learn the colours of a stripe on the foam from one image of the untouched sensor"
 
 EPILOG = """\
 reads

@@ -6,12 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("av",)
 
-HELP = "write a small simulated recording to try the foam sensor on"
 
 EPILOG = """\
 reads

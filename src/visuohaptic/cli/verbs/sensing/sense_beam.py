@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
 from contextlib import ExitStack
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ....core.errors import InputError
-from ..._frames import add_part, opened_frames
+from ..._sensor_run import Outputs, SensorRun, add_part, is_live, opened_frames, run_sensor, zero_frames
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -19,15 +18,13 @@ if TYPE_CHECKING:
 
     from ....core.camera.frame import Frame
     from ....core.measurement import Wrench
-    from ....io.sinks.mcap_out import MeasurementWriter
-    from ....sensing.beam.sensor import BeamReading
-    from ....sensing.beam.tracked import TrackedBeam
+    from ....sensing.beam.sensor import BeamSetup
+    from ....sensing.beam.tracked import TrackedReading
+    from ....sensing.readers import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose
-    from ....viewer.page import LivePage
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "read force and moment, six axes, from templates on a bending rod"
 
 EPILOG = """\
 reads
@@ -78,84 +75,135 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    if args.zero_frames < 0:
-        raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
-    if args.source is not None:
-        return _from_pictures(args)
+    zero_frames(args)
+    with ExitStack() as stack:
+        if args.source is not None:
+            reader, frames = _images(args, stack)
+        else:
+            reader, frames = _poses(args)
+        if not args.zero:
+            return _measure(args, reader, frames)
+        # A live camera never ends by itself.
+        limit = args.zero_frames or (_LIVE_ZERO if is_live(str(args.source)) else None)
+        assert reader.zero_path is not None  # a file of settings always names one
+        return _stored(args, reader.zero(islice(frames, limit)), reader.zero_path)
+
+
+def _images(args: Any, stack: ExitStack) -> tuple[SensorReader[Any], Iterator[Any]]:
+    """A reader of camera frames, and those of ``--source``."""
+    from ....sensing.beam.tracked import TrackedBeam
+    from ....sensing.readers import BeamReader
+
+    # A live camera must not wait for the detector; a recording must give the same result each time.
+    beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
+    reader = stack.enter_context(BeamReader(beam, templates=True))
+    source = stack.enter_context(opened_frames(args, reader.camera, grey=not args.view))
+    return reader, iter(args.progress(source, _doing(args)))
+
+
+def _poses(args: Any) -> tuple[SensorReader[Any], Iterator[Any]]:
+    """A reader of template poses, and those of ``--poses``."""
     if args.view or args.start or args.stop != float("inf") or args.rate_Hz is not None:
         raise InputError(
-            "--poses", "has no pictures", remedy="--view, --start, --stop and --rate-Hz belong to --source"
+            "--poses", "has no images", remedy="--view, --start, --stop and --rate-Hz belong to --source"
         )
-    return _from_poses(args)
-
-
-def _from_poses(args: Any) -> dict[str, Any]:
     from ....sensing.beam.config import BeamSensorConfig
     from ....sensing.beam.records import read_template_poses
+
+    reader = _pose_reader(BeamSensorConfig.load(args.config))
+    frames = args.progress(read_template_poses(args.poses), _doing(args))
+    return reader, iter(_PoseFrame(*frame) for frame in frames)
+
+
+def _doing(args: Any) -> str:
+    return "zeroing" if args.zero else "measuring"
+
+
+class _PoseFrame(NamedTuple):
+    """Template poses that were observed at one time."""
+
+    t_s: float
+    templates: Sequence[Any]
+
+
+def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
+    """A beam sensor that reads template poses instead of images."""
     from ....sensing.beam.sensor import BeamSensor
+    from ....sensing.beam.tracked import TrackedReading
     from ....sensing.beam.zero import BeamZero
+    from ....sensing.readers import SensorReader, SensorReading
 
-    setup = BeamSensorConfig.load(args.config)
-    sensor = BeamSensor(setup)
-    assert setup.zero_path is not None
-    frames = read_template_poses(args.poses)
-    if args.zero:
-        return _stored(args, sensor.zero(args.progress(frames, "zeroing")), setup.zero_path)
-    if args.zero_frames:
-        sensor.zero(islice(frames, args.zero_frames))
-    elif setup.zero_path.is_file():
-        sensor = BeamSensor(setup, BeamZero.load(setup.zero_path, list(setup.xi)))
-    else:
-        raise _no_zero(setup.zero_path)
-    with _Writers(args) as writers:
-        for t_s, templates in args.progress(frames, "measuring"):
-            writers.write(sensor.read(t_s, templates))
-        return writers.summary()
+    path = setup.zero_path
+    stored = BeamZero.load(path, list(setup.xi)) if path is not None and path.is_file() else None
+    sensor = BeamSensor(setup, stored)
 
+    class PoseReader(SensorReader[TrackedReading]):
+        kind, camera, zero_path = "beam", None, path
 
-def _from_pictures(args: Any) -> dict[str, Any]:
-    from ....sensing.beam.tracked import TrackedBeam
+        @property
+        def zeroed(self) -> bool:
+            return sensor.zero_reference is not None
 
-    with ExitStack() as stack:
-        # A live camera must not wait for the detector; a recording must give the same result each time.
-        live = args.source.startswith(("camera:", "uvc:"))
-        beam = stack.enter_context(TrackedBeam.load(args.config, threaded=live))
-        source = stack.enter_context(opened_frames(args, beam.camera, grey=not args.view))
-        frames: Iterator[Frame] = iter(args.progress(source, "zeroing" if args.zero else "measuring"))
-        zero_path = beam.sensor.setup.zero_path
-        assert zero_path is not None
-        if args.zero:
-            # A live camera never ends by itself.
-            limit = args.zero_frames or (_LIVE_ZERO if live else None)
-            return _stored(args, beam.zero(islice(frames, limit)), zero_path)
-        if args.zero_frames:
-            beam.zero(islice(frames, args.zero_frames))
-        elif beam.sensor.zero_reference is None:
-            raise _no_zero(zero_path)
-        return _measure(args, beam, frames, stack)
+        def zero(self, frames: Any) -> BeamZero:
+            return sensor.zero(frames)
+
+        def read(self, frame: Any, sink: Any = None) -> SensorReading[TrackedReading]:
+            reading = sensor.read(*frame)
+            if sink is not None:
+                sink.write_wrench(reading.wrench, "beam")
+            return SensorReading(TrackedReading(reading, ()), reading.wrench.reason)
+
+        def blank(self, t_s: float, sink: Any) -> None:
+            """A recorded table never falls silent."""
+
+    return PoseReader("beam")
 
 
-def _measure(args: Any, beam: TrackedBeam, frames: Iterator[Frame], stack: ExitStack) -> dict[str, Any]:
-    writers = stack.enter_context(_Writers(args, frame=beam.camera.name))
-    page: LivePage | None = None
-    if args.view:
-        from ....viewer.page import LivePage
+def _measure(args: Any, reader: SensorReader[TrackedReading], frames: Iterator[Any]) -> dict[str, Any]:
+    import numpy as np
 
-        page = stack.enter_context(LivePage(title="beam sensor"))
-        args.report(f"live page: {page.url}")
-        page.show()
-    for frame in frames:
-        found = beam.read(frame)
-        writers.write(found.reading, found.templates)
-        if page is not None:
-            page.update(frame.t_s, frame_bgr=_drawn(frame, found.reading.wrench, found.templates))
-    if writers.recording is not None:
-        writers.recording.write_camera(beam.camera, writers.last_t_s)
-    return writers.summary()
+    from ....io.sinks.tables import TableWriter
+
+    max_load, noise, exact = np.zeros(6), np.full(6, np.nan), 0
+
+    def note(reading: SensorReading[TrackedReading]) -> None:
+        nonlocal max_load, noise, exact
+        found = reading.measured.reading
+        exact += found.exact
+        if found.wrench.valid:
+            load = np.concatenate([found.wrench.force_N, found.wrench.moment_Nm])
+            if np.isnan(noise[0]):
+                noise = np.sqrt(np.diag(found.noise))
+            max_load = np.where(np.abs(load) > np.abs(max_load), load, max_load)
+
+    outputs: Outputs[TrackedReading] = Outputs(
+        TableWriter,
+        rows=lambda found: (found.reading.wrench,),
+        page_title="beam sensor",
+        show=lambda frame, found: {"frame_bgr": _drawn(frame, found.reading.wrench, found.templates)},
+    )
+    done = run_sensor(args, reader, frames, outputs, note)
+    return _summary(args, done, max_load, noise, exact)
+
+
+def _summary(
+    args: Any, done: SensorRun, max_load: np.ndarray, noise: np.ndarray, exact: int
+) -> dict[str, Any]:
+    """Report, and the mapping for ``--json``; ``max_load`` and ``noise`` of six axes [N, Nm]."""
+    args.report(done.text(f", {exact} read by the exact rod"))
+    for name, value, sigma in zip(_AXES, max_load, noise, strict=True):
+        args.report(f"{name:6} maximum {value:9.4f}, noise of a frame {sigma:.5f}")
+    return {
+        "frames": done.frames,
+        "reasons": dict(done.reasons),
+        "exact_frames": exact,
+        "max": dict(zip(_AXES, max_load.tolist(), strict=True)),
+        "out": done.out,
+    }
 
 
 def _drawn(frame: Frame, wrench: Wrench, templates: Sequence[TemplatePose]) -> np.ndarray:
-    """The picture with the templates' outlines and six numbers."""
+    """The image with the templates' outlines and six numbers."""
     from ....report.annotation import FrameNotes, annotated_frame
     from ....tracking.templates.outline import template_outlines
 
@@ -178,91 +226,3 @@ def _stored(args: Any, zero: Any, path: Path) -> dict[str, Any]:
     zero.save(path)
     args.report(f"zero from {zero.frames} frames of {', '.join(zero.rest.names)} written to {path}")
     return {"zero": str(path), "frames": zero.frames, "templates": list(zero.rest.names)}
-
-
-def _no_zero(path: Path) -> InputError:
-    return InputError(
-        path,
-        "there is no zero reference",
-        remedy="take one first (visuohaptic sense beam ... --zero) or give --zero-frames N",
-    )
-
-
-class _Writers:
-    """All that is written of a run, and what there is to say at its end."""
-
-    def __init__(self, args: Any, frame: str = "camera") -> None:
-        self._args, self._frame = args, frame
-        self._stack = ExitStack()
-        self.recording: MeasurementWriter | None = None
-        self.last_t_s = 0.0
-
-    def __enter__(self) -> _Writers:
-        import numpy as np
-
-        from ....io.sinks.mcap_out import MeasurementWriter
-        from ....io.sinks.tables import TableWriter
-
-        args = self._args
-        self._reasons: Counter[str] = Counter()
-        self._largest, self._sigma, self._exact = np.zeros(6), np.full(6, np.nan), 0
-        if args.out:
-            self.recording = self._stack.enter_context(MeasurementWriter(args.out))
-        self._tables = [
-            self._stack.enter_context(TableWriter(path)) for path in (args.csv, args.parquet) if path
-        ]
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._stack.__exit__(*error)
-
-    def write(self, reading: BeamReading, templates: Sequence[TemplatePose] = ()) -> None:
-        """One frame."""
-        import numpy as np
-
-        wrench = reading.wrench
-        self.last_t_s = wrench.t_s
-        self._reasons[wrench.reason.value] += 1
-        self._exact += reading.exact
-        if self.recording is not None:
-            self.recording.write_wrench(wrench)
-            for pose in templates:
-                if pose.T_camera_template is not None:
-                    self.recording.write_pose(
-                        pose.T_camera_template,
-                        pose.t_s,
-                        f"/template/{pose.name}",
-                        frame=self._frame,
-                        covariance=pose.covariance,
-                    )
-        for table in self._tables:
-            table.write(wrench)
-        if wrench.valid:
-            now = np.concatenate([wrench.force_N, wrench.moment_Nm])
-            if np.isnan(self._sigma[0]):
-                self._sigma = np.sqrt(np.diag(reading.noise))
-            self._largest = np.where(np.abs(now) > np.abs(self._largest), now, self._largest)
-
-    def summary(self) -> dict[str, Any]:
-        """Report, and the mapping for ``--json``."""
-        args, reasons = self._args, self._reasons
-        count = sum(reasons.values())
-        if not count:
-            raise InputError(
-                args.source or args.poses,
-                "no frames are left to measure",
-                remedy="check --zero-frames, --start, --stop",
-            )
-        args.report(
-            f"{count} frames, {reasons.get('ok', 0)} valid, {self._exact} read by the exact rod"
-            + "".join(f", {number} {reason}" for reason, number in reasons.items() if reason != "ok")
-        )
-        for name, value, noise in zip(_AXES, self._largest, self._sigma, strict=True):
-            args.report(f"{name:6} largest {value:9.4f}, noise of a frame {noise:.5f}")
-        return {
-            "frames": count,
-            "reasons": dict(reasons),
-            "exact_frames": self._exact,
-            "largest": dict(zip(_AXES, self._largest.tolist(), strict=True)),
-            "out": [str(path) for path in (args.out, args.csv, args.parquet) if path],
-        }

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
-from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ....core.errors import InputError
-from ..._frames import add_part, opened_frames
+from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, zero_frames
 
 if TYPE_CHECKING:
+    from ....core.measurement import ForceProfile
     from ....core.robots import FrameSource
-    from ....io.sinks.mcap_out import MeasurementWriter
-    from ....io.sinks.tables import TableWriter
     from ....sensing.foam.finger import FingerSensor
     from ....sensing.foam.sensor import FoamSensor
-    from ....viewer.page import LivePage
+    from ....sensing.readers import FoamReader, SensorReading
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "read force and shape of a foam strip from camera frames"
 
 EPILOG = """\
 reads
@@ -69,13 +64,10 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     from ....sensing.foam.finger import load_sensor
 
-    if args.zero_frames < 0:
-        raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
+    zero_frames(args)
     sensor = load_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
-        if args.zero:
-            return _zero(args, sensor, source)
-        return _measure(args, sensor, source)
+        return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source)
 
 
 def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
@@ -95,89 +87,71 @@ def _zero(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
 
 
 def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, Any]:
-    from ....core.measurement import EventKind
-    from ....io.sinks.mcap_out import MeasurementWriter
+    from ....core.robots import BaseState
     from ....io.sinks.tables import TableWriter
     from ....sensing.foam.finger import FingerSensor
-    from ....sensing.push.events import ContactEvents
 
-    frames = iter(args.progress(source, "measuring"))
-    if args.zero_frames:
-        sensor.zero((frame for _, frame in zip(range(args.zero_frames), frames, strict=False)))
-    elif sensor.zero_reference is None:
-        raise InputError(
-            sensor.setup.zero_path,
-            "there is no zero reference",
-            remedy="take one first (visuohaptic sense foam ... --zero) or give --zero-frames N",
-        )
-    events = ContactEvents()
-    reasons: Counter[str] = Counter()
-    found: list[dict[str, Any]] = []
-    best: tuple[float, float, float] | None = None
     finger = sensor if isinstance(sensor, FingerSensor) else None
-    positions: list[float] = []
-    with ExitStack() as stack:
-        recording = stack.enter_context(MeasurementWriter(args.out)) if args.out else None
-        writers: list[TableWriter] = [
-            stack.enter_context(TableWriter(path)) for path in (args.csv, args.parquet) if path
-        ]
-        page: LivePage | None = None
-        if args.view:
-            from ....viewer.page import LivePage
-
-            page = stack.enter_context(LivePage())
-            args.report(f"live page: {page.url}")
-            page.show()
-        described = False
-        for frame in frames:
-            profile = sensor.read(frame)
-            reasons[profile.reason.value] += 1
-            if recording is not None:
-                if not described:
-                    recording.write_camera(sensor.setup.camera, frame.t_s)
-                    described = True
-                recording.write_force(profile)
-                if finger is not None and finger.finger.valid:
-                    _write_finger(recording, finger)
-            if finger is not None and finger.finger.valid:
-                positions.append(finger.finger.position_m)
-            for writer in writers:
-                writer.write(profile)
-            for event in events.update(profile, speed_m_s=args.speed):
-                # A front that stands still says nothing of the object unless the platform goes on.
-                if event.kind is EventKind.MOTION and args.speed is None:
-                    continue
-                args.report(f"{event.t_s:10.3f} s  {event.kind.value:8}  {_force(profile)}")
-                found.append({"t_s": event.t_s, "event": event.kind.value})
-                if recording is not None:
-                    recording.write_event(event)
-            if profile.valid and (best is None or profile.force_N > best[1]):
-                best = (profile.t_s, profile.force_N, profile.force_sigma_N)
-            if page is not None:
-                page.update(frame.t_s, frame_bgr=frame.image, profile=profile)
-    count = sum(reasons.values())
-    if not count:
-        raise InputError(args.source, "no frames are left to measure", remedy="check --start, --stop")
-    args.report(
-        f"{count} frames, {reasons.get('ok', 0)} valid"
-        + "".join(f", {number} {reason}" for reason, number in reasons.items() if reason != "ok")
+    reader = _reader(sensor, finger)
+    if args.speed is not None:
+        reader.odometry = lambda t_s: BaseState(t_s, 0.0, 0.0, 0.0, args.speed, 0.0)
+    outputs: Outputs[ForceProfile] = Outputs(
+        TableWriter,
+        rows=lambda profile: (profile,),
+        show=lambda frame, profile: {"frame_bgr": frame.image, "profile": profile},
+        describe=_force,
     )
-    if best is not None:
-        args.report(f"largest force {best[1]:.3f} N +- {best[2]:.3f} N at {best[0]:.3f} s")
-    result = {
-        "frames": count,
-        "reasons": dict(reasons),
-        "events": found,
-        "max_force_N": best[1] if best else None,
-        "largest_force_sigma_N": best[2] if best else None,
-        "out": [str(path) for path in (args.out, args.csv, args.parquet) if path],
-    }
+    max_profile: ForceProfile | None = None
+    positions: list[float] = []
+
+    def note(reading: SensorReading[ForceProfile]) -> None:
+        nonlocal max_profile
+        profile = reading.measured
+        if profile.valid and (max_profile is None or profile.force_N > max_profile.force_N):
+            max_profile = profile
+        if finger is not None and finger.finger.valid:
+            positions.append(finger.finger.position_m)
+
+    done = run_sensor(args, reader, iter(args.progress(source, "measuring")), outputs, note)
+    result = _summary(args, done, max_profile)
     if finger is not None:
-        result["finger"] = _travel(args, positions)
+        result["finger"] = _stroke(args, positions)
     return result
 
 
-def _write_finger(recording: MeasurementWriter, sensor: FingerSensor) -> None:
+def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> dict[str, Any]:
+    args.report(done.text())
+    if max_profile is not None:
+        args.report(f"maximum force {_force(max_profile)} at {max_profile.t_s:.3f} s")
+    return {
+        "frames": done.frames,
+        "reasons": dict(done.reasons),
+        "events": done.events,
+        "max_force_N": None if max_profile is None else max_profile.force_N,
+        "max_force_sigma_N": None if max_profile is None else max_profile.force_sigma_N,
+        "out": done.out,
+    }
+
+
+def _reader(sensor: FoamSensor, finger: FingerSensor | None) -> FoamReader:
+    """The reader of the sensor; with a finger it writes the finger's pose, too."""
+    from ....sensing.readers import FoamReader
+
+    if finger is None:
+        return FoamReader(sensor)
+    moving: FingerSensor = finger
+
+    class FingerReader(FoamReader):
+        def read(self, frame: Any, sink: Any = None) -> SensorReading[ForceProfile]:
+            reading = super().read(frame, sink)
+            if sink is not None and moving.finger.valid:
+                _write_finger(sink, moving)
+            return reading
+
+    return FingerReader(sensor)
+
+
+def _write_finger(sink: Any, sensor: FingerSensor) -> None:
     """Pose of frame F on the finger in the fixed frame; what is not observed has no variance."""
     import numpy as np
 
@@ -187,10 +161,10 @@ def _write_finger(recording: MeasurementWriter, sensor: FingerSensor) -> None:
     covariance = np.zeros((6, 6))
     covariance[:3, :3] = finger.sigma_m**2 * np.outer(sensor.axis_foam, sensor.axis_foam)
     pose = Pose(np.eye(3), finger.position_m * sensor.axis_foam)
-    recording.write_pose(pose, finger.t_s, "/finger/pose", frame="finger_rest", covariance=covariance)
+    sink.write_pose(pose, finger.t_s, "/finger/pose", frame="finger_rest", covariance=covariance)
 
 
-def _travel(args: Any, positions: list[float]) -> dict[str, Any]:
+def _stroke(args: Any, positions: list[float]) -> dict[str, Any]:
     if not positions:
         args.report("the finger was not seen")
         return {"frames": 0}
@@ -205,5 +179,5 @@ def _travel(args: Any, positions: list[float]) -> dict[str, Any]:
     }
 
 
-def _force(profile: Any) -> str:
+def _force(profile: ForceProfile) -> str:
     return f"{profile.force_N:.3f} N +- {profile.force_sigma_N:.3f} N"

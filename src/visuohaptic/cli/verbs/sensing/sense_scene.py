@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections import Counter
-from contextlib import ExitStack
+from math import degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
-from ..._frames import add_part, opened_frames
+from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, zero_frames
 
 if TYPE_CHECKING:
     from ....core.robots import FrameSource
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.scene.scene_file import SceneSetup
+    from ....sensing.readers import SceneReader, SensorReading
+    from ....sensing.scene.scene_tracker import SceneReading
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "track obstacles ahead, the floor that passes and the object that is pushed"
 
 EPILOG = """\
 reads
@@ -60,103 +58,63 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ....sensing.scene.scene_file import SceneConfig
-
-    if args.zero_frames < 0:
-        raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
-    setup = SceneConfig.load(args.config)
-    with opened_frames(args, setup.camera) as source:
-        return _track(args, setup, source)
-
-
-def _sensor(args: Any, setup: SceneSetup) -> FoamSensor | None:
-    """The foam sensor that the configuration names, with its zero reference if it has one."""
-    if setup.sensor is None:
-        if args.zero_frames:
-            raise InputError(
-                "--zero-frames", f"found {args.zero_frames}, but {args.config} names no sensor to zero"
-            )
-        return None
-    from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.foam.strip.zero import ZeroReference
-
-    zero = None
-    if setup.sensor.zero_path.exists():
-        zero = ZeroReference.load(setup.sensor.zero_path, len(setup.sensor.geometry.s_m))
-    elif not args.zero_frames:
-        raise InputError(
-            setup.sensor.zero_path,
-            "there is no zero reference",
-            remedy="take one first (visuohaptic sense foam ... --zero) or give --zero-frames N",
-        )
-    return FoamSensor(setup.sensor, zero)
-
-
-def _track(args: Any, setup: SceneSetup, source: FrameSource) -> dict[str, Any]:
     import numpy as np
 
-    from ....io.sinks.mcap_out import MeasurementWriter
-    from ....sensing.scene.scene_file import read_odometry
-    from ....sensing.scene.scene_record import SceneTable, write_scene
+    from ....sensing.readers import SceneReader
+    from ....sensing.scene.scene_file import SceneConfig, read_odometry
 
-    odometry = read_odometry(args.odometry) if args.odometry else None
-    sensor = _sensor(args, setup)
-    tracker = setup.tracker(np.random.default_rng(args.seed))
-    frames = iter(args.progress(source, "tracking"))
-    if sensor is not None and args.zero_frames:
-        sensor.zero(frame for _, frame in zip(range(args.zero_frames), frames, strict=False))
-    reasons: Counter[str] = Counter()
-    found: list[dict[str, Any]] = []
-    nearest, tracked, tilt = float("inf"), 0, 0.0
-    reading = None
-    with ExitStack() as stack:
-        recording = stack.enter_context(MeasurementWriter(args.out)) if args.out else None
-        table = stack.enter_context(SceneTable(args.csv)) if args.csv else None
-        for frame in frames:
-            profile = sensor.read(frame) if sensor is not None else None
-            state = odometry.at(frame.t_s) if odometry is not None else None
-            if recording is not None and reading is None:
-                recording.write_camera(setup.camera, frame.t_s)
-            reading = tracker.update(frame, profile, state)
-            reasons[reading.motion.reason.value] += 1
-            if reading.obstacle.valid:
-                nearest = min(nearest, reading.proximity_m)
-            if reading.object_motion.valid:
-                tracked += 1
-                tilt = max(tilt, reading.object_motion.tilt_rad)
-            if recording is not None:
-                write_scene(recording, reading, mask=args.mask)
-                if profile is not None:
-                    recording.write_force(profile)
-            if table is not None:
-                table.write(reading)
-            for event in reading.events:
-                args.report(f"{event.t_s:10.3f} s  {event.kind.value}")
-                found.append({"t_s": event.t_s, "event": event.kind.value})
-                if recording is not None:
-                    recording.write_event(event, "scene")
-    if reading is None:
-        raise InputError(args.source, "no frames are left to track", remedy="check --start, --stop")
-    count, (x, y, heading) = sum(reasons.values()), reading.pose
-    sigma = np.sqrt(np.diag(reading.pose_covariance))
-    args.report(
-        f"{count} frames, motion of {reasons.get('ok', 0)} valid"
-        + "".join(f", {number} {reason}" for reason, number in reasons.items() if reason != "ok")
-    )
+    count = zero_frames(args)
+    setup = SceneConfig.load(args.config)
+    if count and setup.sensor is None:
+        raise InputError("--zero-frames", f"found {count}, but {args.config} names no sensor to zero")
+    rng = np.random.default_rng(args.seed)
+    reader = SceneReader(setup, rng=rng, foam_name="foam", mask=args.mask)
+    if args.odometry:
+        reader.odometry = read_odometry(args.odometry).at
+    with opened_frames(args, setup.camera) as source:
+        return _track(args, reader, source)
+
+
+def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any]:
+    from ....sensing.scene.scene_record import SceneTable
+
+    nearest_m, tracked, tilt_rad = float("inf"), 0, 0.0
+    last: SceneReading | None = None
+
+    def note(found: SensorReading[SceneReading]) -> None:
+        nonlocal nearest_m, tracked, tilt_rad, last
+        last = reading = found.measured
+        if reading.obstacle.valid:
+            nearest_m = min(nearest_m, reading.proximity_m)
+        if reading.object_motion.valid:
+            tracked += 1
+            tilt_rad = max(tilt_rad, reading.object_motion.tilt_rad)
+
+    outputs: Outputs[SceneReading] = Outputs(SceneTable, rows=lambda reading: (reading,))
+    done = run_sensor(args, reader, iter(args.progress(source, "tracking")), outputs, note)
+    assert last is not None  # of a run with frames
+    result = _summary(args, done, last, nearest_m)
+    if reader.foam is not None:
+        args.report(f"object tracked in {tracked} frames, maximum tilt {degrees(tilt_rad):.1f} deg")
+    return {**result, "object_frames": tracked, "events": done.events, "out": done.out}
+
+
+def _summary(args: Any, done: SensorRun, last: SceneReading, nearest_m: float) -> dict[str, Any]:
+    """Report the drive, and its part of the mapping."""
+    import numpy as np
+
+    (x, y, heading), sigma = last.pose, np.sqrt(np.diag(last.pose_covariance))
+    args.report(done.text().replace(" frames, ", " frames, motion of ", 1))
     args.report(
         f"drove to x {x:.4f} m +- {sigma[0]:.4f} m, y {y:.4f} m +- {sigma[1]:.4f} m, "
-        f"heading {np.degrees(heading):.2f} deg +- {np.degrees(sigma[2]):.2f} deg"
+        f"heading {degrees(heading):.2f} deg +- {degrees(sigma[2]):.2f} deg"
     )
-    args.report(f"nearest obstacle {1e3 * nearest:.0f} mm ahead" if np.isfinite(nearest) else "nothing ahead")
-    if sensor is not None:
-        args.report(f"object tracked in {tracked} frames, largest tilt {np.degrees(tilt):.1f} deg")
+    seen = np.isfinite(nearest_m)
+    args.report(f"nearest obstacle {1e3 * nearest_m:.0f} mm ahead" if seen else "nothing ahead")
     return {
-        "frames": count,
-        "reasons": dict(reasons),
+        "frames": done.frames,
+        "reasons": dict(done.reasons),
         "pose": {"x_m": float(x), "y_m": float(y), "heading_rad": float(heading)},
         "pose_sigma": {"x_m": float(sigma[0]), "y_m": float(sigma[1]), "heading_rad": float(sigma[2])},
-        "nearest_m": nearest if np.isfinite(nearest) else None,
-        "object_frames": tracked,
-        "events": found,
-        "out": [str(path) for path in (args.out, args.csv) if path],
+        "nearest_m": nearest_m if seen else None,
     }

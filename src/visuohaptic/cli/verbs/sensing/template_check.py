@@ -8,9 +8,8 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "predict how well a picture can be found and tracked as a template"
 
 EPILOG = """\
 reads   an image file; its printed size from --width-m or its dpi value

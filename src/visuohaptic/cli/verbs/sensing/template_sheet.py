@@ -8,9 +8,8 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "write a print-ready sheet of AprilTags 36h11"
 
 EPILOG = """\
 reads   nothing

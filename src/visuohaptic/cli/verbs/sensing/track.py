@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._frames import add_part, opened_frames
+from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ....core.camera.frame import Frame
-    from ....tracking.templates.template_tracker import TemplatePose
+    from ....sensing.readers import SensorReader, SensorReading
+    from ....tracking.templates.template_tracker import TemplatePose, TemplateTracker
 
-__all__ = ["EPILOG", "HELP", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "run"]
 
-HELP = "find and track printed templates and tags, and read their 6D poses"
 
 EPILOG = """\
 reads
@@ -49,62 +49,64 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: Any) -> dict[str, Any]:
     """Track through the source; the mapping is what ``--json`` prints."""
     from ....core.camera.model import Camera
-    from ....io.sinks.mcap_out import MeasurementWriter
     from ....tracking.templates.template import load_templates
     from ....tracking.templates.template_tracker import TemplateTracker
 
     camera = Camera.load(args.camera)
     templates = load_templates(args.templates)
     seen: Counter[str] = Counter()
-    frames = 0
+    outputs: Outputs[tuple[TemplatePose, ...]] = Outputs(
+        _Table,
+        rows=lambda poses: poses,
+        page_title="templates",
+        show=lambda frame, poses: {"frame_bgr": _drawn(frame, poses)},
+    )
     with ExitStack() as stack:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
         # A live camera must not wait for the detector; a recording must give the same result each time.
-        live = source.frame_count is None
-        tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=live))
-        writer = stack.enter_context(MeasurementWriter(args.out, frame=camera.name)) if args.out else None
-        table = stack.enter_context(_Table(args.csv)) if args.csv else None
-        page = None
-        if args.view:
-            from ....viewer.page import LivePage
-
-            page = stack.enter_context(LivePage(title="templates"))
-            args.report(f"live page: {page.url}")
-            page.show()
-        for frame in args.progress(source, "tracking"):
-            frames += 1
-            poses = tracker.update(frame)
-            if page is not None:
-                page.update(frame.t_s, frame_bgr=_drawn(frame, poses))
-            for pose in poses:
-                seen[pose.name] += pose.valid
-                if table is not None:
-                    table.write(pose)
-                if writer is not None and pose.T_camera_template is not None:
-                    writer.write_pose(
-                        pose.T_camera_template,
-                        pose.t_s,
-                        f"/template/{pose.name}",
-                        frame=camera.name,
-                        covariance=pose.covariance,
-                    )
-        if writer is not None:
-            writer.write_camera(camera, 0.0 if not frames else frame.t_s)
+        tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=is_live(args.source)))
+        frames = iter(args.progress(source, "tracking"))
+        done = run_sensor(
+            args,
+            _template_reader(tracker),
+            frames,
+            outputs,
+            lambda reading: seen.update(pose.name for pose in reading.measured if pose.valid),
+        )
     for template in templates:
-        args.report(f"{template.name:<24}seen in {seen[template.name]} of {frames} frames")
-    for path in (args.out, args.csv):
-        if path:
-            args.report(f"written to {path}")
+        args.report(f"{template.name:<24}seen in {seen[template.name]} of {done.frames} frames")
+    for path in done.out:
+        args.report(f"written to {path}")
     return {
-        "frames": frames,
+        "frames": done.frames,
         "seen": {template.name: seen[template.name] for template in templates},
         "out": str(args.out) if args.out else None,
         "csv": str(args.csv) if args.csv else None,
     }
 
 
+def _template_reader(tracker: TemplateTracker) -> SensorReader[tuple[TemplatePose, ...]]:
+    """A tracker as a sensor; the reason of a frame is that of the first template that was not seen."""
+    from ....core.measurement import Reason
+    from ....sensing.readers import SensorReader, SensorReading, write_templates
+
+    class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
+        kind, camera = "template", tracker.camera
+
+        def read(self, frame: Frame, sink: Any = None) -> SensorReading[tuple[TemplatePose, ...]]:
+            poses = tracker.update(frame)
+            if sink is not None:
+                write_templates(sink, poses, tracker.camera)
+            return SensorReading(poses, next((p.reason for p in poses if not p.valid), Reason.OK))
+
+        def blank(self, t_s: float, sink: Any) -> None:
+            """A recording never falls silent."""
+
+    return TemplateReader("template")
+
+
 def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
-    """The picture with the templates' outlines and where they are."""
+    """The image with the templates' outlines and where they are."""
     from ....report.annotation import FrameNotes, annotated_frame
     from ....tracking.templates.outline import template_outlines
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from ....core.errors import InputError
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Parts of the story; the same names as ``experiments.mission.PARTS``, without its imports.
 PARTS = ("foam", "beam", "navigate", "glass", "bottle")
@@ -16,7 +16,6 @@ PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 #: Modules beyond the core on its way.
 NEEDS = ("av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage")
 
-HELP = "tell the whole story of a simulated robot that looks, touches and remembers, or a part of it"
 
 EPILOG = """\
 parts

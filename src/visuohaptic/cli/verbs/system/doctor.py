@@ -14,9 +14,8 @@ from ....core.errors import VisuohapticError
 from ..._console import Arguments
 from ..._extras import CORE, OPTIONAL, Library
 
-__all__ = ["EPILOG", "HELP", "Finding", "add_arguments", "examine", "run"]
+__all__ = ["EPILOG", "Finding", "add_arguments", "examine", "run"]
 
-HELP = "Try every library in a process of its own, and print the exact line that installs what is missing."
 EPILOG = """\
 reads   nothing
 writes  nothing; ends with code 2 when a library of the core does not work

@@ -6,12 +6,11 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "needs", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "needs", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("matplotlib",)
 
-HELP = "Make figures and tables of the dissertation again, with its numbers beside ours."
 EPILOG = """\
 reads   nothing: every experiment draws its own world from a seed
 writes  a folder for each experiment with its data (CSV), pictures (PNG) and result.json (numbers of ours

@@ -15,12 +15,11 @@ from ....core.errors import InputError
 if TYPE_CHECKING:
     from ....ros.bridge import Bridge
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("zenoh",)
 
-HELP = "run the sensors as a ROS 2 node (rmw_zenoh): image topics in, forces with validity and reason out"
 
 EPILOG = """\
 reads

@@ -6,12 +6,11 @@ import argparse
 import time
 from typing import Any
 
-__all__ = ["EPILOG", "HELP", "NEEDS", "add_arguments", "run", "wait"]
+__all__ = ["EPILOG", "NEEDS", "add_arguments", "run", "wait"]
 
 #: Modules beyond the core on its way.
 NEEDS = ("trimesh", "viser")
 
-HELP = "Show objects, maps with plans, surfaces and classifications in the browser."
 EPILOG = """\
 reads   stiffness maps (.npz), containers (.yaml, .stl, .obj, .glb, .dae, or the name of a shipped
         class), surfaces (.ply; coloured by any number of their vertices, as sigma_m), maps of

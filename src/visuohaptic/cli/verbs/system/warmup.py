@@ -10,9 +10,8 @@ from typing import Any
 
 from ..._console import Arguments
 
-__all__ = ["EPILOG", "HELP", "SIGNATURES", "add_arguments", "read_signatures", "run"]
+__all__ = ["EPILOG", "SIGNATURES", "add_arguments", "read_signatures", "run"]
 
-HELP = "Compile the kernels once, so that later starts are fast."
 EPILOG = """\
 reads   nothing
 writes  machine code into the user's cache folder (or VISUOHAPTIC_CACHE_DIR), and removes what other

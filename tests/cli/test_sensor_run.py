@@ -1,0 +1,85 @@
+"""The loop of all verbs that read frames, with a sensor that says what it was asked."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+
+from visuohaptic.cli._sensor_run import Outputs, is_live, run_sensor
+from visuohaptic.core import Event, EventKind, InputError, Reason
+from visuohaptic.core.camera import Frame
+from visuohaptic.sensing import SensorReader, SensorReading
+
+
+class Counting(SensorReader[int]):
+    """Measures the number of the frame; every third one cannot be trusted."""
+
+    kind, camera, zeroed = "foam", None, False
+
+    def __init__(self):
+        super().__init__("counting")
+        self.zero_of = []
+
+    def zero(self, frames):
+        self.zero_of = [frame.index for frame in frames]
+        self.zeroed = True
+
+    def read(self, frame, sink=None):
+        events = (Event(EventKind.CONTACT, frame.t_s),) if frame.index == 5 else ()
+        return SensorReading(frame.index, Reason.OK if frame.index % 3 else Reason.OCCLUDED, events)
+
+    def blank(self, t_s, sink):
+        raise AssertionError("a recording never falls silent")
+
+
+class Table(list):
+    write = list.append
+
+
+def run(count, *, zero=0, reader=None):
+    """Frames, zero and table; returns the run, the rows, what was read and what was said."""
+    rows, said, read = Table(), [], []
+
+    @contextmanager
+    def table(path):
+        rows.append(path)
+        yield rows
+
+    frames = iter(Frame(np.zeros((2, 2), np.uint8), 0.1 * i, i) for i in range(count))
+    args = Namespace(out=None, csv="t.csv", zero_frames=zero, source="video", report=said.append)
+    outputs = Outputs(table, rows=lambda number: (number, -number), describe=lambda number: f"at {number}")
+    done = run_sensor(
+        args, reader or Counting(), frames, outputs, lambda reading: read.append(reading.measured)
+    )
+    return done, rows, read, said
+
+
+def test_every_frame_after_the_zero_is_read_written_and_counted():
+    reader = Counting()
+    done, rows, read, said = run(8, zero=2, reader=reader)
+    assert reader.zero_of == [0, 1]
+    assert read == [2, 3, 4, 5, 6, 7]
+    assert rows == ["t.csv", 2, -2, 3, -3, 4, -4, 5, -5, 6, -6, 7, -7]
+    assert done.reasons == {"ok": 4, "occluded": 2}
+    assert done.text(", 1 lucky") == "6 frames, 4 valid, 1 lucky, 2 occluded"
+    assert done.events == [{"t_s": 0.5, "event": "contact"}]
+    assert said == ["     0.500 s  contact   at 5"]
+    assert done.out == ["t.csv"]
+
+
+def test_no_zero_and_no_frames_are_refused():
+    with pytest.raises(InputError, match=r"no zero reference.*sense foam \.\.\. --zero.*--zero-frames N"):
+        run(3)
+    with pytest.raises(InputError, match="video: no frames are left to measure"):
+        run(2, zero=2)
+    with pytest.raises(InputError, match="--zero-frames: found -1"):
+        run(2, zero=-1)
+
+
+def test_a_camera_is_live_and_a_file_is_not():
+    assert is_live("camera:0")
+    assert is_live("uvc:0")
+    assert not is_live("camera.mp4")
