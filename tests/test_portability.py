@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from tests.docs.test_blocks import PAGES, blocks
 from tests.portability import problems
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ....core.errors import InputError
 from ....core.objects import Estimate, HapticTag
-from ....navigation.planning.off_centre_push import TurningPush
+from ....navigation.planning.off_centre_push import OffCentrePush
 from ....navigation.problem.path_plan import Task
 from ....navigation.problem.planning_problem import RobotModel
 from ..steered_push import PushEnd, PushSettings, SteeredPush
@@ -123,7 +123,7 @@ class TravelPushes:
         self._memory.explored(task.object, tag)
         self._note("explored", task.object, end=str(push.end), moved=moved, force_N=_finite(first))
 
-    def turn(self, wanted: TurningPush) -> Motion[None]:
+    def turn(self, wanted: OffCentrePush) -> Motion[None]:
         """Drive straight against an object beside its centre.
 
         Parameters

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ....core.robots import BaseState
 from ....navigation.grid.cost_grid import SpeedLimits, grid_layers
-from ....navigation.planning.off_centre_push import TurningPush
+from ....navigation.planning.off_centre_push import OffCentrePush
 from ....navigation.planning.path_follower import FollowLimits, PathFollower
 from ....navigation.planning.policies import make_plan
 from ....navigation.problem.path_plan import Plan, Task
@@ -75,7 +75,7 @@ class TravelTask(Machine[TravelState, TravelObservation, TravelCommand]):
         self.pushes = TravelPushes(self.robot, self.memory, self.motion, self.settings, self._note)
         self._objects = tuple(item.id for item in problem.objects)
         self._tasks: list[Task] = []
-        self._turning: TurningPush | None = None  #: what follows the tasks
+        self._turning: OffCentrePush | None = None  #: what follows the tasks
         self._clearance: Callable[[Float[np.ndarray, "2"]], float] = lambda _: math.inf
         self._driven_m = 0.0
         self._as_planned = False  #: the last push did what the plan said
