@@ -186,7 +186,8 @@ def public_functions(module: Module) -> Iterator[tuple[str, ast.FunctionDef]]:
     names = public_names(module)
     for node in module.tree.body:
         if isinstance(node, ast.FunctionDef) and node.name in names:
-            yield node.name, node
+            if not any("overload" in ast.unparse(mark) for mark in node.decorator_list):
+                yield node.name, node
         elif isinstance(node, ast.ClassDef) and node.name in names:
             for member in node.body:
                 if isinstance(member, ast.FunctionDef) and (

@@ -59,12 +59,29 @@ def decode(card: Any, arrays: Mapping[str, np.ndarray], where: object = "object"
 
 
 def card_text(card: Any) -> str:
-    """The card as JSON, always the same for the same contents."""
+    """The card as JSON, always the same for the same contents.
+
+    Parameters
+    ----------
+    card
+        Plain data, as :func:`encode` makes them.
+    """
     return json.dumps(card, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
 def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
-    """SHA-256 of arrays with names, types and shapes."""
+    """SHA-256 of arrays with names, types and shapes.
+
+    Parameters
+    ----------
+    arrays
+        Arrays by name.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     digest = hashlib.sha256()
     for name in sorted(arrays):
         array = arrays[name]
@@ -74,12 +91,31 @@ def arrays_digest(arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def digest_of(text: str, arrays_sha256: str) -> str:
-    """SHA-256 of a whole object, from its card's text and its arrays."""
+    """SHA-256 of a whole object, from its card's text and its arrays.
+
+    Parameters
+    ----------
+    text
+        The card, as :func:`card_text` writes it.
+    arrays_sha256
+        Digest of its arrays.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     return hashlib.sha256(f"{text}\0{arrays_sha256}".encode()).hexdigest()
 
 
 def order_of(value: Any) -> str:
-    """A key that puts different contents into a fixed order; estimates are left out of it."""
+    """A key that puts different contents into a fixed order; estimates are left out of it.
+
+    Parameters
+    ----------
+    value
+        Part of an object.
+    """
     arrays: Arrays = {}
     card = encode_record(_without_estimates(value), arrays, "v")
     return card_text(card) + arrays_digest(arrays)

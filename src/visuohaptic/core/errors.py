@@ -24,7 +24,13 @@ _BRIEF.maxlevel, _BRIEF.maxstring, _BRIEF.maxother, _BRIEF.maxlong = 3, 60, 60, 
 
 
 def brief(value: object) -> str:
-    """What was found, for a message: at most 60 characters, however much the value holds."""
+    """What was found, for a message: at most 60 characters, however much the value holds.
+
+    Parameters
+    ----------
+    value
+        Anything.
+    """
     # Not repr: of nested aliases it would be as large as the memory.
     text = _BRIEF.repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
@@ -86,7 +92,17 @@ class StaleFrameError(DeviceError):
 
 
 class MissingExtraError(VisuohapticError, ImportError):
-    """An optional library that is not installed; the message has the install line."""
+    """An optional library that is not installed; the message has the install line.
+
+    Parameters
+    ----------
+    module
+        Name of the package that cannot be imported.
+    extra
+        Extra of this library that installs it.
+    purpose
+        What it is needed for.
+    """
 
     def __init__(self, module: str, extra: str, purpose: str) -> None:
         super().__init__(

@@ -114,7 +114,13 @@ def kernel(
 
 
 class KernelCache:
-    """What numba asks for the machine code of one kernel before it compiles a signature, and gives it to after."""
+    """What numba asks for the machine code of one kernel before it compiles a signature, and gives it to after.
+
+    Parameters
+    ----------
+    dispatcher
+        Numba's dispatcher of the kernel.
+    """
 
     cache_path = None  # numba shows it in its statistics
 
@@ -125,7 +131,15 @@ class KernelCache:
         """Numba asks for it before it compiles all signatures again; they are then saved over the old ones."""
 
     def load_overload(self, sig: Any, target_context: Any) -> CompileResult | None:
-        """The machine code of a signature; None where it is absent, damaged or another user's."""
+        """The machine code of a signature; None where it is absent, damaged or another user's.
+
+        Parameters
+        ----------
+        sig
+            Numba's signature: types of the arguments.
+        target_context
+            Numba's code generator.
+        """
         name = self._entry(sig)
         target_context.refresh()
         for folder, owned in ((cache_folder(), True), (_SHIPPED / _environment(), False)):
@@ -136,7 +150,15 @@ class KernelCache:
         return None
 
     def save_overload(self, sig: Any, data: CompileResult) -> None:
-        """Write the machine code of a signature; without a place to write, or for code that cannot be kept, nothing."""
+        """Write the machine code of a signature; without a place to write, or for code that cannot be kept, nothing.
+
+        Parameters
+        ----------
+        sig
+            Numba's signature: types of the arguments.
+        data
+            What numba has compiled.
+        """
         name, folder = self._entry(sig), cache_folder()
         lifted = any(not part.can_cache for part in data.lifted)
         if name and folder and not lifted and not data.library.has_dynamic_globals:
@@ -200,6 +222,11 @@ def code_digest(dispatcher: Dispatcher) -> str | None:
     """Digest of all that a kernel's machine code is made from, the types of its arguments apart.
 
     None if it uses something whose value has no exact text, so that it must not be cached.
+
+    Parameters
+    ----------
+    dispatcher
+        Numba's dispatcher of the kernel.
     """
     try:
         return _digest("\n".join(_ingredients(dispatcher, set())))

@@ -53,17 +53,35 @@ class _Range:
 
 
 def above(low: float) -> Mapping[str, Any]:
-    """Metadata of a field that is finite and more than ``low``."""
+    """Metadata of a field that is finite and more than ``low``.
+
+    Parameters
+    ----------
+    low
+        Bound that is itself outside, in the field's unit.
+    """
     return {_KEY: _Range(low, math.inf, True)}
 
 
 def at_least(low: float) -> Mapping[str, Any]:
-    """Metadata of a field that is finite and not less than ``low``."""
+    """Metadata of a field that is finite and not less than ``low``.
+
+    Parameters
+    ----------
+    low
+        Smallest value that is allowed, in the field's unit.
+    """
     return {_KEY: _Range(low, math.inf, False)}
 
 
 def within(low: float, high: float) -> Mapping[str, Any]:
-    """Metadata of a field from ``low`` to ``high``, both included."""
+    """Metadata of a field from ``low`` to ``high``, both included.
+
+    Parameters
+    ----------
+    low, high
+        Smallest and largest value that are allowed, in the field's unit.
+    """
     return {_KEY: _Range(low, high, False)}
 
 

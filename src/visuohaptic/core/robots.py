@@ -83,7 +83,15 @@ class MobileBase(Protocol):
     """A platform that drives on the floor."""
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        """Set the velocities; they hold until the next call or :meth:`stop`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s]; negative drives backwards.
+        turn_rate_rad_s
+            Turn rate, counter-clockwise seen from above [rad/s].
+        """
 
     def stop(self) -> None:
         """Stand still as soon as possible."""
@@ -106,7 +114,15 @@ class Gripper(Protocol):
     """A two-finger gripper with a linear drive."""
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening."""
+        """Start to move to an opening.
+
+        Parameters
+        ----------
+        opening_m
+            Distance of the fingers [m].
+        speed_m_s
+            Rate at which the opening changes [m/s].
+        """
 
     def stop(self) -> None:
         """Hold the present opening."""
@@ -120,7 +136,15 @@ class ProbeArm(Protocol):
     """An arm with a probe tip."""
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Begin to move the tip in a straight line."""
+        """Start to move the tip in a straight line.
+
+        Parameters
+        ----------
+        T_base_tip
+            Target of the tip in the frame of the arm's base [m].
+        speed_m_s
+            Speed of the tip [m/s].
+        """
 
     def stop(self) -> None:
         """Hold the present pose."""
@@ -240,7 +264,18 @@ class ClockWatch:
         self._newest_s, self._since_s, self.periods = -math.inf, math.nan, 0
 
     def update(self, t_s: float) -> str:
-        """Take the robot's time [s]; returns why the clock counts as stopped, or an empty text."""
+        """Take the robot's time, and judge whether its clock runs.
+
+        Parameters
+        ----------
+        t_s
+            Time by the robot's clock [s].
+
+        Returns
+        -------
+        str
+            Why the clock counts as stopped; empty while it runs.
+        """
         if t_s > self._newest_s or math.isnan(self._since_s):
             self._newest_s = t_s if math.isfinite(t_s) else self._newest_s
             self._since_s, self.periods = self._host_clock(), 0

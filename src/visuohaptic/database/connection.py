@@ -24,7 +24,13 @@ _HARMLESS = frozenset(
 
 
 def connect_file(path: Path) -> Engine:
-    """Engine of a SQLite file, set so that what is committed is on the disk."""
+    """Engine of a SQLite file, set so that what is committed is on the disk.
+
+    Parameters
+    ----------
+    path
+        The file; created when it is not there.
+    """
     # Not a text: a folder may be called run?1 or per%20cent.
     url = URL.create("sqlite", database=str(path))
     engine = create_engine(url, connect_args={"timeout": _WAIT_S, "check_same_thread": False})
@@ -46,6 +52,11 @@ def connect_file(path: Path) -> Engine:
 
 def connect_server(url: str) -> Engine:
     """Engine of a PostgreSQL server.
+
+    Parameters
+    ----------
+    url
+        Address of the form ``postgresql://user:password@host:port/name``.
 
     Raises
     ------
@@ -72,6 +83,11 @@ def shown_url(location: str) -> str:
     """The address of a server without its secrets, for messages; a folder as it is.
 
     Works on addresses that cannot be parsed, too: those are the ones that messages are about.
+
+    Parameters
+    ----------
+    location
+        Folder or address.
 
     Examples
     --------

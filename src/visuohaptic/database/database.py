@@ -58,7 +58,14 @@ class Summary:
 
 
 def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabase:
-    """Open a folder (SQLite) or a URL as ``postgresql://host/name``; made when it is not there.
+    """Open a database of objects: a folder (SQLite) or a server (PostgreSQL).
+
+    Parameters
+    ----------
+    location
+        Folder, or URL such as ``postgresql://host/name``.
+    create
+        Whether it is created when it is not there.
 
     Raises
     ------
@@ -79,7 +86,15 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
 
 
 class ObjectDatabase(Closing):
-    """Objects by id; see :func:`open_database`."""
+    """Objects by id; see :func:`open_database`.
+
+    Parameters
+    ----------
+    location
+        Folder, or URL such as ``postgresql://host/name``.
+    create
+        Whether it is created when it is not there.
+    """
 
     def __init__(self, location: Path | str, *, create: bool = True) -> None:
         self.where = str(location)
@@ -138,6 +153,11 @@ class ObjectDatabase(Closing):
     def get(self, object_id: str) -> VisuoHapticObject:
         """An object with all its arrays, checked against their hash.
 
+        Parameters
+        ----------
+        object_id
+            Id of the object.
+
         Raises
         ------
         InputError
@@ -162,6 +182,13 @@ class ObjectDatabase(Closing):
         """Objects by id; of one visual class, or with a text in their name.
 
         One visual class may have several haptic models: each of them is an object here.
+
+        Parameters
+        ----------
+        visual_class
+            Only objects of this class.
+        name
+            Only objects with this text in their name.
         """
         query = select(object_.c.id, object_.c.name, object_.c.visual_class, object_.c.change)
         query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
@@ -173,7 +200,24 @@ class ObjectDatabase(Closing):
             return [Summary(*row) for row in connection.execute(query)]
 
     def features(self, kind: str, *, since: int = 0) -> tuple[Sequence[str], Float[np.ndarray, "m n"], int]:
-        """Ids, feature vectors of one kind, and the number of the last change; only those written after ``since``."""
+        """Feature vectors of one kind of all objects.
+
+        Parameters
+        ----------
+        kind
+            Kind of the features, the key in :attr:`.VisuoHapticObject.features`.
+        since
+            Only vectors written after the change of this number.
+
+        Returns
+        -------
+        ids
+            Ids of the m objects.
+        vectors
+            Feature vectors, shape (m, n).
+        change
+            Number of the last change.
+        """
         with self._reading() as connection:
             last = int(connection.scalar(select(counter.c.value)) or 0)
             rows = connection.execute(
@@ -192,7 +236,20 @@ class ObjectDatabase(Closing):
         return ids, flat.reshape(len(ids), -1) if ids else flat.reshape(0, 0), last
 
     def changed(self, since: int) -> tuple[Sequence[str], int]:
-        """Ids, deleted ones too, written after change ``since``, and the number of the last change."""
+        """Ids of objects written or deleted after a change.
+
+        Parameters
+        ----------
+        since
+            Number of that change; 0 for all.
+
+        Returns
+        -------
+        ids
+            Ids, deleted objects included.
+        change
+            Number of the last change.
+        """
         with self._reading() as connection:
             last = int(connection.scalar(select(counter.c.value)) or 0)
             rows = connection.execute(
@@ -201,7 +258,18 @@ class ObjectDatabase(Closing):
             return rows.all(), last
 
     def stored(self, ids: Sequence[str]) -> dict[str, tuple[VisuoHapticObject, float | None]]:
-        """Objects with the time of their deletion (``None`` for living ones)."""
+        """Objects with the time of their deletion (``None`` for living ones).
+
+        Parameters
+        ----------
+        ids
+            Ids of objects; unknown ones are left out.
+
+        Returns
+        -------
+        dict
+            By id the object and when it was deleted, seconds since the epoch; ``None`` if it was not.
+        """
         for _ in range(5):
             try:
                 with self._reading() as connection:
@@ -214,9 +282,24 @@ class ObjectDatabase(Closing):
     # ---- writing
 
     def add(self, obj: VisuoHapticObject) -> VisuoHapticObject:
-        """Store an object, or what it adds to the one of this id; returns what is now stored.
+        """Store an object, or merge it with the one of the same id.
 
         It is on the disk when this returns.
+
+        Parameters
+        ----------
+        obj
+            The object.
+
+        Returns
+        -------
+        VisuoHapticObject
+            What is now stored.
+
+        Raises
+        ------
+        InputError
+            The id is not of up to 128 letters, digits, ``.``, ``_`` and ``-``.
         """
         return self._write([obj])[0]
 
@@ -227,9 +310,16 @@ class ObjectDatabase(Closing):
         batch: int = BATCH,
         stored: Callable[[Sequence[str]], object] | None = None,
     ) -> int:
-        """Store many objects, ``batch`` in a transaction; returns how many.
+        """Store many objects; returns how many.
 
-        ``stored`` is called with the ids of each transaction after it has reached the disk.
+        Parameters
+        ----------
+        objects
+            The objects.
+        batch
+            How many are written in one transaction.
+        stored
+            Called with the ids of each transaction after it has reached the disk.
         """
         count = 0
         waiting: list[VisuoHapticObject] = []
@@ -248,7 +338,20 @@ class ObjectDatabase(Closing):
         return count + (flush() if waiting else 0)
 
     def remove(self, object_id: str, *, t_s: float | None = None) -> None:
-        """Delete an object; synchronisation carries the deletion on. Evidence newer than it brings it back."""
+        """Delete an object; synchronisation carries the deletion on. Evidence newer than it brings it back.
+
+        Parameters
+        ----------
+        object_id
+            Id of the object.
+        t_s
+            Time of the deletion, seconds since the epoch; now when it is not given.
+
+        Raises
+        ------
+        InputError
+            There is no such object.
+        """
         if object_id not in self:
             raise InputError(self.where, f"there is no object {object_id!r}")
         now_s = time.time() if t_s is None else t_s
@@ -257,7 +360,18 @@ class ObjectDatabase(Closing):
     def write_merged(
         self, items: Mapping[str, tuple[VisuoHapticObject, float | None]]
     ) -> dict[str, tuple[VisuoHapticObject, float | None]]:
-        """Join versions from elsewhere, deletions too, with those here, in one transaction."""
+        """Join versions from elsewhere, deletions too, with those here, in one transaction.
+
+        Parameters
+        ----------
+        items
+            By id an object and when it was deleted, seconds since the epoch, or ``None``.
+
+        Returns
+        -------
+        dict
+            What is now stored, in the same form.
+        """
         objects = [obj for obj, _ in items.values()]
         done = self._write(objects, {one: deleted_s for one, (_, deleted_s) in items.items()})
         return {obj.id: (obj, self._last_deleted.get(obj.id)) for obj in done}

@@ -55,6 +55,20 @@ def _card_model() -> type[BaseModel]:
 def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = "") -> Path:
     """Write an object into ``folder / id``; the card comes last, so that a folder with a card is whole.
 
+    Parameters
+    ----------
+    obj
+        The object.
+    folder
+        Folder in which the object's own folder is created.
+    licence
+        SPDX identifier, for an object that names none.
+
+    Returns
+    -------
+    Path
+        The card, ``folder / id / card.yaml``.
+
     Raises
     ------
     InputError
@@ -93,12 +107,32 @@ def export_object(obj: VisuoHapticObject, folder: Path | str, *, licence: str = 
 
 
 def export_objects(objects: Iterable[VisuoHapticObject], folder: Path | str, *, licence: str = "") -> int:
-    """Write objects into folders of their own; returns how many."""
+    """Write objects into folders of their own; returns how many.
+
+    Parameters
+    ----------
+    objects
+        The objects.
+    folder
+        Folder in which their folders are created.
+    licence
+        SPDX identifier, for objects that name none.
+
+    Raises
+    ------
+    InputError
+        See :func:`export_object`.
+    """
     return len([export_object(obj, folder, licence=licence) for obj in objects])
 
 
 def import_object(folder: Path | str) -> VisuoHapticObject:
     """Read the object in a folder, or of a card; every file is compared with its hash.
+
+    Parameters
+    ----------
+    folder
+        Folder with a ``card.yaml``, or the card itself.
 
     Raises
     ------
@@ -131,7 +165,18 @@ def import_object(folder: Path | str) -> VisuoHapticObject:
 
 
 def import_objects(folder: Path | str) -> Iterator[VisuoHapticObject]:
-    """Objects of a folder: its own card, or those of the folders in it, by name."""
+    """Objects of a folder: its own card, or those of the folders in it, by name.
+
+    Parameters
+    ----------
+    folder
+        Card, folder with a card, or folder of such folders.
+
+    Raises
+    ------
+    InputError
+        There is no card, or see :func:`import_object`.
+    """
     path = Path(folder)
     if path.suffix == ".yaml" or (path / "card.yaml").is_file():
         yield import_object(path)

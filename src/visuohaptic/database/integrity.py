@@ -28,7 +28,17 @@ class Check:
 def check_all(
     connection: Connection, folder: ShardFolder | None, decode: Callable[[Any, Connection], object]
 ) -> Check:
-    """Compare every hash; ``decode`` reads the object of a row, ``folder`` is there where shards are files."""
+    """Compare every stored hash with the data.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    folder
+        Folder of shards; ``None`` where they are rows of the database.
+    decode
+        Reads the object of a row.
+    """
     problems = []
     if folder is not None:
         said = connection.execute(text("PRAGMA integrity_check")).scalars().all()

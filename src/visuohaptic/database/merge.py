@@ -50,6 +50,11 @@ def combine(estimates: Iterable[Estimate]) -> Estimate:
     spreads and what the values differ by beyond their noise.
 
     Exact estimates (sigma 0) leave all others without weight.
+
+    Parameters
+    ----------
+    estimates
+        At least one, of one property in one unit.
     """
     # In a fixed order: the sum must not depend on who was merged first.
     some = sorted(estimates, key=lambda e: (e.value, e.sigma, e.spread, e.samples))
@@ -82,7 +87,15 @@ def combine(estimates: Iterable[Estimate]) -> Estimate:
 
 
 def estimates_of(item: Any, prefix: str = "") -> Iterator[tuple[str, Estimate]]:
-    """All estimates inside an object, with their places ("material.wall_thickness_m")."""
+    """All estimates inside an object, with their places ("material.wall_thickness_m").
+
+    Parameters
+    ----------
+    item
+        An object, or a part of one.
+    prefix
+        Place of that part in the object, with a dot behind it.
+    """
     if isinstance(item, Estimate):
         yield prefix, item
     elif isinstance(item, Mapping):
@@ -110,6 +123,13 @@ def _branches(kind: type) -> tuple[str, ...]:
 def add_evidence(known: VisuoHapticObject, *evidence: Evidence) -> VisuoHapticObject:
     """The object after further observations; one that it knows already changes nothing.
 
+    Parameters
+    ----------
+    known
+        The object so far.
+    evidence
+        Observations, each with the place of its property.
+
     Raises
     ------
     InputError
@@ -129,7 +149,13 @@ def add_evidence(known: VisuoHapticObject, *evidence: Evidence) -> VisuoHapticOb
 
 
 def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapticObject:
-    """Two versions of one object made one; see the rules at the top of this module."""
+    """Merge two versions of one object by the rules at the top of this module.
+
+    Parameters
+    ----------
+    one, other
+        The versions; their order makes no difference.
+    """
     if one.id != other.id:
         raise InputError("merge_objects", f"found the objects {one.id!r} and {other.id!r}, expected one id")
     everything = _all_evidence(one) | _all_evidence(other)
@@ -157,6 +183,11 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
 
 def merge_stiffness(known: StiffnessMap, measured: StiffnessMap) -> StiffnessMap:
     """Two maps of one mesh by inverse variances, point by point; unknown (NaN) points give way.
+
+    Parameters
+    ----------
+    known, measured
+        Maps on one mesh [N/m].
 
     Raises
     ------

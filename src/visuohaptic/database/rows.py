@@ -38,9 +38,24 @@ def joined(
     *,
     asked: bool,
 ) -> tuple[VisuoHapticObject, float | None]:
-    """Two versions with deletions: the last deletion holds unless something is known from after it.
+    """Merge two versions with their deletions: the last deletion holds unless something is known from after
+    it.
 
-    ``asked``: somebody adds the object again here and now, which undoes a deletion.
+    Parameters
+    ----------
+    mine, yours
+        Version of this database, and the other one.
+    mine_gone_s, yours_gone_s
+        When each was deleted, seconds since the epoch; ``None`` if it was not.
+    asked
+        Whether somebody adds the object here and now, which undoes a deletion.
+
+    Returns
+    -------
+    object
+        The merged version.
+    gone_s
+        When it was deleted, or ``None``.
     """
     gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
     both = merge_objects(mine, yours)
@@ -57,7 +72,15 @@ def joined(
 def store_rows(
     connection: Connection, rows: list[tuple[dict[str, Any], Stored | None, VisuoHapticObject]]
 ) -> None:
-    """New rows, rows in place of old ones, and the features beside them."""
+    """Insert new rows, replace old ones, and write the features beside them.
+
+    Parameters
+    ----------
+    connection
+        Connection with an open transaction.
+    rows
+        Of each object its row, what was stored before (or ``None``), and the object.
+    """
     new = [row for row, old, _ in rows if old is None]
     if new:
         connection.execute(object_.insert(), new)
@@ -91,7 +114,20 @@ def store_rows(
 
 
 def drop_shards(connection: Connection, names: list[str | None]) -> list[str]:
-    """Remove shards from the table that no object names any more."""
+    """Remove shards from the table that no object names any more.
+
+    Parameters
+    ----------
+    connection
+        Connection with an open transaction.
+    names
+        Shards that may have become unneeded.
+
+    Returns
+    -------
+    list
+        Names of those that were removed.
+    """
     some = sorted({name for name in names if name is not None})
     if not some:
         return []

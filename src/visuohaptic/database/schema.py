@@ -116,6 +116,15 @@ def version_of(connection: Connection) -> int:
 def migrate(connection: Connection, where: str, upto: int = VERSION) -> None:
     """Bring the schema to this library's version, all steps in the transaction of the connection.
 
+    Parameters
+    ----------
+    connection
+        Connection with an open transaction.
+    where
+        The database, for messages.
+    upto
+        Version of the schema.
+
     Raises
     ------
     DatabaseError

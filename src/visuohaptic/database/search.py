@@ -38,11 +38,27 @@ class FeatureIndex(Protocol):
     """What a search offers, whatever is below it."""
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """The ``count`` nearest, nearest first; NaN in the query means not known."""
+        """The nearest vectors, nearest first.
+
+        Parameters
+        ----------
+        query
+            Feature vector, shape (n,); NaN where it is not known.
+        count
+            How many.
+        """
 
 
 class PlainIndex:
-    """Every vector compared in full: the reference, and good enough for some thousands."""
+    """Every vector compared in full: the reference, and good enough for some thousands.
+
+    Parameters
+    ----------
+    ids
+        Id of each vector.
+    vectors
+        Finite numbers, shape (m, n).
+    """
 
     def __init__(self, ids: Sequence[str], vectors: Float[np.ndarray, "m n"]) -> None:
         self._ids, self._vectors = list(ids), _checked(ids, vectors)
@@ -51,7 +67,15 @@ class PlainIndex:
         return len(self._ids)
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """See :class:`FeatureIndex`."""
+        """The nearest vectors, nearest first; see :class:`FeatureIndex`.
+
+        Parameters
+        ----------
+        query
+            Feature vector, shape (n,); NaN where it is not known.
+        count
+            How many.
+        """
         q, known = _query(query, self._vectors.shape[1], count)
         if not self._ids:
             return []
@@ -91,7 +115,15 @@ class ByteIndex:
         return len(self._ids)
 
     def nearest(self, query: Float[np.ndarray, "n"], count: int = 1) -> list[Match]:
-        """See :class:`FeatureIndex`."""
+        """The nearest vectors, nearest first; see :class:`FeatureIndex`.
+
+        Parameters
+        ----------
+        query
+            Feature vector, shape (n,); NaN where it is not known.
+        count
+            How many.
+        """
         q, known = _query(query, self._vectors.shape[1], count)
         m = len(self._ids)
         if m == 0:
@@ -111,7 +143,15 @@ class ByteIndex:
 
 
 def index_of(database: ObjectDatabase, kind: str) -> ByteIndex:
-    """Index over the features of one kind of all objects in a database."""
+    """Index over the features of one kind of all objects in a database.
+
+    Parameters
+    ----------
+    database
+        The database.
+    kind
+        Kind of the features, the key in :attr:`.VisuoHapticObject.features`.
+    """
     ids, vectors, _ = database.features(kind)
     return ByteIndex(ids, vectors)
 

@@ -37,7 +37,15 @@ def _schema() -> Any:
 
 
 def pack(items: Sequence[Arrays], sink: Any) -> None:
-    """Write the arrays of objects to a path or stream; object i becomes row group i."""
+    """Write the arrays of objects to a path or stream; object i becomes row group i.
+
+    Parameters
+    ----------
+    items
+        Arrays by name, of each object.
+    sink
+        Path or binary stream.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -65,6 +73,15 @@ def pack(items: Sequence[Arrays], sink: Any) -> None:
 def unpack(file: Any, row_group: int, where: object) -> Arrays:
     """Arrays of one row group of an open Parquet file.
 
+    Parameters
+    ----------
+    file
+        ``pyarrow.parquet.ParquetFile`` of a shard.
+    row_group
+        Place of the object in it.
+    where
+        The file, for messages.
+
     Raises
     ------
     InputError
@@ -90,13 +107,32 @@ def unpack(file: Any, row_group: int, where: object) -> Arrays:
 
 
 def file_sha256(path: Path) -> str:
-    """SHA-256 of a file."""
+    """SHA-256 of a file.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    str
+        64 hexadecimal digits.
+    """
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 class ShardFolder:
-    """A folder of shards; files are written whole, never changed, and removed when nobody needs them."""
+    """A folder of shards; files are written whole, never changed, and removed when nobody needs them.
+
+    Parameters
+    ----------
+    folder
+        The folder, which is there.
+    open_files
+        How many shards stay open for reading.
+    """
 
     def __init__(self, folder: Path, *, open_files: int = 64) -> None:
         self.folder = folder
@@ -105,11 +141,32 @@ class ShardFolder:
         self._lock = threading.Lock()
 
     def path(self, name: str) -> Path:
-        """File of a shard."""
+        """File of a shard.
+
+        Parameters
+        ----------
+        name
+            Name of the shard.
+        """
         return self.folder / f"{name}.parquet"
 
     def write(self, items: Sequence[Arrays]) -> tuple[str, str, int]:
-        """Write a new shard; its name, SHA-256 and size. It is on the disk when this returns."""
+        """Write a new shard; it is on the disk when this returns.
+
+        Parameters
+        ----------
+        items
+            Arrays by name, of each object.
+
+        Returns
+        -------
+        name
+            Name of the shard.
+        sha256
+            Its digest, 64 hexadecimal digits.
+        size
+            Its size [bytes].
+        """
         name = uuid.uuid4().hex
         target = self.path(name)
         with atomic_path(target) as temporary:
@@ -124,6 +181,13 @@ class ShardFolder:
 
     def read(self, name: str, row_group: int) -> Arrays:
         """Arrays of one object.
+
+        Parameters
+        ----------
+        name
+            Name of the shard.
+        row_group
+            Place of the object in it.
 
         Raises
         ------
@@ -149,7 +213,13 @@ class ShardFolder:
             return unpack(file, row_group, self.path(name))
 
     def remove(self, names: Sequence[str]) -> None:
-        """Remove shards that no object refers to."""
+        """Remove shards that no object refers to.
+
+        Parameters
+        ----------
+        names
+            Names of shards; those that are not there are passed over.
+        """
         with self._lock:
             for name in names:
                 if (file := self._open.pop(name, None)) is not None:
@@ -157,7 +227,18 @@ class ShardFolder:
                 self.path(name).unlink(missing_ok=True)
 
     def tidy(self, known: set[str]) -> int:
-        """Remove what interrupted writers left. Only while no other process can be writing."""
+        """Remove what interrupted writers left. Only while no other process can be writing.
+
+        Parameters
+        ----------
+        known
+            Names of shards that objects refer to.
+
+        Returns
+        -------
+        int
+            How many files were removed.
+        """
         unknowns = [
             path for path in self.folder.iterdir() if path.stem not in known or path.suffix != ".parquet"
         ]

@@ -31,14 +31,18 @@ def synchronise(
     local: ObjectDatabase,
     shared: ObjectDatabase,
     *,
-    fraction: Callable[[VisuoHapticObject], bool] = lambda obj: True,
+    is_shared: Callable[[VisuoHapticObject], bool] = lambda obj: True,
 ) -> Synchronised:
     """Send what is new here, then fetch what is new there.
 
     Parameters
     ----------
-    share
-        Says which objects are of general interest; the others stay here.
+    local
+        The database of this robot.
+    shared
+        The database that several robots share.
+    is_shared
+        Tells which objects are of general interest; the others stay here.
 
     Notes
     -----
@@ -52,7 +56,7 @@ def synchronise(
         offer = {
             one: (replace(obj, seen=None), gone_s)
             for one, (obj, gone_s) in found.items()
-            if gone_s is not None or fraction(obj)
+            if gone_s is not None or is_shared(obj)
         }
         if offer:
             shared.write_merged(offer)

@@ -23,6 +23,11 @@ def merge_tags(first: HapticTag, second: HapticTag) -> HapticTag:
     over all samples, counters add up; a shape is kept from the tag whose
     primitive scores higher. An object that moved once is not fixed; one that
     fell once may fall.
+
+    Parameters
+    ----------
+    first, second
+        Tags of the two sets.
     """
 
     def either(a: bool | None, b: bool | None, *, any_true: bool) -> bool | None:

@@ -66,6 +66,19 @@ class ImageFolderSource(RecordedSource):
     folder (columns ``file`` and ``t_s``), names that end in seconds
     (``left_12.533.png``), ``rate_Hz``.
 
+    Parameters
+    ----------
+    folder
+        Folder with the images.
+    camera
+        Model of the camera, if known; its size must be that of the images.
+    rate_Hz
+        Frame rate, where neither a table nor names tell the times [Hz].
+    start_s, stop_s
+        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+    grey
+        Whether images are read as grey.
+
     Raises
     ------
     InputError

@@ -49,6 +49,13 @@ def read_scans(
     messages are taken, and the odometry is interpolated at the scans' stamps;
     the scanner is taken to be where the odometry's body is.
 
+    Parameters
+    ----------
+    path
+        CSV or MCAP file.
+    scan_topic, odometry_topic
+        Topics of an MCAP file; may be left out when there is one only of their type.
+
     Raises
     ------
     InputError
@@ -63,7 +70,15 @@ def read_scans(
 
 
 def write_scans(path: Path | str, scans: Iterable[OdometryScan]) -> None:
-    """Write scans to a CSV file, whole or not at all."""
+    """Write scans to a CSV file, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    scans
+        The scans.
+    """
     rows = []
     for scan, (x, y, yaw) in scans:
         head = (scan.t_s, x, y, yaw, scan.angle_min_rad, scan.angle_step_rad, scan.range_min_m)

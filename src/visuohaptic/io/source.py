@@ -29,6 +29,16 @@ def indices_from_times(times_s: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]:
     whole multiples of it (within 20 %), the index advances by that multiple;
     otherwise the frame rate is taken as variable and frames count one by one.
 
+    Parameters
+    ----------
+    times_s
+        Times of the frames, ascending, shape (n,) [s].
+
+    Returns
+    -------
+    array
+        Numbers from 0, shape (n,).
+
     Examples
     --------
     >>> indices_from_times(np.array([0.0, 0.1, 0.2, 0.4, 0.5])).tolist()

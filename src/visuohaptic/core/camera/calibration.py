@@ -124,7 +124,22 @@ class CameraCalibration:
 def detect_board(
     image: UInt8[np.ndarray, "rows columns *colour"], board: Board, name: str = "image"
 ) -> BoardView:
-    """Find the board's corners to sub-pixel accuracy; no corners when it is not seen."""
+    """Find the board's corners to sub-pixel accuracy; no corners when it is not seen.
+
+    Parameters
+    ----------
+    image
+        Grey or BGR image, 8 bit, shape (rows, columns[, 3]).
+    board
+        The printed board.
+    name
+        Of the image, for messages and the report.
+
+    Returns
+    -------
+    BoardView
+        Corners [px]; without any where the board is not seen whole.
+    """
     import cv2
 
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image
@@ -188,8 +203,14 @@ def calibrate_camera(
     ----------
     views
         Corners by image, from :func:`detect_board`.
+    board
+        The printed board, whose edge length fixes nothing but the unit of the poses.
     size
         Width and height of the images [px].
+    limits
+        Which views and results are accepted; defaults where none are given.
+    name
+        Of the camera, written into its file.
 
     Raises
     ------

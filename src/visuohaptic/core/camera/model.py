@@ -68,7 +68,17 @@ class Camera:
 
     @classmethod
     def simple(cls, width: int, height: int, focal_px: float, **more: Any) -> Camera:
-        """Ideal camera with square pixels and the principal point in the centre."""
+        """Ideal camera with square pixels and the principal point in the centre.
+
+        Parameters
+        ----------
+        width, height
+            Size of the image [px].
+        focal_px
+            Focal length of both axes [px].
+        more
+            Further fields of the camera, such as ``distortion`` or ``row_delay_s``.
+        """
         matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1.0]])
         return cls(width, height, matrix, **more)
 
@@ -78,9 +88,17 @@ class Camera:
         return float(np.sqrt(self.matrix[0, 0] * self.matrix[1, 1]))
 
     def project(self, points_camera_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
-        """Pixels of points in the camera frame (x right, y down, z forward [m]).
+        """Pixels of points in the camera frame.
 
-        Points at or behind the camera give NaN.
+        Parameters
+        ----------
+        points_camera_m
+            Points (x right, y down, z forward), shape (..., 3) [m].
+
+        Returns
+        -------
+        array
+            Pixels (x, y), shape (..., 2) [px]; NaN for points at or behind the camera.
         """
         import cv2
 
@@ -96,7 +114,18 @@ class Camera:
         return pixels.reshape(*points.shape[:-1], 2)
 
     def rays(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Viewing rays ``u' = K^-1 u`` with the distortion removed, scaled to z = 1."""
+        """Viewing rays ``u' = K^-1 u`` with the distortion removed, scaled to z = 1.
+
+        Parameters
+        ----------
+        pixels
+            Pixels (x, y), shape (..., 2) [px].
+
+        Returns
+        -------
+        array
+            Directions in the camera frame, shape (..., 3), with z = 1.
+        """
         pixels = np.asarray(pixels, dtype=np.float64)
         flat = np.ascontiguousarray(pixels.reshape(-1, 2))
         result = np.ones((len(flat), 3))
@@ -119,7 +148,20 @@ class Camera:
     def row_time_s(
         self, frame_time_s: float, rows: Float[np.ndarray, "*batch"]
     ) -> Float[np.ndarray, "*batch"]:
-        """Time at which image rows were exposed, for a frame stamped at its first row [s]."""
+        """Times at which image rows were exposed.
+
+        Parameters
+        ----------
+        frame_time_s
+            Stamp of the frame, the time of its first row [s].
+        rows
+            Row numbers from the top, whole or not, any shape [px].
+
+        Returns
+        -------
+        array
+            Times, of the shape of ``rows`` [s].
+        """
         return frame_time_s + np.asarray(rows) * self.row_delay_s
 
     @classmethod
@@ -127,6 +169,11 @@ class Camera:
         """Read a ROS ``camera_info`` YAML file (the format of ``camera_calibration``).
 
         Our own optional field ``row_delay_s`` is read when present.
+
+        Parameters
+        ----------
+        path
+            The file.
 
         Raises
         ------
@@ -152,7 +199,13 @@ class Camera:
             raise InputError(path, error.problem, field=error.field) from error
 
     def save(self, path: Path | str) -> None:
-        """Write a ROS ``camera_info`` YAML file."""
+        """Write a ROS ``camera_info`` YAML file.
+
+        Parameters
+        ----------
+        path
+            Where to; an existing file is replaced.
+        """
         distortion = self.distortion if self.distortion.size else np.zeros(5)
         save_yaml(
             path,
@@ -171,7 +224,17 @@ class Camera:
 
     @staticmethod
     def pose_of_view(eye_m: object, target_m: object, up: object = (0.0, 0.0, 1.0)) -> Pose:
-        """``T_world_camera`` of a camera at ``eye_m`` that looks at ``target_m`` [m]."""
+        """``T_world_camera`` of a camera that looks at a point.
+
+        Parameters
+        ----------
+        eye_m
+            Centre of projection in the world, shape (3,) [m].
+        target_m
+            Point in the middle of the view, in the world, shape (3,) [m].
+        up
+            Direction in the world that is up in the image, shape (3,); not along the view.
+        """
         eye, target = np.asarray(eye_m, dtype=np.float64), np.asarray(target_m, dtype=np.float64)
         forward = (target - eye) / np.linalg.norm(target - eye)
         right = np.cross(forward, np.asarray(up, dtype=np.float64))

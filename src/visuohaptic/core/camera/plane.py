@@ -26,7 +26,18 @@ class PlaneView:
     T_camera_plane: Pose  #: maps coordinates of F to the camera frame
 
     def cast(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        """Points (x, y) of F [m] seen at the pixels; NaN where the ray misses the plane."""
+        """Points of the plane seen at pixels.
+
+        Parameters
+        ----------
+        pixels
+            Pixels (x, y), shape (..., 2) [px].
+
+        Returns
+        -------
+        array
+            Points (x, y) of F, shape (..., 2) [m]; NaN where the ray misses the plane.
+        """
         rays = self.camera.rays(pixels)
         normal = self.T_camera_plane.rotation[:, 2]
         origin = self.T_camera_plane.translation_m
@@ -38,7 +49,18 @@ class PlaneView:
         return ((points_camera - origin) @ self.T_camera_plane.rotation)[..., :2]
 
     def project(self, points_plane_m: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        """Pixels of points (x, y) of F [m]."""
+        """Pixels of points of the plane.
+
+        Parameters
+        ----------
+        points_plane_m
+            Points (x, y) of F, shape (..., 2) [m].
+
+        Returns
+        -------
+        array
+            Pixels (x, y), shape (..., 2) [px].
+        """
         points = np.asarray(points_plane_m, dtype=np.float64)
         spatial = np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)
         return self.camera.project(self.T_camera_plane.apply(spatial))
@@ -48,6 +70,17 @@ class PlaneView:
 
         The half-pixel step leaves a relative error of the order (1/f)^2, far below any
         uncertainty that this derivative is used to propagate.
+
+        Parameters
+        ----------
+        pixels
+            Pixels (x, y), shape (..., 2) [px].
+
+        Returns
+        -------
+        array
+            Derivatives, shape (..., 2, 2) [m/px]: rows are x and y of F, columns x and y of the
+            pixel.
         """
         pixels = np.asarray(pixels, dtype=np.float64)
         columns = []

@@ -47,7 +47,20 @@ class Pose:
 
     @classmethod
     def from_quaternion(cls, quaternion_xyzw: object, translation_m: object) -> Pose:
-        """Pose from a quaternion in ROS order (x, y, z, w); its length need not be 1."""
+        """Pose from a quaternion in ROS order.
+
+        Parameters
+        ----------
+        quaternion_xyzw
+            Quaternion (x, y, z, w), shape (4,); its length need not be 1.
+        translation_m
+            Translation, shape (3,) [m].
+
+        Raises
+        ------
+        InputError
+            There are not 4 finite numbers, or all are 0.
+        """
         from scipy.spatial.transform import Rotation
 
         quaternion = np.asarray(quaternion_xyzw, dtype=np.float64)
@@ -60,13 +73,27 @@ class Pose:
 
     @classmethod
     def from_rotation_vector(cls, rotation_vector_rad: object, translation_m: object) -> Pose:
-        """Pose from an axis-angle vector [rad]."""
+        """Pose from a rotation vector.
+
+        Parameters
+        ----------
+        rotation_vector_rad
+            Axis times angle, shape (3,) [rad].
+        translation_m
+            Translation, shape (3,) [m].
+        """
         vector = np.asarray(rotation_vector_rad, dtype=np.float64)
         return cls(so3_exp(vector), np.asarray(translation_m, dtype=np.float64))
 
     @classmethod
     def from_matrix(cls, matrix: Float[np.ndarray, "4 4"]) -> Pose:
-        """Pose from a homogeneous matrix."""
+        """Pose from a homogeneous matrix.
+
+        Parameters
+        ----------
+        matrix
+            Matrix with rotation and translation [m], shape (4, 4) or (3, 4).
+        """
         return cls(np.asarray(matrix)[:3, :3], np.asarray(matrix)[:3, 3])
 
     @property
@@ -93,5 +120,16 @@ class Pose:
         return Pose(self.rotation @ other.rotation, self.rotation @ other.translation_m + self.translation_m)
 
     def apply(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
-        """Map points of the source frame to the target frame."""
+        """Map points of the source frame to the target frame.
+
+        Parameters
+        ----------
+        points_m
+            Points in the source frame, shape (..., 3) [m].
+
+        Returns
+        -------
+        array
+            The points in the target frame, shape (..., 3) [m].
+        """
         return np.asarray(points_m) @ self.rotation.T + self.translation_m

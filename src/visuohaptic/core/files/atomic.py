@@ -23,6 +23,11 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
     The data is flushed to the disk before the rename, so that after a power
     cut either the old or the new file is there, never half of one.
 
+    Parameters
+    ----------
+    target
+        File that is created or replaced.
+
     Raises
     ------
     InputError
@@ -58,7 +63,20 @@ def atomic_path(target: Path | str) -> Iterator[Path]:
 
 
 def write_text(target: Path | str, text: str) -> None:
-    """Write a whole UTF-8 text file, or nothing."""
+    """Write a whole UTF-8 text file, or nothing.
+
+    Parameters
+    ----------
+    target
+        File that is created or replaced.
+    text
+        Its contents.
+
+    Raises
+    ------
+    InputError
+        See :func:`atomic_path`.
+    """
     with atomic_path(target) as temporary:
         temporary.write_text(text, encoding="utf-8")
 

@@ -34,6 +34,13 @@ def read_image(
 ) -> np.ndarray:
     """Read an image file; see :func:`decode_image`.
 
+    Parameters
+    ----------
+    path
+        The file.
+    mode, upright, check_pixels
+        As of :func:`decode_image`.
+
     Raises
     ------
     InputError

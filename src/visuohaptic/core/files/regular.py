@@ -50,6 +50,15 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
 def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> bytes:
     """Contents of a regular file of at most ``max_bytes``.
 
+    Parameters
+    ----------
+    path
+        The file.
+    max_bytes
+        Largest size that is read [bytes].
+    error
+        Class of the error that is raised.
+
     Raises
     ------
     InputError
@@ -73,6 +82,13 @@ def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = In
 def read_head(path: Path | str, count: int) -> bytes:
     """First bytes of a regular file, at most ``count``: what kind is it?
 
+    Parameters
+    ----------
+    path
+        The file.
+    count
+        How many bytes.
+
     Raises
     ------
     InputError
@@ -90,6 +106,15 @@ def read_text(path: Path | str, max_bytes: int, *, error: type[InputError] = Inp
     """Text of a UTF-8 file of at most ``max_bytes``; a byte order mark is taken off.
 
     Line ends become ``\\n``, as with files opened for text.
+
+    Parameters
+    ----------
+    path
+        The file.
+    max_bytes
+        Largest size that is read [bytes].
+    error
+        Class of the error that is raised.
 
     Raises
     ------

@@ -152,6 +152,11 @@ def parse_yaml(text: str, where: object) -> Any:
 def load_yaml(path: Path | str) -> Any:
     """Plain data of a YAML file; see :func:`parse_yaml`.
 
+    Parameters
+    ----------
+    path
+        The file, of at most 16 MiB.
+
     Raises
     ------
     InputError
@@ -162,6 +167,13 @@ def load_yaml(path: Path | str) -> Any:
 
 def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
     """Read a YAML file into a pydantic model; all problems are reported at once.
+
+    Parameters
+    ----------
+    path
+        The file, of at most 16 MiB.
+    model
+        The pydantic model that the file must fit.
 
     Raises
     ------
@@ -187,7 +199,15 @@ def load_yaml_model(path: Path | str, model: type[Model]) -> Model:
 
 
 def save_yaml(path: Path | str, data: dict[str, Any]) -> None:
-    """Write plain data (numbers, texts, lists, mappings) as YAML, whole or not at all."""
+    """Write plain data (numbers, texts, lists, mappings) as YAML, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    data
+        Plain data, in the order in which they are to be written.
+    """
     import yaml
 
     write_text(path, yaml.safe_dump(data, sort_keys=False, default_flow_style=None, width=100))

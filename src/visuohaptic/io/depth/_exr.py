@@ -43,6 +43,18 @@ class _Header:
 def decode_exr(data: bytes, where: str) -> Float[np.ndarray, "rows columns"]:
     """The depth channel of an OpenEXR file in memory (``Z``, else ``Y`` or the first colour).
 
+    Parameters
+    ----------
+    data
+        The whole file.
+    where
+        The file, for messages.
+
+    Returns
+    -------
+    array
+        Depth in the file's unit, float32, shape (rows, columns).
+
     Raises
     ------
     InputError

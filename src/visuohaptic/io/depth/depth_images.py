@@ -53,6 +53,10 @@ def read_depth(
 
     Parameters
     ----------
+    path
+        PNG of 16 bit, or OpenEXR.
+    encoding
+        What a pixel's number means.
     size
         Width and height that the picture must have [px].
 
@@ -111,7 +115,17 @@ def _check_size(path: Path, width: int, height: int, size: tuple[int, int] | Non
 
 
 def write_depth(path: Path | str, depth_m: Float[np.ndarray, "rows columns"], scale_m: float = 0.001) -> None:
-    """Write depth as a 16-bit PNG; what is NaN or does not fit becomes 0."""
+    """Write depth as a 16-bit PNG; what is NaN or does not fit becomes 0.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    depth_m
+        Depth along the optical axis, shape (rows, columns) [m].
+    scale_m
+        Depth of one unit of the file [m].
+    """
     import cv2
 
     with np.errstate(invalid="ignore"):

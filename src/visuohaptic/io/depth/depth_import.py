@@ -110,6 +110,10 @@ def import_sequence(
 
     Parameters
     ----------
+    source
+        Folder as the other program has written it.
+    target
+        Folder that is created.
     layout
         One of :data:`LAYOUTS`, or ``auto`` to tell it from the files.
     kind
@@ -117,6 +121,11 @@ def import_sequence(
     camera, poses, depth_scale_m, bit_rotation
         Of a plain folder: ``camera_info`` file, file of poses, metres of one
         unit, and the F200's rotation of bits.
+
+    Returns
+    -------
+    ImportedSequence
+        What was written, and what was left out and why.
 
     Raises
     ------

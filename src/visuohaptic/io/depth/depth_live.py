@@ -35,7 +35,15 @@ class DepthPicture:
     index: int  #: number of the frame; a gap means that frames were lost, where the camera counts them
 
     def posed(self, T_world_camera: Pose, camera: Camera) -> DepthFrame:
-        """The view as fusion and detection take it."""
+        """The view as fusion and detection take it.
+
+        Parameters
+        ----------
+        T_world_camera
+            Pose of the camera when the picture was taken.
+        camera
+            Model of the camera, of the picture's size.
+        """
         return DepthFrame(self.t_s, self.depth_m, self.color, T_world_camera, camera, self.index)
 
 

@@ -93,6 +93,11 @@ class DepthSequence:
     of range) are left out; ``skipped`` counts them by cause and ``problems``
     has one line for each, both of the last iteration.
 
+    Parameters
+    ----------
+    folder
+        Folder with ``sequence.yaml``.
+
     Raises
     ------
     InputError

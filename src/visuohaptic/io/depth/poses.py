@@ -47,6 +47,13 @@ def read_poses(path: Path | str, topic: str | None = None) -> list[StampedPose]:
     odometry. A line whose numbers are not finite or no rigid motion is kept
     with its problem, so that the others keep their place.
 
+    Parameters
+    ----------
+    path
+        The file.
+    topic
+        Topic of an MCAP file; may be left out when only one holds poses.
+
     Raises
     ------
     InputError
@@ -160,9 +167,18 @@ def interpolate_pose(
     ----------
     poses
         In order of time.
+    t_s
+        The time, by the clock of the poses [s].
     max_gap_s
         Poses farther apart than this are not joined; a pose so near that the
         time's own rounding (1 ms) explains it is taken as it is.
+
+    Returns
+    -------
+    pose
+        Pose at that time; ``None`` where there is none.
+    problem
+        Why there is none; else empty.
     """
     from scipy.spatial.transform import Rotation, Slerp
 
@@ -186,7 +202,15 @@ def interpolate_pose(
 
 
 def write_poses(path: Path | str, poses: Iterable[tuple[float, Pose]]) -> None:
-    """Write poses as TUM text: ``t tx ty tz qx qy qz qw``, camera to world."""
+    """Write poses as TUM text: ``t tx ty tz qx qy qz qw``, camera to world.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    poses
+        Time [s] and camera-to-world pose of each view.
+    """
     lines = ["# t_s tx_m ty_m tz_m qx qy qz qw, camera to world"]
     for time_s, pose in poses:
         numbers = [*pose.translation_m, *pose.quaternion_xyzw]

@@ -76,6 +76,11 @@ class LiveSource(Closing):
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for a frame newer than all that were read before.
 
+        Parameters
+        ----------
+        timeout_s
+            Longest wait [s].
+
         Raises
         ------
         DeviceError
@@ -96,6 +101,11 @@ class LiveSource(Closing):
 
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
         """The newest frame, at once.
+
+        Parameters
+        ----------
+        max_age_ms
+            Largest age of the frame [ms].
 
         Raises
         ------
@@ -214,8 +224,26 @@ def open_camera(
 ) -> LiveSource:
     """Open a live camera by its number or a part of its name.
 
-    ``uvc_only`` insists on the precise driver (pupil-labs-uvc), which fixes
-    focus and exposure by their UVC controls; otherwise OpenCV is the fallback.
+    Parameters
+    ----------
+    which
+        Number, or part of the name.
+    uvc_only
+        Warn when the precise driver (pupil-labs-uvc), which fixes focus and exposure by their UVC
+        controls, is not installed. OpenCV is the fallback.
+    camera
+        Model of the camera, if known; gives the size of the images.
+    rate_Hz
+        Frame rate [Hz].
+    grey
+        Whether images are grey.
+    settings
+        All settings at once, in place of those above.
+
+    Raises
+    ------
+    DeviceError
+        There is no such camera, or it cannot be opened.
     """
     from . import _camera_drivers
 

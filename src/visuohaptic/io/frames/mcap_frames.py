@@ -48,8 +48,16 @@ class McapSource(RecordedSource):
 
     Parameters
     ----------
+    path
+        The file.
     topic
         Image topic; may be left out when there is one only.
+    camera
+        Model of the camera, in place of the recorded one.
+    start_s, stop_s
+        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+    grey
+        Whether colour images are turned grey.
 
     Raises
     ------
@@ -179,7 +187,20 @@ def _stamp_ns(message: McapMessage) -> int:
 
 
 def camera_from_message(message: Any, where: str) -> Camera:
-    """The camera of a ``sensor_msgs/CameraInfo``."""
+    """The camera of a ``sensor_msgs/CameraInfo``.
+
+    Parameters
+    ----------
+    message
+        Decoded message.
+    where
+        File and topic, for messages.
+
+    Raises
+    ------
+    InputError
+        The distortion model is of another kind, or the numbers are not a camera's.
+    """
     if message.distortion_model not in ("", "plumb_bob", "rational_polynomial"):
         raise InputError(
             where,

@@ -35,6 +35,17 @@ class VideoSource(RecordedSource):
     the stream, exact also for a variable frame rate. The list of stamps is
     read from the packets when the file is opened, without decoding.
 
+    Parameters
+    ----------
+    path
+        The file.
+    camera
+        Model of the camera, if known; its size must be that of the images.
+    start_s, stop_s
+        Part of the recording, counted from its first frame [s]; ``stop_s`` is not included.
+    grey
+        Whether images are decoded as grey.
+
     Raises
     ------
     InputError

@@ -37,6 +37,11 @@ class Picture:
 def read_picture(path: Path) -> Picture:
     """Read a PGM, PPM, PNG, BMP or JPEG file.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Raises
     ------
     InputError
@@ -61,6 +66,22 @@ def cells_from_picture(
     the unknown cells of a picture with an opaque alpha channel become free;
     here the alpha channel means the same in every mode. ``negate`` has no
     meaning in mode raw.
+
+    Parameters
+    ----------
+    picture
+        Brightness, row 0 at the bottom.
+    mode
+        ``trinary``, ``scale`` or ``raw``.
+    negate
+        Whether bright is occupied; has no meaning in mode raw.
+    occupied_thresh, free_thresh
+        Occupancies 0..1 above which a cell is occupied and below which it is free.
+
+    Returns
+    -------
+    array
+        -1 unknown, 0 free .. 100 occupied, shape (rows, columns).
     """
     # A picture has few levels and many pixels: the rules are worked out once per level.
     shade = np.arange(picture.top + 1) / picture.top

@@ -83,24 +83,63 @@ class OccupancyMap:
         return rotation_2d(self.origin[2])
 
     def world_from_cell(self, cells: Int[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 2"]:
-        """Centres (x, y) [m] of cells (row, column) in the map frame."""
+        """Centres of cells in the map frame.
+
+        Parameters
+        ----------
+        cells
+            Cells (row, column), shape (..., 2).
+
+        Returns
+        -------
+        array
+            Points (x, y), shape (..., 2) [m].
+        """
         grid = (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution_m
         return grid @ self._rotation().T + np.array(self.origin[:2])
 
     def cell_from_world(self, points_m: Float[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batch 2"]:
-        """Cells (row, column) that hold points (x, y) [m]; may lie outside, see :meth:`inside`."""
+        """Cells that hold points of the map frame.
+
+        Parameters
+        ----------
+        points_m
+            Points (x, y) in the map frame, shape (..., 2) [m].
+
+        Returns
+        -------
+        array
+            Cells (row, column), shape (..., 2); they may lie outside, see :meth:`inside`.
+        """
         grid = (np.asarray(points_m, dtype=np.float64) - np.array(self.origin[:2])) @ self._rotation()
         # Far outside (or NaN) must not wrap round to a valid index.
         cell = np.clip(np.nan_to_num(np.floor(grid / self.resolution_m), nan=-1.0), -(2**31), 2**31)
         return cell[..., ::-1].astype(np.int64)
 
     def inside(self, cells: Int[np.ndarray, "*batch 2"]) -> Bool[np.ndarray, "*batch"]:
-        """Which cells (row, column) are on the map."""
+        """Which cells are on the map.
+
+        Parameters
+        ----------
+        cells
+            Cells (row, column), shape (..., 2).
+        """
         cells = np.asarray(cells)
         return np.asarray(((cells >= 0) & (cells < np.array(self.shape))).all(axis=-1))
 
     def value_at(self, points_m: Float[np.ndarray, "*batch 2"]) -> Int8[np.ndarray, "*batch"]:
-        """Occupancy at points (x, y) [m]; unknown outside the map."""
+        """Occupancy at points; unknown outside the map.
+
+        Parameters
+        ----------
+        points_m
+            Points (x, y) in the map frame, shape (..., 2) [m].
+
+        Returns
+        -------
+        array
+            -1 unknown, 0 free .. 100 occupied, shape (...).
+        """
         cells = self.cell_from_world(points_m)
         inside = self.inside(cells)
         values = self.cells[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
@@ -114,6 +153,11 @@ class OccupancyMap:
         Of an alpha channel, what is not opaque is unknown.
         The image must be inside the folder of the YAML file; of an absolute
         path, left by another computer, the file name is looked for there.
+
+        Parameters
+        ----------
+        path
+            The YAML file.
 
         Raises
         ------
@@ -135,7 +179,27 @@ class OccupancyMap:
         free_thresh: float = 0.196,
         negate: bool = False,
     ) -> OccupancyMap:
-        """Read an image that has no YAML file; dark is occupied unless ``negate``."""
+        """Read an image that has no YAML file.
+
+        Parameters
+        ----------
+        path
+            PGM, PPM, PNG, BMP or JPEG file.
+        resolution_m
+            Edge of a cell [m].
+        origin
+            Place (x, y) of the image's lower left corner in the map frame [m], and turn about it
+            [rad].
+        occupied_thresh, free_thresh
+            Occupancies 0..1 above which a cell is occupied and below which it is free.
+        negate
+            Whether bright, not dark, is occupied.
+
+        Raises
+        ------
+        InputError
+            The image is missing, of another kind, too large or damaged.
+        """
         picture = read_picture(Path(path))
         cells = cells_from_picture(picture, "trinary", negate, occupied_thresh, free_thresh)
         return cls(cells, resolution_m, origin)
@@ -150,7 +214,25 @@ class OccupancyMap:
         occupied_thresh: float = 0.65,
         free_thresh: float = 0.196,
     ) -> OccupancyMap:
-        """From the probability that a cell is occupied, 0..1; NaN and what is between the thresholds is unknown."""
+        """Map of the probabilities that cells are occupied; what is between the thresholds is unknown.
+
+        Parameters
+        ----------
+        probability
+            Probabilities 0..1, NaN where unknown, row 0 at the bottom, shape (rows, columns).
+        resolution_m
+            Edge of a cell [m].
+        origin
+            Place (x, y) of the outer corner of cell (0, 0) in the map frame [m], and turn about it
+            [rad].
+        occupied_thresh, free_thresh
+            Probabilities above which a cell is occupied and below which it is free.
+
+        Raises
+        ------
+        InputError
+            A probability is outside of 0..1.
+        """
         values = np.asarray(probability, dtype=np.float64)
         if values.ndim != 2 or np.any((values < 0) | (values > 1)):
             raise InputError(
@@ -166,13 +248,31 @@ class OccupancyMap:
 
         A map of unknown, free and occupied cells is written in mode trinary;
         one with values in between in mode raw. Both are read back unchanged.
+
+        Parameters
+        ----------
+        path
+            YAML file that is created or replaced.
+
+        Raises
+        ------
+        InputError
+            The name does not end in ``.yaml`` or ``.yml``, or the file cannot be written.
         """
         from ._map_server import save
 
         save(Path(path), self.cells, self.resolution_m, self.origin)
 
     def to_message(self, t_s: float, frame: str = "map") -> dict[str, Any]:
-        """Fields of ``nav_msgs/OccupancyGrid``."""
+        """Fields of ``nav_msgs/OccupancyGrid``.
+
+        Parameters
+        ----------
+        t_s
+            Time of the map, seconds since the epoch.
+        frame
+            Name of the map frame.
+        """
         from ..ros.ros_messages import header
 
         x, y, yaw = self.origin
@@ -192,7 +292,20 @@ class OccupancyMap:
 
     @classmethod
     def from_message(cls, message: Any, where: str = "OccupancyGrid") -> OccupancyMap:
-        """From a decoded ``nav_msgs/OccupancyGrid``; the grid must lie flat."""
+        """Map of a decoded ``nav_msgs/OccupancyGrid``.
+
+        Parameters
+        ----------
+        message
+            The message.
+        where
+            File and topic, for messages.
+
+        Raises
+        ------
+        InputError
+            Size and data do not fit together, or the grid does not lie flat.
+        """
         info = message.info
         width, height = int(info.width), int(info.height)
         if width <= 0 or height <= 0 or width * height > MAX_PIXELS or len(message.data) != width * height:
@@ -217,7 +330,20 @@ class OccupancyMap:
 
     @classmethod
     def from_mcap(cls, path: Path | str, topic: str | None = None) -> OccupancyMap:
-        """The last ``nav_msgs/OccupancyGrid`` of an MCAP file."""
+        """The last ``nav_msgs/OccupancyGrid`` of an MCAP file.
+
+        Parameters
+        ----------
+        path
+            The file.
+        topic
+            Only maps of this topic.
+
+        Raises
+        ------
+        InputError
+            There is no map in the file.
+        """
         from ..ros.mcap_records import McapFile
 
         file = McapFile(path)

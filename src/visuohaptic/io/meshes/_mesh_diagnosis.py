@@ -12,6 +12,13 @@ def diagnose(kind: str, data: bytes) -> str:
     """The first defect of an OBJ, PLY or STL file; empty where none is found.
 
     Only for files that could not be read: it walks through all lines.
+
+    Parameters
+    ----------
+    kind
+        Suffix of the file, ``.obj``, ``.ply`` or ``.stl``.
+    data
+        The whole file.
     """
     if kind == ".obj":
         return _obj(data)
@@ -23,7 +30,15 @@ def diagnose(kind: str, data: bytes) -> str:
 
 
 def first_zero_index(data: bytes) -> str:
-    """OBJ counts from 1; a reader takes 0 for the last vertex and says nothing."""
+    """Say where an OBJ file counts from 0.
+
+    OBJ counts from 1; a reader takes 0 for the last vertex and says nothing.
+
+    Parameters
+    ----------
+    data
+        The whole file.
+    """
     if re.search(rb"^f[^\n]*?[ \t]0+(?=[/ \t\r\n]|$)", data, re.MULTILINE):
         return _obj(data)
     return ""
@@ -59,7 +74,13 @@ def _obj(data: bytes) -> str:
 
 
 def missing_lines(data: bytes) -> str:
-    """A text PLY has a line for each element that its header names."""
+    """Say how many lines a text PLY lacks: it has one for each element that its header names.
+
+    Parameters
+    ----------
+    data
+        The whole file.
+    """
     end = data.find(b"end_header")
     head = data[: max(end, 0)].decode("ascii", "replace").splitlines()
     if not any(line.split()[:2] == ["format", "ascii"] for line in head):

@@ -39,6 +39,11 @@ class TriangleMesh:
 def load_mesh(path: Path | str) -> TriangleMesh:
     """Read all triangles of a file as one mesh.
 
+    Parameters
+    ----------
+    path
+        The file; its suffix tells the format.
+
     Raises
     ------
     InputError

@@ -46,6 +46,11 @@ class _Element:
 def read_ply(path: Path | str) -> PlyMesh:
     """Read a text or binary PLY file.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Raises
     ------
     InputError
@@ -188,7 +193,15 @@ def _assembled(path: Path, found: _Columns) -> PlyMesh:
 
 
 def write_ply(path: Path | str, mesh: PlyMesh) -> None:
-    """Write a binary PLY file, whole or not at all; coordinates and further numbers are float32."""
+    """Write a binary PLY file, whole or not at all; coordinates and further numbers are float32.
+
+    Parameters
+    ----------
+    path
+        File that is created or replaced.
+    mesh
+        Vertices [m], faces and further numbers by vertex.
+    """
     columns: list[tuple[str, str, np.ndarray]] = [
         (axis, "float", mesh.vertices_m[:, k]) for k, axis in enumerate("xyz")
     ]

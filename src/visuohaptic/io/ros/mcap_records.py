@@ -90,6 +90,11 @@ class _Channel:
 class McapFile:
     """Messages of an MCAP file in the order of the file.
 
+    Parameters
+    ----------
+    path
+        The file.
+
     Raises
     ------
     InputError
@@ -107,7 +112,13 @@ class McapFile:
             raise InputError(path, f"begins with {head!r}, expected an MCAP file")
 
     def messages(self, topics: set[str] | None = None) -> Iterator[McapMessage]:
-        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost."""
+        """All whole messages, of some topics or of all; ``damage`` tells afterwards what was lost.
+
+        Parameters
+        ----------
+        topics
+            Topics whose messages are given; all by default.
+        """
         self.damage = McapDamage()
         with self.path.open("rb") as stream:
             size = stream.seek(0, 2)
@@ -223,6 +234,11 @@ class McapFile:
 
     def decode(self, message: McapMessage) -> Any:
         """Fields of a ROS 2 message.
+
+        Parameters
+        ----------
+        message
+            A message of this file.
 
         Raises
         ------

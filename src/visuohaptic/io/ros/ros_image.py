@@ -38,6 +38,13 @@ def decode_raw(message: Any, where: str) -> UInt8[np.ndarray, "rows columns *col
     The padding at the end of rows (``step``) is removed; of 16-bit images the
     upper 8 bits are kept; Bayer patterns are interpolated.
 
+    Parameters
+    ----------
+    message
+        Decoded message.
+    where
+        File and topic, for messages.
+
     Raises
     ------
     InputError

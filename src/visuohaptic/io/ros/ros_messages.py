@@ -39,7 +39,13 @@ _POINT_TYPES = {"float32": 7, "float64": 8}
 
 
 def stamp_ns(t_s: float) -> int:
-    """Time in nanoseconds; exact to the resolution of a float64 (0.2 us today, seconds since 1970)."""
+    """Time in nanoseconds; exact to the resolution of a float64 (0.2 us today, seconds since 1970).
+
+    Parameters
+    ----------
+    t_s
+        Seconds since the epoch.
+    """
     if not (math.isfinite(t_s) and 0 <= t_s < 2**31):
         raise InputError("t_s", f"found {t_s}, expected 0 to {2**31} s, the range of a ROS stamp")
     whole = math.floor(t_s)
@@ -47,7 +53,15 @@ def stamp_ns(t_s: float) -> int:
 
 
 def header(t_s: float, frame: str) -> Message:
-    """``std_msgs/Header``."""
+    """``std_msgs/Header``.
+
+    Parameters
+    ----------
+    t_s
+        Time of the measurement, seconds since the epoch.
+    frame
+        Name of the frame of coordinates.
+    """
     seconds, nanoseconds = divmod(stamp_ns(t_s), 1_000_000_000)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}
 
@@ -61,6 +75,11 @@ def wrench(measured: Wrench) -> Message:
 
     The message has no place for validity, so a reader who knows nothing of our
     diagnostics must not take a number for good.
+
+    Parameters
+    ----------
+    measured
+        Force [N] and moment [Nm], in their frame.
     """
     trust = 1.0 if measured.valid else math.nan
     return {
@@ -78,6 +97,13 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
     The force acts on the sensor along -x of its frame (x points away from the
     robot); as is the custom for contact sensors the message gives its
     magnitude along +x, the force on the object. NaN where it is not valid.
+
+    Parameters
+    ----------
+    profile
+        Measurement of the sensor.
+    frame
+        Name of the sensor's frame of coordinates.
     """
     force = profile.force_N if profile.valid else math.nan
     return {
@@ -89,7 +115,23 @@ def force_wrench(profile: ForceProfile, frame: str) -> Message:
 def diagnostics(
     t_s: float, frame: str, name: str, valid: bool, reason: str, values: Mapping[str, Any]
 ) -> Message:
-    """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers also when not valid."""
+    """``diagnostic_msgs/DiagnosticArray``: validity, its reason and all numbers also when not valid.
+
+    Parameters
+    ----------
+    t_s
+        Time of the measurement, seconds since the epoch.
+    frame
+        Name of the sensor's frame of coordinates.
+    name
+        Name of the sensor.
+    valid
+        Whether the measurement can be trusted.
+    reason
+        Why not.
+    values
+        Numbers and texts by name, with the unit in the name.
+    """
     level = 0 if valid else (3 if reason == "stale" else 1)
     status = {
         "level": level,
@@ -150,6 +192,13 @@ def contact_cloud(profile: ForceProfile, frame: str) -> Message:
     """``sensor_msgs/PointCloud2`` of all contact points: x, y, z, delta, pressure, sigma, contact.
 
     Lengths in m, pressure in Pa; ``contact`` counts the regions from 0.
+
+    Parameters
+    ----------
+    profile
+        Measurement of the sensor.
+    frame
+        Name of the sensor's frame of coordinates.
     """
     contacts = profile.contacts
     points = np.concatenate(
@@ -181,6 +230,13 @@ def profile_cloud(profile: ForceProfile, frame: str) -> Message:
 
     x = deflection, y = place along the strip, z = 0 for a viewer; then delta,
     delta_sigma [m], pressure, pressure_sigma [Pa] and valid (0 or 1).
+
+    Parameters
+    ----------
+    profile
+        Measurement of the sensor.
+    frame
+        Name of the sensor's frame of coordinates.
     """
     return _cloud(
         profile.t_s,
@@ -200,7 +256,13 @@ def profile_cloud(profile: ForceProfile, frame: str) -> Message:
 
 
 def pose(target_source: Pose) -> Message:
-    """``geometry_msgs/Pose``."""
+    """``geometry_msgs/Pose``.
+
+    Parameters
+    ----------
+    target_source
+        Rigid motion ``T_target_source`` [m].
+    """
     quaternion = target_source.quaternion_xyzw
     return {
         "position": _vector(target_source.translation_m),
@@ -209,7 +271,17 @@ def pose(target_source: Pose) -> Message:
 
 
 def camera_info(t_s: float, camera: Camera, frame: str) -> Message:
-    """``sensor_msgs/CameraInfo``; the row delay has no place in it."""
+    """``sensor_msgs/CameraInfo``; the row delay has no place in it.
+
+    Parameters
+    ----------
+    t_s
+        Time of the image, seconds since the epoch.
+    camera
+        Model of the camera.
+    frame
+        Name of the camera's frame of coordinates.
+    """
     distortion = camera.distortion if camera.distortion.size else np.zeros(5)
     if distortion.size == 4:
         distortion = np.append(distortion, 0.0)
@@ -230,7 +302,17 @@ def camera_info(t_s: float, camera: Camera, frame: str) -> Message:
 
 
 def image(t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: str) -> Message:
-    """``sensor_msgs/Image``, ``mono8`` or ``bgr8``."""
+    """``sensor_msgs/Image``, ``mono8`` or ``bgr8``.
+
+    Parameters
+    ----------
+    t_s
+        Time of the image, seconds since the epoch.
+    pixels
+        Grey or BGR image, shape (rows, columns[, 3]).
+    frame
+        Name of the camera's frame of coordinates.
+    """
     return {
         "header": header(t_s, frame),
         "height": pixels.shape[0],
@@ -245,7 +327,19 @@ def image(t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: 
 def compressed_image(
     t_s: float, pixels: UInt8[np.ndarray, "rows columns *colour"], frame: str, quality: int | None
 ) -> Message:
-    """``sensor_msgs/CompressedImage``: JPEG of a quality 1..100, or lossless PNG for ``None``."""
+    """``sensor_msgs/CompressedImage``: JPEG of a quality 1..100, or lossless PNG for ``None``.
+
+    Parameters
+    ----------
+    t_s
+        Time of the image, seconds since the epoch.
+    pixels
+        Grey or BGR image, shape (rows, columns[, 3]).
+    frame
+        Name of the camera's frame of coordinates.
+    quality
+        Quality of the JPEG; ``None`` for PNG.
+    """
     import cv2
 
     kind = "png" if quality is None else "jpeg"

@@ -34,15 +34,25 @@ class MeasurementSink(ABC):
         Parameters
         ----------
         topic
-            As ``/foam/wrench``.
+            Name such as ``/foam/wrench``.
         datatype
-            As ``geometry_msgs/msg/WrenchStamped``.
+            Name such as ``geometry_msgs/msg/WrenchStamped``.
         t_s
-            Time of the measurement [s].
+            Time of the measurement, seconds since the epoch.
+        message
+            Fields of the message.
         """
 
     def write_force(self, profile: ForceProfile, name: str = "foam") -> None:
-        """Force, validity, contact contour and profile of a laminar sensor."""
+        """Force, validity, contact contour and profile of a laminar sensor.
+
+        Parameters
+        ----------
+        profile
+            Measurement of the sensor.
+        name
+            Name of the sensor, the first part of its topics.
+        """
         budget = profile.budget
         values: dict[str, Any] = {
             "force_N": float(profile.force_N),
@@ -76,7 +86,15 @@ class MeasurementSink(ABC):
             )
 
     def write_wrench(self, wrench: Wrench, name: str = "beam") -> None:
-        """Force and moment with validity and covariance."""
+        """Force and moment with validity and covariance.
+
+        Parameters
+        ----------
+        wrench
+            Force [N] and moment [Nm] with their covariance.
+        name
+            Name of the sensor, the first part of its topics.
+        """
         names = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
         numbers = np.concatenate([wrench.force_N, wrench.moment_Nm])
         values: dict[str, Any] = {key: float(value) for key, value in zip(names, numbers, strict=True)}
@@ -91,7 +109,15 @@ class MeasurementSink(ABC):
         self.write(f"/{name}/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", t_s, message)
 
     def write_event(self, event: Event, name: str = "foam") -> None:
-        """An event as JSON text; a place that is unknown is left out."""
+        """An event as JSON text; a place that is unknown is left out.
+
+        Parameters
+        ----------
+        event
+            The event.
+        name
+            Name of the sensor, the first part of its topics.
+        """
         data: dict[str, Any] = {"kind": str(event.kind), "t_s": event.t_s}
         if np.isfinite(event.s_m):
             data["s_m"] = event.s_m
@@ -100,7 +126,19 @@ class MeasurementSink(ABC):
     def write_frame(
         self, frame: Frame, name: str = "camera", *, compressed: bool = True, quality: int | None = None
     ) -> None:
-        """An image: PNG (``quality=None``), JPEG of a quality 1..100, or raw (``compressed=False``)."""
+        """An image: PNG, JPEG or raw.
+
+        Parameters
+        ----------
+        frame
+            The image with its time.
+        name
+            Name of the camera, the first part of its topics and its frame of coordinates.
+        compressed
+            Whether it is written as PNG or JPEG.
+        quality
+            Quality 1..100 of a JPEG; ``None`` for PNG.
+        """
         if compressed:
             message = ros.compressed_image(frame.t_s, frame.image, name, quality)
             self.write(f"/{name}/image/compressed", "sensor_msgs/msg/CompressedImage", frame.t_s, message)
@@ -109,7 +147,17 @@ class MeasurementSink(ABC):
             self.write(f"/{name}/image", "sensor_msgs/msg/Image", frame.t_s, message)
 
     def write_camera(self, camera: Camera, t_s: float, name: str = "camera") -> None:
-        """The camera's model, beside its images by ROS's convention."""
+        """The camera's model, beside its images by ROS's convention.
+
+        Parameters
+        ----------
+        camera
+            Model of the camera.
+        t_s
+            Time of the image, seconds since the epoch.
+        name
+            Name of the camera, as of its images.
+        """
         # ``/camera/image`` and ``/camera/camera_info`` are in one namespace; so is image/compressed.
         self.write(
             f"/{name}/camera_info", "sensor_msgs/msg/CameraInfo", t_s, ros.camera_info(t_s, camera, name)
@@ -124,7 +172,26 @@ class MeasurementSink(ABC):
         frame: str = "map",
         covariance: Float[np.ndarray, "6 6"] | None = None,
     ) -> None:
-        """A pose, with the covariance of (x, y, z, rotation about x, y, z) [m, rad] where it is known."""
+        """A pose, with its covariance where it is known.
+
+        Parameters
+        ----------
+        T_frame_body
+            The pose [m].
+        t_s
+            Time of the pose, seconds since the epoch.
+        topic
+            Name of the topic.
+        frame
+            Name of the frame that the pose maps to.
+        covariance
+            Of (x, y, z, rotation about x, y, z), shape (6, 6) [m, rad].
+
+        Raises
+        ------
+        InputError
+            The covariance is of another shape.
+        """
         head, body = ros.header(t_s, frame), ros.pose(T_frame_body)
         if covariance is None:
             self.write(topic, "geometry_msgs/msg/PoseStamped", t_s, {"header": head, "pose": body})
@@ -140,5 +207,17 @@ class MeasurementSink(ABC):
         )
 
     def write_map(self, grid: OccupancyMap, t_s: float, topic: str = "/map", *, frame: str = "map") -> None:
-        """An occupancy map."""
+        """An occupancy map.
+
+        Parameters
+        ----------
+        grid
+            The map.
+        t_s
+            Time of the map, seconds since the epoch.
+        topic
+            Name of the topic.
+        frame
+            Name of the map frame.
+        """
         self.write(topic, "nav_msgs/msg/OccupancyGrid", t_s, grid.to_message(t_s, frame))

@@ -132,7 +132,18 @@ class TableWriter(Closing):
         self._open = True
 
     def write(self, measured: ForceProfile | Wrench) -> None:
-        """Append one measurement."""
+        """Append one measurement.
+
+        Parameters
+        ----------
+        measured
+            Measurement of the kind of the first one.
+
+        Raises
+        ------
+        InputError
+            It is of another kind, or the file cannot be written.
+        """
         if not self._open:
             raise InputError(self.path, "is closed")
         if self._kind is None:
@@ -256,6 +267,11 @@ def _arrow() -> tuple[Any, Any]:
 def read_force_table(path: Path | str) -> ForceTable:
     """Read a table of force profiles back, CSV or Parquet.
 
+    Parameters
+    ----------
+    path
+        CSV or Parquet file.
+
     Raises
     ------
     InputError
@@ -281,7 +297,18 @@ def read_force_table(path: Path | str) -> ForceTable:
 
 
 def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
-    """Read a table of wrenches back; the covariance has the variances only."""
+    """Read a table of wrenches back; the covariance has the variances only.
+
+    Parameters
+    ----------
+    path
+        CSV or Parquet file.
+
+    Raises
+    ------
+    InputError
+        With the line of the first bad field.
+    """
     columns = _read(Path(path), WRENCH_COLUMNS)
     values = np.array([columns[name] for name in WRENCH_COLUMNS[3:]], dtype=np.float64).T.reshape(-1, 12)
     return tuple(
