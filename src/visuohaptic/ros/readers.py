@@ -228,9 +228,9 @@ def load_reader(kind: str, path: Path, name: str) -> Reader:
         The file, or one that it names, cannot be used.
     """
     if kind == "foam":
-        from ..sensing.foam.finger import load_sensor
+        from ..sensing.foam.finger import load_foam_sensor
 
-        return FoamReader(load_sensor(path), name)
+        return FoamReader(load_foam_sensor(path), name)
     if kind == "beam":
         from ..sensing.beam.tracked import TrackedBeam
 

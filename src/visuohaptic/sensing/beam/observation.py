@@ -22,8 +22,8 @@ from ...core.measurement import Reason
 __all__ = [
     "RelativePoses",
     "SectionMotion",
+    "TemplateMeasurement",
     "TemplateObservation",
-    "TemplatePose",
     "relative_poses",
     "section_motion",
 ]
@@ -45,7 +45,7 @@ class TemplateObservation(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TemplatePose:
+class TemplateMeasurement:
     """Pose of one named template in one frame."""
 
     name: str
@@ -55,7 +55,7 @@ class TemplatePose:
     reason: Reason = Reason.OK
 
     @classmethod
-    def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplatePose:
+    def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplateMeasurement:
         """A template that is not seen."""
         return cls(name, None, np.full((6, 6), np.nan), False, reason)
 

@@ -15,7 +15,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
 from ...core.files import read_text
 from ...core.measurement import Reason
-from .observation import TemplatePose
+from .observation import TemplateMeasurement
 
 __all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses", "write_template_poses"]
 
@@ -120,7 +120,9 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     return LoadRecord(load, np.hstack([place, turn]), "motion", line, str(path))
 
 
-def write_template_poses(path: Path | str, frames: Iterable[tuple[float, Iterable[TemplatePose]]]) -> None:
+def write_template_poses(
+    path: Path | str, frames: Iterable[tuple[float, Iterable[TemplateMeasurement]]]
+) -> None:
     """Write poses of templates, one row per frame and template."""
     from ...core.files import atomic_path
 
@@ -140,7 +142,7 @@ def write_template_poses(path: Path | str, frames: Iterable[tuple[float, Iterabl
                 writer.writerow([*head, *(repr(float(value)) for value in (*numbers, *upper))])
 
 
-def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplatePose]]]:
+def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplateMeasurement]]]:
     """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame stand together.
 
     Raises
@@ -153,7 +155,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
         raise InputError(path, f"found columns {', '.join(names)[:80]}", field="header",
                          remedy=f"expected {', '.join(POSE_COLUMNS[:11])}, c00 ... c55")  # fmt: skip
     now: float | None = None
-    frame: list[TemplatePose] = []
+    frame: list[TemplateMeasurement] = []
     for line, cells in rows:
         t_s = _number(path, line, "t_s", cells[0], InputError)
         if now is not None and t_s != now:
@@ -165,7 +167,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
         yield now, frame
 
 
-def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
+def _template(path: Path | str, line: int, cells: list[str]) -> TemplateMeasurement:
     name, valid = cells[1].strip(), cells[2].strip().lower()
     try:
         reason = Reason(cells[3].strip())
@@ -175,7 +177,7 @@ def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
     if valid not in ("true", "false"):
         raise InputError(path, f"found {valid[:20]!r}, expected true or false", field=f"line {line}: valid")
     if valid == "false":
-        return TemplatePose.missing(name, reason if reason is not Reason.OK else Reason.LOST)
+        return TemplateMeasurement.missing(name, reason if reason is not Reason.OK else Reason.LOST)
     numbers = np.array([
         _number(path, line, POSE_COLUMNS[k], cells[k], InputError) for k in range(4, len(POSE_COLUMNS))
     ])  # fmt: skip
@@ -188,7 +190,7 @@ def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
         pose = Pose.from_quaternion(numbers[3:7], numbers[:3])
     except InputError as error:
         raise InputError(path, error.problem, field=f"line {line}: qx") from error
-    return TemplatePose(name, pose, covariance)
+    return TemplateMeasurement(name, pose, covariance)
 
 
 def _table(path: Path | str, error: type[InputError]) -> tuple[list[str], list[tuple[int, list[str]]]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import CalibrationError, InputError
+from ...core.measurement import Reason
 from ...core.resources import Closing
 from ...tracking.templates.template import Template, load_templates
 from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
@@ -29,9 +30,24 @@ class TrackedReading:
     reading: BeamReading
     templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons where lost
 
+    @property
+    def t_s(self) -> float:
+        """Time of the frame [s]."""
+        return self.reading.wrench.t_s
+
+    @property
+    def valid(self) -> bool:
+        """Whether the wrench can be trusted."""
+        return self.reading.wrench.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; ``ok`` when valid."""
+        return self.reading.wrench.reason
+
 
 class TrackedBeam(Closing):
-    """A beam sensor that looks at pictures.
+    """A beam sensor that reads camera frames.
 
     Parameters
     ----------
@@ -96,6 +112,11 @@ class TrackedBeam(Closing):
         camera, templates = Camera.load(setup.camera_path), load_templates(setup.templates_path)
         return cls(setup, templates, camera, zero, threaded=threaded)
 
+    @property
+    def zeroed(self) -> bool:
+        """Whether it has resting poses."""
+        return self.sensor.zero_reference is not None
+
     def zero(self, frames: Iterable[Frame]) -> BeamZero:
         """Take the zero from frames of a sensor that nothing touches.
 
@@ -128,6 +149,11 @@ class TrackedBeam(Closing):
         """Wrench of one frame; ``now_s`` is the time at which it is read."""
         templates = self.track(frame)
         return TrackedReading(self.sensor.read(frame.t_s, templates, now_s=now_s), templates)
+
+    def reset(self) -> None:
+        """Forget all frames, the drift and where the templates were; the zero stays."""
+        self.tracker.reset()
+        self.sensor.reset()
 
     def close(self) -> None:
         """End the tracker's thread."""

@@ -14,13 +14,13 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.errors import CalibrationError, InputError
-from ...core.measurement import ForceProfile
+from ...core.measurement import ForceProfile, Reason
 from .sensor import FoamSensor
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.finger_optics import FingerOptics, FingerPosition
 from .strip.zero import ZeroReference
 
-__all__ = ["FingerReading", "FingerSensor", "load_sensor"]
+__all__ = ["FingerReading", "FingerSensor", "load_foam_sensor"]
 
 #: A finger that moves by more than this while it is zeroed does not stand still [m].
 _STILL_M = 2e-4
@@ -34,6 +34,21 @@ class FingerReading:
     finger: FingerPosition
     #: Front contour in the fixed frame (frame F at position 0), NaN where it was not seen.
     contour_m: Float[np.ndarray, "K 2"]
+
+    @property
+    def t_s(self) -> float:
+        """Time of the frame [s]."""
+        return self.profile.t_s
+
+    @property
+    def valid(self) -> bool:
+        """Whether force and position can be trusted."""
+        return self.profile.valid and self.finger.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; that of the force first."""
+        return self.profile.reason if not self.profile.valid or self.finger.valid else Reason.LOST
 
 
 class FingerSensor(FoamSensor):
@@ -109,10 +124,23 @@ class FingerSensor(FoamSensor):
         return FingerReading(profile, self.finger, front + self.finger.position_m * self.axis_foam[:2])
 
 
-def load_sensor(path: Path | str) -> FoamSensor:
-    """The sensor that ``sensor.yaml`` describes: a :class:`FingerSensor` if it has a section ``finger``."""
+def load_foam_sensor(path: Path | str) -> FoamSensor:
+    """The foam sensor that ``sensor.yaml`` describes, with its zero reference if there is one.
+
+    Parameters
+    ----------
+    path
+        The file; those that it names are relative to its folder.
+
+    Returns
+    -------
+    FoamSensor
+        A :class:`FingerSensor` if the file has a section ``finger``.
+
+    Raises
+    ------
+    InputError
+        A file or field cannot be used.
+    """
     setup = FoamSensorConfig.load(path)
-    zero = None
-    if setup.zero_path.exists():
-        zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
-    return FingerSensor(setup, zero) if setup.config.finger is not None else FoamSensor(setup, zero)
+    return (FingerSensor if setup.config.finger is not None else FoamSensor).of_setup(setup)

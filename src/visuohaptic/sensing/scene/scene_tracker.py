@@ -17,7 +17,7 @@ from ...core.camera.model import Camera
 from ...core.camera.plane import PlaneView
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.measurement import Contact, Event, ForceProfile, Motion
+from ...core.measurement import Contact, Event, ForceProfile, Motion, Reason
 from ...core.objects import Primitive, PrimitiveKind
 from ...core.robots import BaseState
 from ...tracking.points.flow import FlowStep, PointTracker
@@ -51,6 +51,16 @@ class SceneReading:
     obstacle: Obstacle
     floor_points: int
     object_points: int
+
+    @property
+    def valid(self) -> bool:
+        """Whether the motion of the platform can be trusted."""
+        return self.motion.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; ``ok`` when valid."""
+        return self.motion.reason
 
     @property
     def mask(self) -> UInt8[np.ndarray, "rows columns"]:

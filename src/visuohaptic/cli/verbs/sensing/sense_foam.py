@@ -67,11 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ....sensing.foam.finger import load_sensor
+    from ....sensing.foam.finger import load_foam_sensor
 
     if args.zero_frames < 0:
         raise InputError("--zero-frames", f"found {args.zero_frames}, expected 0 or more")
-    sensor = load_sensor(args.config)
+    sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
         if args.zero:
             return _zero(args, sensor, source)

@@ -20,7 +20,7 @@ from .records import StrainStress
 from .stress_curve import CurveKind, StressCurve
 from .tension import Tension
 
-__all__ = ["CurveFit", "FoamCalibration", "calibrate_foam", "fit_curve", "plateau"]
+__all__ = ["FoamCalibration", "StressCurveFit", "calibrate_foam", "fit_curve", "plateau"]
 
 #: Fewest different strains on the loading branch.
 MIN_STRAINS = 10
@@ -38,7 +38,7 @@ INTERIOR_KNOTS = (1, 2, 3, 4, 6, 8, 10)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CurveFit:
+class StressCurveFit:
     """A fitted curve and how well it fits."""
 
     curve: StressCurve
@@ -166,7 +166,7 @@ def fit_curve(
     *,
     kind: CurveKind = "spline",
     where: str = "strain and stress",
-) -> CurveFit:
+) -> StressCurveFit:
     """Least-squares fit of a curve through the origin, with the covariance of its parameters.
 
     Neighbouring residuals of one run are rarely independent; the covariance is
@@ -250,7 +250,7 @@ def _solve(
     *,
     monotone: bool,
     where: str,
-) -> CurveFit:
+) -> StressCurveFit:
     design, steps = _design(curve, strain, monotone=monotone)
     found = _increments(design, stress, monotone=monotone)
     residual = stress - design @ found
@@ -270,7 +270,7 @@ def _solve(
     fitted = replace(curve, parameters=steps @ found, covariance=0.5 * (covariance + covariance.T))
     if not np.all(np.isfinite(fitted.parameters)):
         raise CalibrationError(where, "the fit did not give finite numbers", remedy="check the data")
-    return CurveFit(fitted, float(np.sqrt(variance)), correlation, len(stress))
+    return StressCurveFit(fitted, float(np.sqrt(variance)), correlation, len(stress))
 
 
 def _refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"]) -> None:
@@ -322,7 +322,7 @@ def _refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float
 
 
 def _refuse_unsuitable(
-    where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], spline: CurveFit
+    where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], spline: StressCurveFit
 ) -> None:
     """Refuse falling foams (Fig. 3.2d), flat foams, and outliers."""
     order = np.argsort(strain, kind="stable")
@@ -369,7 +369,7 @@ def _refuse_unsuitable(
 
 
 def _unloading(
-    data: StrainStress, loading: CurveFit, notes: list[str]
+    data: StrainStress, loading: StressCurveFit, notes: list[str]
 ) -> tuple[StressCurve | None, float, float]:
     strain, stress = data.unloading
     if len(strain) == 0:
