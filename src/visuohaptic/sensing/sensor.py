@@ -52,10 +52,22 @@ class Sensor(Protocol[Reading]):
         """Whether it has the zero reference that it needs."""
 
     def zero(self, frames: Iterable[Frame]) -> Any:
-        """Take the zero reference from frames of a sensor that nothing touches; the result has ``save(path)``."""
+        """Take the zero reference from frames of a sensor that nothing touches; the result has ``save(path)``.
+
+        Parameters
+        ----------
+        frames
+            Frames of the untouched sensor.
+        """
 
     def read(self, frame: Frame) -> Reading:
-        """Measure in one frame; frames are given in the order of their times."""
+        """Measure in one frame; frames are given in the order of their times.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        """
 
     def reset(self) -> None:
         """Forget all frames, before those of another recording; the zero reference stays."""

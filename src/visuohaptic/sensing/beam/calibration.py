@@ -70,12 +70,16 @@ def calibrate_beam(
     load_tolerance: float = 0.002,
     prior: Correction | None = None,
 ) -> BeamCalibration:
-    """Fit the correction, or refuse.
+    """Fit the correction of a beam to known loads, or refuse.
 
     Parameters
     ----------
     record
         Known loads and readings, or known loads and motions of the cross section at ``xi``.
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of the cross section whose motion was observed.
     load_tolerance
         Relative standard deviation of the known loads, all alike (weights, g, lever arm).
     prior
@@ -130,7 +134,17 @@ def calibrate_beam(
 
 
 def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
-    """What the beam model makes of each observation."""
+    """Wrenches that the beam model assigns to the observations.
+
+    Parameters
+    ----------
+    record
+        Known loads with readings or with motions of a cross section.
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of that cross section.
+    """
     if record.kind == "wrench":
         return record.observed
     from scipy.spatial.transform import Rotation

@@ -45,11 +45,17 @@ def estimate_wrench(
 
     Parameters
     ----------
+    beam
+        Parts of the sensor and their tolerances.
+    motion
+        Observed motion of n cross sections with its covariances.
     model
-        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and
-        the shortening taken out of d_X. ``exact``: the large-deflection rod.
-        ``auto``: linear, unless the exact rod says that this is off by more
-        than ``linear_limit`` standard deviations in any component.
+        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and the shortening taken out of
+        d_X. ``exact``: the large-deflection rod. ``auto``: linear, unless the exact rod says that this is off
+        by more than ``linear_limit`` standard deviations in any component.
+    linear_limit
+        Error of the linear beam, in standard deviations of any component, from which on the exact rod is
+        used.
 
     Raises
     ------
@@ -79,13 +85,25 @@ def estimate_wrench(
 
 
 def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
-    """What templates may contradict each other by, because they are not exactly where they are said to be.
+    """Variance by which templates may contradict each other, because they are not exactly where they are declared.
 
     Grows with the load: a template that sits ``place_tolerance_m`` further along
     the rod moves by the slope times that and turns by the curvature times that;
     a fraction ``shape_tolerance`` of each motion is left for all other causes.
     Without it the weights of a tracker of micrometres would turn half a
     millimetre of misplacement into newtons.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    motion
+        Observed motion of n cross sections.
+
+    Returns
+    -------
+    ndarray, shape (6n,)
+        Variances of (d, phi) of each section [m^2, rad^2].
     """
     vector = motion.vector.reshape(-1, 2, 3)
     size = np.linalg.norm(vector, axis=2)

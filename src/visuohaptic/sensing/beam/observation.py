@@ -56,7 +56,15 @@ class TemplateMeasurement:
 
     @classmethod
     def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplateMeasurement:
-        """A template that is not seen."""
+        """A template that is not seen.
+
+        Parameters
+        ----------
+        name
+            Name of the template.
+        reason
+            Why it is not seen.
+        """
         return cls(name, None, np.full((6, 6), np.nan), False, reason)
 
 
@@ -70,7 +78,13 @@ class RelativePoses:
     shared: Float[np.ndarray, "6n 6"]  #: d(poses) / d(reference), of the part that is in common
 
     def select(self, names: Sequence[str]) -> RelativePoses:
-        """Only these, in this order."""
+        """Some of the templates, in a given order.
+
+        Parameters
+        ----------
+        names
+            Their names.
+        """
         places = [self.names.index(name) for name in names]
         rows = np.concatenate([6 * place + np.arange(6) for place in places])
         return RelativePoses(
@@ -111,6 +125,15 @@ def relative_poses(
 
     With t = R_R^T (t_A - t_R) and R = R_R^T R_A,
     dt = R_R^T (dt_A - dt_R - dr_R x (t_A - t_R)) and dr = R_R^T (dr_A - dr_R).
+
+    Parameters
+    ----------
+    reference
+        ``T_camera_reference``, pose of the reference template.
+    reference_covariance
+        Its covariance, axes of the camera [m, rad].
+    templates
+        Templates on the rod, all valid.
     """
     turn = np.kron(np.eye(2), reference.rotation.T)
     poses, own, shared = [], [], []
@@ -148,6 +171,17 @@ def section_motion(
     mount; with the present pose the mount gives the section. A section at q in
     the reference template sits at o = R_0^T (q - t_0) in the template, and is
     now at x = R o + t.
+
+    Parameters
+    ----------
+    now, rest
+        Poses in the reference template, now and while nothing touches the sensor.
+    xi
+        Place x / L of each template on the rod, by name.
+    T_reference_sensor
+        Pose of frame S in the reference template.
+    length_m
+        Length L of the rod [m].
     """
     rest = rest.select(now.names)
     turn = T_reference_sensor.rotation.T
@@ -182,13 +216,25 @@ def section_motion(
 
 
 def cross_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """[v]x, so that [v]x w = v x w."""
+    """[v]x, so that [v]x w = v x w.
+
+    Parameters
+    ----------
+    vector
+        v.
+    """
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rotation_vectors(rotation: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Rotation vectors of matrices, exact for turns below pi."""
+    """Rotation vectors of matrices, exact for turns below pi.
+
+    Parameters
+    ----------
+    rotation
+        Rotation matrices.
+    """
     skew = 0.5 * np.stack(
         [
             rotation[:, 2, 1] - rotation[:, 1, 2],

@@ -61,6 +61,8 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
 
     Parameters
     ----------
+    path
+        The CSV file.
     angles
         Unit of columns ``roll, pitch, yaw`` without one.
 
@@ -123,7 +125,15 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
 def write_template_poses(
     path: Path | str, frames: Iterable[tuple[float, Iterable[TemplateMeasurement]]]
 ) -> None:
-    """Write poses of templates, one row per frame and template."""
+    """Write poses of templates, one row per frame and template.
+
+    Parameters
+    ----------
+    path
+        Where to write the CSV file.
+    frames
+        Time [s] and templates of each frame.
+    """
     from ...core.files import atomic_path
 
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
@@ -144,6 +154,11 @@ def write_template_poses(
 
 def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplateMeasurement]]]:
     """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame stand together.
+
+    Parameters
+    ----------
+    path
+        The file.
 
     Raises
     ------

@@ -110,6 +110,11 @@ class BeamSensor:
     def zero(self, frames: Iterable[tuple[float, Sequence[TemplateObservation]]]) -> BeamZero:
         """Take the zero from frames (t_s, templates) of a sensor that nothing touches.
 
+        Parameters
+        ----------
+        frames
+            Time [s] and templates of each frame.
+
         Raises
         ------
         CalibrationError

@@ -93,6 +93,13 @@ class TrackedBeam(Closing):
     def load(cls, path: Path | str, *, threaded: bool = False) -> TrackedBeam:
         """Read ``sensor.yaml`` and the files that it names; the zero where there is one.
 
+        Parameters
+        ----------
+        path
+            ``sensor.yaml``; the files that it names are relative to its folder.
+        threaded
+            Look for lost templates in a thread, so that a frame never waits (live use).
+
         Raises
         ------
         InputError
@@ -120,6 +127,11 @@ class TrackedBeam(Closing):
     def zero(self, frames: Iterable[Frame]) -> BeamZero:
         """Take the zero from frames of a sensor that nothing touches.
 
+        Parameters
+        ----------
+        frames
+            Frames of the untouched sensor.
+
         Raises
         ------
         CalibrationError
@@ -137,6 +149,11 @@ class TrackedBeam(Closing):
 
         Where the four corners do not fit a pose, the model of the camera or the print is worse
         than the noise of the picture: the covariance grows by as much.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         return tuple(
             replace(pose, covariance=pose.covariance * (pose.chi2 / _GOOD_CHI2))
@@ -146,7 +163,15 @@ class TrackedBeam(Closing):
         )
 
     def read(self, frame: Frame, *, now_s: float | None = None) -> TrackedReading:
-        """Wrench of one frame; ``now_s`` is the time at which it is read."""
+        """Wrench of one frame.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        now_s
+            Time at which it is read [s]; frames older than ``max_age_s`` are stale. None: never too old.
+        """
         templates = self.track(frame)
         return TrackedReading(self.sensor.read(frame.t_s, templates, now_s=now_s), templates)
 

@@ -146,12 +146,37 @@ def integrate_regions(
 ):
     """Find contact regions and integrate stress, noise and derivatives over each.
 
-    All points given are valid; ``index`` is their number on the strip, so that a jump
-    in it is a gap. ``factor`` scales the stress (hysteresis). ``doubt`` is a systematic
-    error of each point. ``cell_before`` and ``cell_after`` are the lengths of foam beyond
-    the first and the last point. ``mode`` is the index in
-    ``BOUNDARIES``. Returns the number of regions, pressure, pressure sigma, the region
+    All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
     table, the sums of basis functions per region, and the weight of each point [m].
+
+    Parameters
+    ----------
+    s, delta
+        Position along the strip and deflection of the seen points [m], (n,).
+    sigma, doubt
+        Noise and systematic error of each deflection [m], (n,).
+    index
+        Number of each point on the strip, (n,); a jump in it is a gap.
+    factor
+        Stress by the loading stress (hysteresis), (n,).
+    cell_before, cell_after
+        Length of foam beyond the first and the last point [m].
+    zero_sigma
+        Error that is common to all points [m].
+    width, height
+        Size of the strip along the compression and across the contour [m].
+    kappa
+        Ratio of the lateral tension.
+    mode
+        Index of the boundary law in ``BOUNDARIES``.
+    seed_pair, seed_single
+        Sigmas of two neighbours, and of one point, from which a region grows.
+    max_gap
+        Points that a gap within a region may lack.
+    knots, pieces, basis_pieces
+        Loading curve, as of :class:`~visuohaptic.sensing.foam.material.stress_curve.StressCurve`.
+    soft, soft_end
+        Softening at even strains from 0 [Pa], and the last of these strains.
     """
     n = len(s)
     terms = basis_pieces.shape[1]

@@ -60,6 +60,13 @@ class FingerSensor(FoamSensor):
     with it once in a while. A camera that turns or shifts across the axis makes frames invalid
     (``moved``); a shift along the axis cannot be told from a motion of the finger.
 
+    Parameters
+    ----------
+    setup
+        Configuration with a section ``finger``, and all that it names.
+    zero
+        The strip at rest; without it every frame is ``not_zeroed``.
+
     Examples
     --------
     >>> sensor = FingerSensor.load("sensor.yaml")                            # doctest: +SKIP
@@ -86,6 +93,13 @@ class FingerSensor(FoamSensor):
 
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
         """Take the zero reference while nothing touches the strip and the finger stands still.
+
+        Parameters
+        ----------
+        frames
+            Frames of a strip that nothing touches.
+        limit
+            No more than this many frames are read.
 
         Raises
         ------
@@ -117,7 +131,13 @@ class FingerSensor(FoamSensor):
         return zero
 
     def read_finger(self, frame: Frame) -> FingerReading:
-        """Force, position of the finger, and the contour in the fixed frame."""
+        """Force, position of the finger, and the contour in the fixed frame.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        """
         profile = self.read(frame)
         geometry = self.setup.geometry
         front = geometry.front_m - profile.delta_m[:, None] * geometry.outward

@@ -45,6 +45,13 @@ _TOO_ROUGH = 4.0
 class FoamSensor:
     """A foam strip observed by a camera.
 
+    Parameters
+    ----------
+    setup
+        Configuration with all that it names, see :meth:`FoamSensorConfig.load`.
+    zero
+        The strip at rest; without it every frame is ``not_zeroed``.
+
     Examples
     --------
     >>> sensor = FoamSensor.load("sensor.yaml")                    # doctest: +SKIP
@@ -120,6 +127,8 @@ class FoamSensor:
 
         Parameters
         ----------
+        frames
+            Frames of a strip that nothing touches.
         limit
             No more than this many frames are read.
 
@@ -198,6 +207,11 @@ class FoamSensor:
 
         Frames are given in the order in which the camera delivers them. A frame that is
         older than the one before, or the very same image again, is reported as stale.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         self._check_size(frame)
         if self._stale(frame):
@@ -319,7 +333,15 @@ class FoamSensor:
         return reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
-        """A profile that says only why there is none."""
+        """A profile without force, that says only why there is none.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        reason
+            Why nothing was read.
+        """
         unknown = np.full(len(self.setup.geometry.s_m), np.nan)
         return ForceProfile(
             t_s,

@@ -31,7 +31,13 @@ _PARAMETER_COUNT = {"line": 3, "segment": 4, "corner": 4, "circle": 3}
 
 
 def tag_to_dict(tag: HapticTag) -> dict[str, Any]:
-    """Numbers, lists and texts only; what was not observed is written as null."""
+    """A tag as numbers, lists and texts; what was not observed is None.
+
+    Parameters
+    ----------
+    tag
+        Haptic tag of one object.
+    """
     data: dict[str, Any] = {}
     for name in _ESTIMATES:
         estimate = getattr(tag, name)
@@ -52,6 +58,13 @@ def tag_to_dict(tag: HapticTag) -> dict[str, Any]:
 
 def tag_from_dict(data: Mapping[str, Any], *, where: str = "haptic_tag") -> HapticTag:
     """Read a tag; plain numbers are accepted for estimates (sigma 0: not stated).
+
+    Parameters
+    ----------
+    data
+        Fields by name, as of :func:`tag_to_dict`.
+    where
+        What error messages name.
 
     Raises
     ------

@@ -40,6 +40,31 @@ def fit_motion(
 
     Fills ``distance`` (n,) in sigmas and ``kept`` (6, 6), the information of the points inside.
     Returns the scale of the residuals, NaN where there is no fit.
+
+    Parameters
+    ----------
+    body
+        Points of the body at the start, frame F [m], (n, 3).
+    pixels, sigma
+        Where they are seen, (n, 2), and the standard deviation per axis, (n,) [px].
+    pivot
+        The body turns about this point, then shifts [m], (3,).
+    view, origin
+        Rotation (3, 3) and translation (3,) from F to the camera.
+    lens
+        As in :func:`visuohaptic.tracking.pose._pose_kernels.project_point`.
+    gate_sigmas
+        Points beyond so many standard deviations weigh nothing.
+    least
+        Points that must be inside at least.
+    active
+        Which of (rotation vector, shift) are free, (6,).
+    rotation, shift
+        Start and result, (3, 3) and (3,) [m].
+    distance
+        Filled with the residuals [standard deviations], (n,).
+    kept
+        Filled with the information of the points inside, (6, 6).
     """
     n = len(body)
     pixel, by_point, in_foam = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3))

@@ -23,6 +23,13 @@ def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
 
     From the fitted primitive, or without one from a line through the points that are pressed most.
     A round object is taken by its tangent, a corner by its tip.
+
+    Parameters
+    ----------
+    contact
+        Region of a force profile.
+    primitive
+        Shape fitted to it, frame F.
     """
     point, along = _contact_line(contact, primitive)
     along = along / np.linalg.norm(along)
@@ -58,7 +65,13 @@ def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.nda
 
 
 def face_curvature(primitive: Primitive | None) -> float:
-    """Curvature of the face's section with the floor [1/m]; 0 unless the contact is round."""
+    """Curvature of the face's section with the floor [1/m]; 0 unless the contact is round.
+
+    Parameters
+    ----------
+    primitive
+        Shape fitted to the contact, frame F.
+    """
     if primitive is None or primitive.kind is not PrimitiveKind.CIRCLE:
         return 0.0
     return 1.0 / max(float(primitive.parameters[2]), 0.01)

@@ -44,6 +44,11 @@ class EgoMotionSettings:
 class EgoMotionFilter:
     """Fuses what the camera sees of the floor with odometry and gyroscope, each of which may be missing.
 
+    Parameters
+    ----------
+    settings
+        Standard deviations of the sources; the defaults without.
+
     Attributes
     ----------
     pose, pose_covariance
@@ -81,6 +86,8 @@ class EgoMotionFilter:
 
         Parameters
         ----------
+        t_s
+            Time of the frame [s].
         floor
             Motion that the camera saw since then; left out when not valid.
         odometry

@@ -75,9 +75,11 @@ def fit_planar_motion(
         Of ``before - R after``, each point's own [m^2].
     rng
         Of the sampling.
+    settings
+        How the motion is estimated.
     expected
-        Motion that the odometry tells: where two groups of points disagree, e.g. floor and an object
-        before the camera, the one that moves like this is taken though it may be the smaller one.
+        Motion that the odometry tells: where two groups of points disagree, e.g. floor and an object before
+        the camera, the one that moves like this is taken though it may be the smaller one.
 
     Returns
     -------
@@ -206,14 +208,26 @@ def _consensus(
 
 
 def chain(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """(x, y, theta) of one planar motion after another."""
+    """(x, y, theta) of one planar motion after another.
+
+    Parameters
+    ----------
+    first, second
+        (x, y, theta) [m, rad]; the second is given in the frame after the first.
+    """
     c, s = math.cos(first[2]), math.sin(first[2])
     x, y = second[0], second[1]
     return np.array([first[0] + c * x - s * y, first[1] + s * x + c * y, first[2] + second[2]])
 
 
 def inverse(motion: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """The motion back."""
+    """Inverse of a planar motion.
+
+    Parameters
+    ----------
+    motion
+        (x, y, theta) [m, rad].
+    """
     c, s = math.cos(motion[2]), math.sin(motion[2])
     x, y = motion[0], motion[1]
     return np.array([-c * x - s * y, s * x - c * y, -motion[2]])
@@ -225,7 +239,15 @@ def chain_covariance(
     second: Float[np.ndarray, "3"],
     second_covariance: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "3 3"]:
-    """Covariance of :func:`chain` for independent motions."""
+    """Covariance of :func:`chain` for independent motions.
+
+    Parameters
+    ----------
+    first, second
+        (x, y, theta) of two motions [m, rad].
+    first_covariance, second_covariance
+        Their covariances.
+    """
     c, s = math.cos(first[2]), math.sin(first[2])
     x, y = second[0], second[1]
     by_first = np.array([[1, 0, -s * x - c * y], [0, 1, c * x - s * y], [0, 0, 1.0]])
@@ -240,6 +262,8 @@ class FloorTracker:
     ----------
     floor_view
         The floor plane as the camera sees it; its x and y are those of the moving frame.
+    settings
+        How the motion is estimated.
     rng
         Of RANSAC.
 
@@ -274,6 +298,8 @@ class FloorTracker:
         ----------
         step
             Tracks of the floor only.
+        t_s
+            Time of the frame [s].
         expected
             Motion that other sensors tell, taken for the pose while the floor is not seen.
         """

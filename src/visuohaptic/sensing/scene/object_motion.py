@@ -37,6 +37,8 @@ class ObjectTracker:
     ----------
     camera, T_camera_foam
         The sensor's camera.
+    settings
+        How the motion is estimated, and what counts as an event.
     """
 
     def __init__(
@@ -69,10 +71,24 @@ class ObjectTracker:
         curvature_sigma_per_m: float = 2.0,
         another: bool = True,
     ) -> None:
-        """Begin with an object whose surface is known as well as the contact tells it.
+        """Start to follow an object whose surface is known as well as the contact shows it.
 
         ``another`` is False for the object of before, whose face is only known better now: it leans as
         it did, and what has happened to it has happened.
+
+        Parameters
+        ----------
+        face
+            ``T_foam_face``: x along the contact, y up, z to the robot.
+        curvature_per_m
+            Curvature of the section of the surface with the floor [1/m]; 0: a plane.
+        direction_sigma_rad
+            Standard deviation of the direction of the face about the vertical [rad].
+        curvature_sigma_per_m
+            Standard deviation of the curvature [1/m].
+        another
+            Whether it is another object than before. For the same one only the face is measured again: it
+            leans as it did, and what has happened to it has happened.
         """
         lean = self._motion.rotation @ self._lean
         keeps = not another and self.follows and self._events.tilted
@@ -110,7 +126,13 @@ class ObjectTracker:
         self.face = None
 
     def moved(self, points_foam_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Where points of the body, given at the begin, are now [m]."""
+        """Where points of the body, given at the begin, are now [m].
+
+        Parameters
+        ----------
+        points_foam_m
+            Points of the body at the start, frame F [m].
+        """
         assert self.face is not None
         return self._fitter.place(self.face, self._motion, points_foam_m)
 
@@ -123,6 +145,8 @@ class ObjectTracker:
         ----------
         step
             Tracks on the object only.
+        t_s
+            Time of the frame [s].
         in_contact
             Whether the foam feels it: slip is asked only then.
         force_fraction

@@ -78,6 +78,11 @@ class MixtureSettings:
 class FloorMixture:
     """Mixture of every pixel of a picture whose size stays the same.
 
+    Parameters
+    ----------
+    settings
+        Rates and thresholds of the mixture.
+
     Examples
     --------
     >>> import numpy as np
@@ -107,6 +112,14 @@ class FloorMixture:
 
         Where ``held`` is not 0 a pixel learns as slowly as foreground: parts of an
         obstacle that look like the floor would otherwise teach the whole obstacle to it.
+
+        Parameters
+        ----------
+        image
+            Grey or colour image of the size of the first.
+        held
+            Not 0 where a pixel learns as slowly as foreground: parts of an obstacle that look like the floor
+            would otherwise make the whole obstacle a part of it.
         """
         from ._mixture_kernels import update_mixture
 
@@ -196,6 +209,8 @@ class ObstacleDetector:
         The floor plane as the camera sees it, its axes along those of the sensor frame F.
     front_m
         x of the foam's front contour at rest.
+    settings
+        Rates and thresholds of the mixture.
     """
 
     def __init__(
@@ -227,7 +242,13 @@ class ObstacleDetector:
         return max(float(self.floor_view.cast(low)[0, 0]) - self.front_m, 0.0)
 
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
-        """Look at one frame, grey or colour."""
+        """Nearest obstacle in one frame.
+
+        Parameters
+        ----------
+        image
+            Grey or colour image.
+        """
         import cv2
 
         camera, n = self.floor_view.camera, self.settings.binning

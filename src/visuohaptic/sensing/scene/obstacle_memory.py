@@ -35,6 +35,8 @@ class ObstacleMemory:
     ----------
     blind_m
         Distance from the foam's front to the lower border of the strip: nearer things are not watched.
+    settings
+        How long an obstacle is remembered.
     """
 
     def __init__(self, blind_m: float, settings: ObstacleMemorySettings | None = None) -> None:

@@ -70,6 +70,11 @@ class SceneConfig(Section):
     def load(cls, path: Path | str) -> SceneSetup:
         """Read the file and what it names.
 
+        Parameters
+        ----------
+        path
+            ``scene.yaml``.
+
         Raises
         ------
         InputError
@@ -99,7 +104,13 @@ class SceneSetup:
     sensor: FoamSetup | None  #: of the foam, where it is read as well
 
     def tracker(self, rng: np.random.Generator | None = None) -> SceneTracker:
-        """A tracker that has seen nothing yet."""
+        """A tracker that has seen nothing yet.
+
+        Parameters
+        ----------
+        rng
+            Of RANSAC; a fixed seed without.
+        """
         config = self.config
         settings = SceneSettings(
             ego=EgoMotionSettings(foam_ahead_m=config.foam_ahead_m),
@@ -221,7 +232,13 @@ class Odometry:
     max_gap_s: float = 0.25  #: farther from the rows before and after there is no odometry
 
     def at(self, t_s: float) -> BaseState | None:
-        """State at a time, between two rows by straight lines; None outside of what was recorded."""
+        """State at a time, between two rows by straight lines; None outside of what was recorded.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         after = int(np.searchsorted(self.t_s, t_s))
         near = [self.t_s[k] for k in (after - 1, after) if 0 <= k < len(self.t_s)]
         if not near or min(abs(t - t_s) for t in near) > self.max_gap_s:
@@ -236,6 +253,11 @@ class Odometry:
 
 def read_odometry(path: Path | str) -> Odometry:
     """Read a CSV with columns t_s, speed_m_s, turn_rate_rad_s; others are left alone.
+
+    Parameters
+    ----------
+    path
+        The CSV file.
 
     Raises
     ------

@@ -82,6 +82,8 @@ class SceneTracker:
         The sensor's camera and where frame F is in it.
     floor_below_m
         Height of the foam's visible edge above the floor.
+    settings
+        Where to look, and how.
     rng
         Of RANSAC.
     """
@@ -123,7 +125,19 @@ class SceneTracker:
         settings: SceneSettings | None = None,
         rng: np.random.Generator | None = None,
     ) -> Self:
-        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's."""
+        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's.
+
+        Parameters
+        ----------
+        setup
+            Configuration of the foam sensor.
+        floor_below_m
+            Height of the foam's visible edge above the floor [m].
+        settings
+            Where to look, and how; the strip's size is replaced.
+        rng
+            Source of the random samples; a fixed seed without.
+        """
         front = setup.geometry.front_m
         fitted = replace(
             settings or SceneSettings(),
@@ -147,10 +161,12 @@ class SceneTracker:
         gyroscope_rad_s: float | None = None,
         primitive: Primitive | None = None,
     ) -> SceneReading:
-        """Look at one frame.
+        """Motion, obstacles and the touched object in one frame.
 
         Parameters
         ----------
+        frame
+            The next frame in order of time.
         profile
             What the foam read from the same frame; without it no object is tracked.
         base_state, gyroscope_rad_s

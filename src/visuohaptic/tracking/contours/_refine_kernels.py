@@ -68,6 +68,15 @@ def start_slopes(origin, direction, position, slope):
 
     The mean of both sides; the flatter one where they differ by more than a bent
     foam can: the other side is a jump to something else.
+
+    Parameters
+    ----------
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    position
+        Position along each line [px], (n,).
+    slope
+        Filled, (n,).
     """
     n = origin.shape[0]
     for k in range(n):
@@ -103,10 +112,20 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
 
     Parameters
     ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
     found, strength
         (n) positions of the chain (px) and edge strength there.
+    start, stop
+        Range of each line [px], (n,).
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
     cap, floor
         Strength of a usual edge of this contour, and of noise.
+    reach_px
+        Distance within which an edge is looked for [px].
     """
     n = origin.shape[0]
     chain = found.copy()
@@ -200,6 +219,27 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
     Points that have not settled by then go on alone, for up to ``MORE_SWEEPS`` sweeps.
     Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    half
+        Half width of each window along the edge [px], (n,).
+    state
+        (n, STATES), start values of T and BLUR; receives the result.
+    noise_var
+        Variance of one pixel [grey levels^2]; 0: estimated.
+    sweeps
+        Passes over all points.
+    blur_gain
+        Part of a change of the blur that is taken over in each pass.
+    min_contrast
+        Smallest usable step [grey levels].
+    plateau_px
+        Pixels on either side that tell the grey levels.
     """
     n = origin.shape[0]
     measured = np.zeros((n, 2, 6))
@@ -318,7 +358,39 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 @kernel(nogil=True)
 def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
           occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
-    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
+    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``.
+
+    Parameters
+    ----------
+    state
+        (n, STATES), from :func:`refine`.
+    found
+        Positions from which the fit started [px], (n,).
+    half
+        Half width of each window along the edge [px], (n,).
+    start, stop
+        Range of each line [px], (n,).
+    noise_var
+        Variance of one pixel [grey levels^2].
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
+    min_contrast
+        Smallest usable step [grey levels].
+    max_chi2
+        Largest mean squared residual [noise variances].
+    max_move
+        Largest distance between fit and start at slope 0 [px].
+    jump_px
+        Largest distance from both neighbours [px].
+    occlusion
+        Edge inside the foam that counts as an occluder, in parts of the contrast.
+    foam_step
+        From :func:`~visuohaptic.tracking.contours._search_kernels.foam_edge`, (n,).
+    seen_clear
+        False where something is known to hide the contour, (n,).
+    noise, sigma, reason
+        Filled, (n,) [px, px, code].
+    """
     n = state.shape[0]
     for k in range(n):
         s = state[k]

@@ -74,7 +74,13 @@ class FlowStep:
     tried: dict[int, int] = field(default_factory=dict)  #: points by label that were there before
 
     def of(self, label: int) -> FlowStep:
-        """Only the points of one region."""
+        """Only the points of one region.
+
+        Parameters
+        ----------
+        label
+            Label of the region.
+        """
         keep = self.label == label
         return FlowStep(
             self.ids[keep],
@@ -86,7 +92,13 @@ class FlowStep:
         )
 
     def without(self, wrong: Bool[np.ndarray, "n"]) -> FlowStep:
-        """The points that are not ``wrong``."""
+        """The points that are not ``wrong``.
+
+        Parameters
+        ----------
+        wrong
+            Points to leave out.
+        """
         keep = ~wrong
         return FlowStep(
             self.ids[keep], self.label[keep], self.before_px[keep], self.after_px[keep], self.sigma_px[keep],
@@ -104,8 +116,14 @@ def location_sigma_px(
 
     Parameters
     ----------
+    image
+        Grey image.
     points_px
         Rounded to pixels; windows are cut at the border.
+    window_px
+        Edge of the window around a point [px].
+    noise_grey
+        Standard deviation of the image noise [grey levels].
     """
     half = window_px // 2
     padded = np.pad(image, half + 1, mode="edge").astype(np.float32)
@@ -130,7 +148,7 @@ class PointTracker:
     Parameters
     ----------
     settings
-        How.
+        How points are chosen and followed.
     rows
         First and last row (exclusive) that matter: nothing outside is looked at. None: all.
 
@@ -166,7 +184,15 @@ class PointTracker:
         self._sigma = np.zeros(0)
 
     def forget(self, label: int, *, outside: UInt8[np.ndarray, "rows columns"] | None = None) -> None:
-        """Drop the points of a region; with ``outside`` only those that are not in it there."""
+        """Drop the points of a region.
+
+        Parameters
+        ----------
+        label
+            Label of the region.
+        outside
+            Labels of the pixels: only points that are not in the region there are dropped.
+        """
         keep = self._label != label
         if outside is not None and len(self._points):
             where = self._binned(outside[slice(*(self._rows or (0, outside.shape[0])))], nearest=True)
@@ -176,14 +202,26 @@ class PointTracker:
         self._chosen.pop(label, None)
 
     def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
-        """Choose points in the newest picture where regions have become poor."""
+        """Choose points in the newest picture where regions have become poor.
+
+        Parameters
+        ----------
+        regions
+            Labels of the pixels, 0 = nowhere.
+        """
         if self._band is not None:
             self._chosen = {}
             rows = slice(*(self._rows or (0, regions.shape[0])))
             self._refill(self._band, self._binned(regions[rows], nearest=True))
 
     def drop(self, ids: Int[np.ndarray, "k"]) -> None:
-        """Forget some points."""
+        """Forget some points.
+
+        Parameters
+        ----------
+        ids
+            Numbers of the tracks; others are ignored.
+        """
         self._keep(~np.isin(self._ids, ids))
 
     def update(
@@ -198,10 +236,14 @@ class PointTracker:
 
         Parameters
         ----------
+        image
+            Grey image of the size of the first.
         regions
-            Where to choose points: 0 nowhere, else a region's label. Points that leave
-            their region are followed on. Or a function that gives them; it is called only when one of
-            the ``labels`` needs points.
+            Where to choose points: 0 nowhere, else a region's label. Points that leave their region are
+            followed on. Or a function that gives them; it is called only when one of the ``labels`` needs
+            points.
+        labels
+            Regions that are needed; all without.
         shift_px
             Expected motion of a region's points; by default they move on as they did.
 

@@ -122,6 +122,37 @@ def gauss_newton_sums(
     Fills ``matrix`` (10, 10), ``vector`` (10,), ``histogram`` (256,) of |residual|
     in half grey levels over every fourth pixel, and ``stats`` (13,):
     weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT.
+
+    Parameters
+    ----------
+    image
+        (height, width) float32, B-spline coefficients where ``cubic``.
+    template, gradient_x, gradient_y
+        (R, C) float32; the gradients are per unit of ``x``, ``y``.
+    x, y
+        Centred coordinates of columns (C,) and rows (R,).
+    rows
+        Rows to use.
+    offset
+        (2, R, C), added to the warped position [px]; (2, 1, 1): none.
+    h
+        Column, row, 1 to the image, (9,).
+    gain, bias
+        Image = gain template + bias.
+    cut, margin
+        Weights of the pixels, see :func:`row_residual`.
+    fraction
+        Part of the gradient that is taken from the warped image (0.5: ESM, 0: template only).
+    unit
+        Length of one unit of x in columns.
+    cubic
+        Interpolate by a cubic spline.
+    matrix, vector
+        Filled, (10, 10) and (10,).
+    stats
+        Filled with weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT, (13,).
+    histogram
+        Filled with counts of the absolute residual in half grey levels over every fourth pixel, (256,).
     """
     height, width = image.shape
     columns = template.shape[1]
@@ -301,6 +332,26 @@ def refine_level(
     part of the squared residual that the last step leaves. Other arguments as in
     :func:`gauss_newton_sums`. Returns the last motion of the corners [px], infinite
     when the system was singular or the template turned inside out.
+
+    Parameters
+    ----------
+    image, template, gradient_x, gradient_y, x, y, rows, offset, fraction, unit, cubic, margin, matrix, stats
+        As in :func:`gauss_newton_sums`.
+    h
+        Centred coordinates to image pixels of the level, changed in place, (3, 3).
+    light
+        Gain, bias, spread of the residual, its spread where nothing but noise is in it, and the part of the
+        squared residual that the last step leaves; changed in place, (5,).
+    active
+        Unknowns that are solved for, (10,).
+    cut_factor
+        Residuals beyond this many standard deviations lose their weight.
+    damping
+        Relative to the diagonal.
+    passes
+        At most.
+    tolerance
+        A pass that moves the corners less is the last [px].
     """
     vector = np.zeros(10)
     step = np.zeros(10)

@@ -13,7 +13,13 @@ __all__ = ["template_outlines"]
 
 
 def template_outlines(poses: Iterable[TemplatePose]) -> list[Float[np.ndarray, "6 2"]]:
-    """Closed outline in pixels of every template that is seen, with a tick at its first corner."""
+    """Closed outline in pixels of every template that is seen, with a tick at its first corner.
+
+    Parameters
+    ----------
+    poses
+        Poses of one frame; those that are not valid are left out.
+    """
     found = []
     for pose in poses:
         if pose.valid and pose.alignment is not None:

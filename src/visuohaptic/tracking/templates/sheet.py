@@ -55,7 +55,15 @@ class PlacedItem:
 
 
 def tag_item(tag_id: int, size_m: float) -> SheetItem:
-    """An AprilTag 36h11 with its white border of one cell; ``size_m`` is the black border's side."""
+    """An AprilTag 36h11 with its white border of one cell.
+
+    Parameters
+    ----------
+    tag_id
+        Number of the tag, 0 to 586.
+    size_m
+        Side of its black border [m].
+    """
     import cv2
 
     if not 0 <= tag_id < 587:
@@ -69,6 +77,13 @@ def tag_item(tag_id: int, size_m: float) -> SheetItem:
 
 def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, ...]:
     """Place pictures in rows from the upper left.
+
+    Parameters
+    ----------
+    items
+        Images with their sizes.
+    paper
+        Name of the paper, of ``PAPERS_M``.
 
     Raises
     ------

@@ -57,7 +57,13 @@ class Template:
         return columns * self.pixel_m, rows * self.pixel_m
 
     def points_m(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Points in the frame of the template [m] of its pixels (column, row)."""
+        """Points in the frame of the template [m] of its pixels (column, row).
+
+        Parameters
+        ----------
+        pixels
+            Pixels (column, row) of the template.
+        """
         rows, columns = self.image.shape
         pixels = np.asarray(pixels, dtype=np.float64)
         centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
@@ -72,7 +78,17 @@ class Template:
 
     @classmethod
     def from_image(cls, name: str, image: UInt8[np.ndarray, "R C"], *, width_m: float) -> Template:
-        """Template from a grey image whose printed width is known [m]."""
+        """Template from a grey image whose printed width is known [m].
+
+        Parameters
+        ----------
+        name
+            Name of the template.
+        image
+            Grey image.
+        width_m
+            Printed width [m].
+        """
         import cv2
 
         image = np.asarray(image)
@@ -105,6 +121,13 @@ class Template:
     def from_file(cls, path: Path | str, *, width_m: float | None = None) -> Template:
         """Template from an image file; its size from ``width_m`` or the file's resolution (dpi).
 
+        Parameters
+        ----------
+        path
+            Image file; its name without ending is that of the template.
+        width_m
+            Printed width [m]; from the file's resolution without.
+
         Raises
         ------
         InputError
@@ -133,9 +156,18 @@ class Template:
 
     @classmethod
     def from_tag(cls, tag_id: int, *, size_m: float, name: str | None = None) -> Template:
-        """An AprilTag 36h11 as a template; ``size_m`` is the side of its black border [m].
+        """An AprilTag 36h11 as a template.
 
         The picture has half a cell of white around it, which must be there in print.
+
+        Parameters
+        ----------
+        tag_id
+            Number of the tag, 0 to 586.
+        size_m
+            Side of its black border [m].
+        name
+            Name of the template; made from the number without.
         """
         import cv2
 
@@ -166,6 +198,11 @@ def load_templates(folder: Path | str) -> tuple[Template, ...]:
 
     ``tags.yaml`` maps names to ``{id: 7, size_m: 0.04}``; optional ``widths_m`` in the same
     file gives the printed width of images that state no dpi.
+
+    Parameters
+    ----------
+    folder
+        Folder of images and, for tags, ``tags.yaml``.
 
     Raises
     ------
@@ -212,6 +249,11 @@ def template_quality(template: Template) -> TemplateQuality:
 
     The noise is the Cramer-Rao bound of the eight parameters of a homography from all
     pixels; the risk is the autocorrelation of the picture away from zero shift.
+
+    Parameters
+    ----------
+    template
+        The template.
     """
     import cv2
 

@@ -134,6 +134,11 @@ class TemplateTracker(Closing):
         """Poses of all templates in a frame, in the order in which they were given.
 
         Frames that are not newer than the one before give ``Reason.STALE``.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         if not frame.t_s > self._last_t_s:
             return tuple(

@@ -43,10 +43,24 @@ BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = 
 def contour_force(
     s_m: Float[np.ndarray, "k"], delta_m: Float[np.ndarray, "k"], material: FoamMaterial
 ) -> tuple[float, float]:
-    """Force of one whole impression: (enlarged law [N], what unit kappa takes away from it [N]).
+    """Force of one whole impression by the enlarged law, and what unit kappa takes away from it.
 
     The force of the tension law is ``first - kappa * second``. Trapezoid rule on
     the real spacing of the points.
+
+    Parameters
+    ----------
+    s_m
+        Increasing positions along the strip [m].
+    delta_m
+        Deflection at them [m].
+    material
+        Calibrated foam.
+
+    Returns
+    -------
+    tuple of float
+        Force of the enlarged law, and the part of it that kappa = 1 takes away [N].
     """
     strain = np.maximum(delta_m, 0.0) / material.width_m
     spacing = np.diff(s_m)
@@ -70,6 +84,17 @@ def calibrate_tension(
     eight phases), because the slope of a plate's flank depends on the spacing. The
     standard deviation is the misfit over the depths, and never less than a fifth of
     kappa, which is how much other bodies differ.
+
+    Parameters
+    ----------
+    records
+        Contours at several depths, with the force on the body.
+    material
+        Calibrated foam.
+    spacing_m
+        Distance between the points of the sensor [m].
+    where
+        What error messages name.
 
     Raises
     ------

@@ -75,11 +75,18 @@ class HysteresisLaw:
     def reduction(
         self, loading_Pa: Float[np.ndarray, "K"], xi: Float[np.ndarray, "K J"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-        """What is missing of the loading stress at every point, and its standard deviation [Pa].
+        """Part of the loading stress that is missing at every point, and its standard deviation [Pa].
 
         The first element stands for all that are faster than the steps of the
         calibration: half way through its turn they may be anywhere between
         half way and done.
+
+        Parameters
+        ----------
+        loading_Pa
+            Stress of the loading curve at the strain of each point [Pa].
+        xi
+            States of the elements, -1 to 1.
         """
         turned = 1.0 - xi
         part = np.minimum(loading_Pa * (turned @ self.fraction) + turned @ self.stress_Pa, loading_Pa)
@@ -104,7 +111,13 @@ class HysteresisState:
 
     @classmethod
     def at_rest(cls, points: int) -> HysteresisState:
-        """Memory of a strip of K points that nothing has touched yet."""
+        """Memory of a strip of K points that nothing has touched yet.
+
+        Parameters
+        ----------
+        points
+            K, points along the strip.
+        """
         return cls(np.zeros(points))
 
     def update(
@@ -116,7 +129,7 @@ class HysteresisState:
         *,
         noise_sigma: Float[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
-        """Take one frame in; returns which points are unloading. Invalid points keep their memory.
+        """Take one frame in; invalid points keep their memory.
 
         ``noise_sigma`` is the part of ``strain_sigma`` that changes from frame to frame, default all of it: the
         elements follow changes, and what is wrong by the same in every frame is none.
@@ -126,6 +139,22 @@ class HysteresisState:
         elements move with the mean change of a point's neighbourhood, as a body
         moves it, and slowly with the point's own: a held contact must not creep
         down its branch by noise that goes to and fro.
+
+        Parameters
+        ----------
+        strain, strain_sigma
+            Strain of each point and its standard deviation.
+        valid
+            Points that were seen.
+        law
+            Elements of the foam; None: only the peak is followed.
+        noise_sigma
+            Part of ``strain_sigma`` that changes from frame to frame; all of it without.
+
+        Returns
+        -------
+        ndarray of bool, shape (K,)
+            Points that are unloading.
         """
         if strain.shape != self.peak_strain.shape:
             raise InputError(
@@ -187,7 +216,20 @@ class HysteresisState:
 def stop_path(
     strain: Float[np.ndarray, "n"], yield_strain: Float[np.ndarray, "J"]
 ) -> Float[np.ndarray, "n J"]:
-    """States xi_j along a path that begins at rest; a released foam forgets."""
+    """States xi_j along a path that begins at rest; a released foam forgets.
+
+    Parameters
+    ----------
+    strain
+        Strains of the path, in order.
+    yield_strain
+        e_j of the elements.
+
+    Returns
+    -------
+    ndarray, shape (n, J)
+        xi_j after each step.
+    """
     xi, state, before = np.ones((len(strain), len(yield_strain))), np.ones(len(yield_strain)), 0.0
     for i, now in enumerate(strain):
         state = np.clip(state + (now - before) / yield_strain, -1.0, 1.0)

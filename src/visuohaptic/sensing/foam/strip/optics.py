@@ -74,7 +74,19 @@ class BaseView:
 
 
 class StripOptics:
-    """Tracks both contours of a strip that is seen under a known pose."""
+    """Tracks both contours of a strip that is seen under a known pose.
+
+    Parameters
+    ----------
+    geometry
+        Points of the strip.
+    tracking
+        How the contours look and how far they are searched.
+    plane
+        The top plane of the foam as the camera sees it.
+    stripe
+        View of a colour stripe along the front; None: the front's own edge is tracked.
+    """
 
     def __init__(
         self,
@@ -108,7 +120,13 @@ class StripOptics:
         self._last_velocity: np.ndarray | None = None
 
     def place(self, plane: PlaneView) -> None:
-        """Lay the lines of the geometric model into the image."""
+        """Lay the lines of the geometric model into the image.
+
+        Parameters
+        ----------
+        plane
+            The top plane of the foam as the camera sees it.
+        """
         geometry = self.geometry
         width = self.rest_width_m
         self.plane = plane
@@ -135,13 +153,29 @@ class StripOptics:
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Track both contours; ``None`` when the reference contour cannot be found."""
+        """Track both contours; ``None`` when the reference contour cannot be found.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        zero
+            The strip at rest, if it is known.
+        """
         grey = frame.grey
         base = self.find_base(grey, zero)
         return None if base is None else self.find_front(frame, grey, base)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
-        """Track the reference contour; ``None`` when it cannot be found."""
+        """Track the reference contour; ``None`` when it cannot be found.
+
+        Parameters
+        ----------
+        grey
+            Grey image.
+        zero
+            The strip at rest, if it is known.
+        """
         search = self.tracking.reference_search_px
         expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
         lines = ConstraintLines(
@@ -163,7 +197,17 @@ class StripOptics:
         return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
 
     def find_front(self, frame: Frame, grey: np.ndarray, base: BaseView) -> ObservedStrip:
-        """Track the front contour, seen from the reference contour of the same image."""
+        """Track the front contour, seen from the reference contour of the same image.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        grey
+            The same frame in grey.
+        base
+            The reference contour in the same image.
+        """
         base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         # The visible width ends where the geometric model's front is, seen from the moved reference.
         length = self._length_px - base.position_px
@@ -211,7 +255,15 @@ class StripOptics:
         )
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Where a front that lies ``width_m`` [m] before the back is on each line, from its origin [px]."""
+        """Where a front of given width is on each line, from its origin [px].
+
+        Parameters
+        ----------
+        strip
+            What one image shows.
+        width_m
+            Distance of the front from the back [m].
+        """
         base_px = strip.reference_points_px
         back_m = self.plane.cast(base_px)[:, :2]
         front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
@@ -227,6 +279,11 @@ class StripOptics:
 
         NaN where the back or an edge is not found at half of the points: what the strip measures when
         it is not as wide as declared.
+
+        Parameters
+        ----------
+        frame
+            A frame of the untouched strip.
         """
         grey = frame.grey
         base = self.find_base(grey, None)

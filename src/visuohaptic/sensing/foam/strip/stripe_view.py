@@ -44,6 +44,11 @@ class StripeView:
     def of(cls, setup: FoamSetup) -> StripeView | None:
         """As ``sensor.yaml`` describes it; ``None`` without a stripe.
 
+        Parameters
+        ----------
+        setup
+            Configuration of the sensor.
+
         Raises
         ------
         InputError
@@ -64,6 +69,13 @@ class StripeView:
 
         The colour is looked up in front of the edge that was found, not in front of where it
         is expected: a finger that closes fast moves it by more than the stripe is wide.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        lines
+            One constraint line per point.
 
         Raises
         ------
@@ -93,6 +105,13 @@ def stripe_masks(
 
     More than half of the latter are foam: the edge image is made for the edge between
     stripe and foam.
+
+    Parameters
+    ----------
+    setup
+        Configuration with a section ``stripe``.
+    plane
+        The top plane of the foam as the camera sees it.
     """
     import cv2
 
@@ -134,8 +153,14 @@ def train_stripe(
 
     Parameters
     ----------
+    setup
+        Configuration with a section ``stripe``.
+    image_bgr
+        Colour image (blue, green, red) of the untouched strip.
     plane
         Where the strip is in the image.
+    rng
+        Source of the random samples.
 
     Raises
     ------

@@ -38,6 +38,17 @@ def plausible(
     still ten times closer than a line between the neighbours. What lies outside of
     its neighbours is something else, and is not used. The tip of an edge is above both: between flanks
     that rise towards each other a point may lie as high as where these would meet.
+
+    Parameters
+    ----------
+    s
+        Position of the points along the strip [m].
+    delta, sigma
+        Deflection and its standard deviation [m].
+    good
+        Points that were seen as one clean step.
+    doubtful
+        Points that were seen, but not as one clean step.
     """
     usable = np.zeros_like(good)
     known = np.flatnonzero(good)
@@ -84,6 +95,15 @@ def bridged(
     seen: Bool[np.ndarray, "K"],
 ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
     """Fill gaps of a few points from their neighbours, with what that may be wrong by.
+
+    Parameters
+    ----------
+    s
+        Position of the points along the strip [m].
+    value, sigma
+        Deflection and its standard deviation [m].
+    seen
+        Points that can be used.
 
     Returns
     -------

@@ -51,6 +51,13 @@ class NewContact:
         """What each point had before its contact was new; ``delta_m`` itself where it is not new [m].
 
         Call it once per frame; NaN in ``delta_m`` are points that were not seen.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        delta_m
+            Deflection of each point [m].
         """
         while self._past and t_s - self._past[0][0] > _NEW_S + 1e-6:
             self._past.popleft()
@@ -151,6 +158,19 @@ def with_unverified(
     """The reading with :func:`unverified_force` in the budget of each contact, and their sum in the whole.
 
     Their sum, as one hand may reach over all of them.
+
+    Parameters
+    ----------
+    reading
+        Contacts of the frame.
+    s_m
+        Position of the points along the strip [m].
+    before_m
+        From :meth:`NewContact.before` [m].
+    delta_m, sigma_m
+        Deflection and its standard deviation [m].
+    material
+        Calibrated foam.
     """
     contacts, whole = [], 0.0
     for contact in reading.contacts:
