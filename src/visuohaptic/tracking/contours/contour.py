@@ -15,7 +15,8 @@ from jaxtyping import Bool, Float, UInt8
 from ...core.errors import InputError
 from ...core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from . import _fit_kernels as columns
-from ._refine_kernels import judge, refine, start_on_edge
+from ._classify_kernels import classify_points
+from ._refine_kernels import refine, start_on_edge
 from ._search_kernels import foam_edge, search
 from .lines import ConstraintLines
 
@@ -297,7 +298,7 @@ class ContourTracker:
         foam_edge(grey, lines.origin_px, lines.direction_px, begin, end, step)
         noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
-        judge(
+        classify_points(
             state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
             chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,

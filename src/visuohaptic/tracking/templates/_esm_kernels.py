@@ -88,40 +88,10 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
 
 @kernel(**_JIT)
 def gauss_newton_sums(
-    image,
-    template,
-    gradient_x,
-    gradient_y,
-    x,
-    y,
-    rows,
-    offset,
-    h,
-    gain,
-    bias,
-    cut,
-    margin,
-    fraction,
-    unit,
-    cubic,
-    matrix,
-    vector,
-    stats,
-    histogram,
-):
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, gain, bias, cut, margin, fraction, unit,
+    cubic, matrix, vector, stats, histogram,
+):  # fmt: skip
     """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
-
-    ``image`` (height, width; B-spline coefficients where ``cubic``), ``template``,
-    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``,
-    ``y``. ``rows`` are the rows to use. ``offset`` (2, R, C) or (2, 1, 1) is added to the
-    warped position [px]; (2, 1, 1) means none. ``h`` (9,) maps column, row, 1 to the image.
-    ``cut`` and ``margin`` weigh the pixels, see :func:`row_residual`. ``share`` is the part
-    of the gradient that is taken from the warped image (0.5: ESM, 0: template only),
-    ``unit`` the length of one unit of x in columns.
-
-    Fills ``matrix`` (10, 10), ``vector`` (10,), ``histogram`` (256,) of |residual|
-    in half grey levels over every fourth pixel, and ``stats`` (13,):
-    weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT.
 
     Parameters
     ----------
@@ -269,7 +239,7 @@ def _product(a, b):
 
 @kernel(**_JIT)
 def _spread(histogram, fraction, sigmas):
-    """Standard deviation of a normal law of which ``share`` lies within ``sigmas``, from the |residual| histogram."""
+    """Standard deviation of a normal law of which ``fraction`` lies within ``sigmas``, from the |residual| histogram."""
     total = histogram.sum()
     if total == 0:
         return 1.0
@@ -303,34 +273,12 @@ def _corner_shift(before, after, x_end, y_end):
 
 @kernel(**_JIT)
 def refine_level(
-    image,
-    template,
-    gradient_x,
-    gradient_y,
-    x,
-    y,
-    rows,
-    offset,
-    h,
-    light,
-    active,
-    fraction,
-    unit,
-    cubic,
-    cut_factor,
-    margin,
-    damping,
-    passes,
-    tolerance,
-    matrix,
-    stats,
-):
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, active, fraction, unit, cubic,
+    cut_factor, margin, damping, passes, tolerance, matrix, stats,
+):  # fmt: skip
     """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
 
-    ``h`` (3, 3) maps centred coordinates to image pixels of the level, ``light`` (5,)
-    is gain, bias, spread of the residual, its spread where nothing but noise is in it, and the
-    part of the squared residual that the last step leaves. Other arguments as in
-    :func:`gauss_newton_sums`. Returns the last motion of the corners [px], infinite
+    Returns the last motion of the corners [px], infinite
     when the system was singular or the template turned inside out.
 
     Parameters
