@@ -69,7 +69,7 @@ def prior_correction(beam: Beam) -> Correction:
     One part at a time is changed by its tolerance, and the change of
     C_0^-1 C at the tip is the effect on E; the effects add as independent.
     1 mm in 12 cm of length is 2.5 % of F if the moment is known, and 5 % if F
-    and M are told apart by deflection and slope.
+    and M are distinguished by deflection and slope.
 
     Parameters
     ----------

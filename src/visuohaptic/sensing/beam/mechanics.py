@@ -49,7 +49,7 @@ class Beam:
     spring_tolerance: float = 0.1  #: relative, of both spring constants
     alignment_tolerance_rad: float = 0.01  #: of the axes of S against the rod
     place_tolerance_m: float = 0.0005  #: of the templates along the rod
-    shape_tolerance: float = 0.002  #: other deviations from the shape of a rod, share of the motion
+    shape_tolerance: float = 0.002  #: other deviations from the shape of a rod, fraction of the motion
 
     def __post_init__(self) -> None:
         for entry in fields(self):

@@ -77,8 +77,8 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     if len(index) != len(names):
         raise CalibrationError(path, "found a column twice", field="header")
 
-    def columns(wanted: Iterable[str]) -> np.ndarray:
-        missing = [name for name in wanted if name not in index]
+    def columns(requested: Iterable[str]) -> np.ndarray:
+        missing = [name for name in requested if name not in index]
         if missing:
             raise CalibrationError(
                 path,
@@ -86,7 +86,7 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
                 field="header",
                 remedy="give fx_N ... mz_Nm and read_fx_N ... read_mz_Nm, or x_m y_m z_m rx_rad ry_rad rz_rad",
             )
-        places = [index[name] for name in wanted]
+        places = [index[name] for name in requested]
         return np.array(
             [
                 [_number(path, line, names[k], cells[k], CalibrationError) for k in places]

@@ -25,7 +25,7 @@ class SteadyReference:
     frames
         Frames in the mean, at most; older ones fade.
     patience
-        Deviating frames in a row after which the new place is believed.
+        Deviating frames in a row after which the new place is accepted.
     """
 
     #: Mahalanobis distance squared, 6 degrees of freedom, that one good frame in ten million exceeds.

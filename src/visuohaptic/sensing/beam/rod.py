@@ -57,7 +57,7 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
     base
         (F, m_0) [N, Nm].
     xi
-        Rising positions x / L of the cross sections wanted.
+        Rising positions x / L of the requested cross sections.
     """
     xi = np.asarray(xi, dtype=np.float64)
     if len(xi) and (xi.min() < 0 or xi.max() > 1 or np.any(np.diff(xi) < 0)):

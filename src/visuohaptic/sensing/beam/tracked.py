@@ -77,17 +77,17 @@ class TrackedBeam(Closing):
         threaded: bool = False,
     ) -> None:
         by_name = {template.name: template for template in templates}
-        wanted = [setup.reference, *setup.xi]
-        missing = [name for name in wanted if name not in by_name]
+        requested = [setup.reference, *setup.xi]
+        missing = [name for name in requested if name not in by_name]
         if missing:
             raise InputError(
                 "templates",
                 f"found {', '.join(sorted(by_name)) or 'none'}; {', '.join(missing)} is missing",
-                remedy="name the pictures, or the tags in tags.yaml, as in sensor.yaml",
+                remedy="name the images, or the tags in tags.yaml, as in sensor.yaml",
             )
         self.sensor = BeamSensor(setup, zero)
         self.camera = camera
-        self.tracker = TemplateTracker([by_name[name] for name in wanted], camera, threaded=threaded)
+        self.tracker = TemplateTracker([by_name[name] for name in requested], camera, threaded=threaded)
 
     @classmethod
     def load(cls, path: Path | str, *, threaded: bool = False) -> TrackedBeam:
@@ -109,7 +109,7 @@ class TrackedBeam(Closing):
         for field, found in (("camera", setup.camera_path), ("templates_folder", setup.templates_path)):
             if found is None:
                 raise InputError(
-                    path, "is needed to read from pictures", field=field, remedy="add it, or give --poses"
+                    path, "is needed to read from images", field=field, remedy="add it, or give --poses"
                 )
         assert setup.camera_path is not None
         assert setup.templates_path is not None
@@ -148,7 +148,7 @@ class TrackedBeam(Closing):
         """Poses of the templates alone.
 
         Where the four corners do not fit a pose, the model of the camera or the print is worse
-        than the noise of the picture: the covariance grows by as much.
+        than the noise of the image: the covariance grows by as much.
 
         Parameters
         ----------

@@ -216,9 +216,9 @@ class BeamDriftSettings:
 
 
 class BeamZeroWatch:
-    """Follows what the sensor reads at rest, and tells when the zero has drifted away.
+    """Follows what the sensor reads at rest, and reports when the zero has drifted away.
 
-    A steady load below the resting band can't be told from drift and is taken
+    A steady load below the resting band cannot be distinguished from drift and is taken
     for it within some time constants; that is the price of a zero that follows
     the temperature.
 

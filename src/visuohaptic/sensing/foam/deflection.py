@@ -107,10 +107,10 @@ def measure_deflection(
     step = np.abs(strip.front.contrast)
     faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
     good = strip.usable & ~covered & ~faint
-    doubtful = strip.doubtful & ~covered & ~faint
+    low_confidence = strip.low_confidence & ~covered & ~faint
     # The error of the zero is the same in every frame: no noise of this image.
-    systematic = scale * np.hypot(np.where(doubtful, edge_uncertainty_m(strip), 0.0), zero_sigma)
-    seen = good | plausible(geometry.s_m, delta, np.hypot(sigma, systematic), good, doubtful)
+    systematic = scale * np.hypot(np.where(low_confidence, edge_uncertainty_m(strip), 0.0), zero_sigma)
+    seen = good | plausible(geometry.s_m, delta, np.hypot(sigma, systematic), good, low_confidence)
     total = np.hypot(sigma, systematic)
     steps = stepped_points(geometry.s_m, delta, total, seen, geometry.width_m, geometry.end_cells_m)
     jumped = onset.check(strip.t_s, delta, total, seen, steps)
@@ -124,7 +124,7 @@ def measure_deflection(
     # What changes from frame to frame is image noise; texture and the zero stay. Kinks do both, and
     # so do bridges: a point is seen in one frame and not in the next.
     noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
-    kinks = np.where(doubtful, _KINK_NOISE * scale * edge_uncertainty_m(strip), 0.0)
+    kinks = np.where(low_confidence, _KINK_NOISE * scale * edge_uncertainty_m(strip), 0.0)
     own = np.where(seen, kinks, _BRIDGE_NOISE * unseen)
     own = np.minimum(own, np.sqrt(sigma**2 - noise**2))
     return Deflection(delta, sigma, noise, own, seen, good, covered, bool(gap), rough)

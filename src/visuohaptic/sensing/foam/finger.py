@@ -1,4 +1,4 @@
-"""The gripper variant: the strip rides on a finger, the reference contour tells where the finger is.
+"""The gripper variant: the strip rides on a finger, the reference contour shows where the finger is.
 
 Alt 2016, Sec. 3.3 and 3.6.4.
 """
@@ -58,7 +58,7 @@ class FingerSensor(FoamSensor):
     ``T_camera_foam`` without a tag); from then on the reference contour is followed
     from frame to frame. The tag is searched again when the contour is lost, and compared
     with it once in a while. A camera that turns or shifts across the axis makes frames invalid
-    (``moved``); a shift along the axis cannot be told from a motion of the finger.
+    (``moved``); a shift along the axis cannot be distinguished from a motion of the finger.
 
     Parameters
     ----------

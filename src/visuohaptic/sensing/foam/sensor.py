@@ -160,10 +160,12 @@ class FoamSensor:
         zero = ZeroReference.from_samples(
             seen[-1].t_s,
             np.array([strip.reference_px for strip in seen]),
-            np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
+            np.array(
+                [np.where(strip.usable | strip.low_confidence, strip.width_m, np.nan) for strip in seen]
+            ),
             np.array([strip.foam_grey for strip in seen]),
             uncertainty_m=np.mean(
-                [np.where(strip.doubtful, edge_uncertainty_m(strip), 0.0) for strip in seen], axis=0
+                [np.where(strip.low_confidence, edge_uncertainty_m(strip), 0.0) for strip in seen], axis=0
             ),
             front_grey=np.array([strip.front_grey for strip in seen]),
             contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
@@ -282,7 +284,7 @@ class FoamSensor:
         return profile if profile.valid else profile.unread()
 
     def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
-        """Doubt about the hysteresis after a time in which the contact may have turned round unseen."""
+        """Uncertainty of the hysteresis after a time in which the contact may have turned round unseen."""
         if gap:
             return reading
         if self._seen_t_s is not None:
@@ -294,8 +296,8 @@ class FoamSensor:
             self._unseen_s = 0.0
         if self._unseen_s == 0.0:
             return reading
-        doubt = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
-        model = float(np.hypot(reading.budget.model_N, doubt))
+        uncertainty = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
+        model = float(np.hypot(reading.budget.model_N, uncertainty))
         return replace(reading, budget=replace(reading.budget, model_N=model))
 
     def _contact(self, region: ContactRegion, found: Deflection) -> Contact:

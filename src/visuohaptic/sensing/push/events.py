@@ -34,9 +34,11 @@ class EventSettings:
 
     contact_sigmas: float = 5.0  #: deflection above this many sigma begins a contact
     contact_m: float = 1e-4  #: and above this [m]
-    release_fraction: float = 0.5  #: hysteresis: released below this share of the contact threshold
+    release_fraction: float = 0.5  #: hysteresis: released below this fraction of the contact threshold
     confirm_frames: int = 2  #: frames in a row for contact and release
-    motion_slope: float = 0.3  #: deflection by travel, as a share of its rise, below which the object moves
+    motion_slope: float = (
+        0.3  #: deflection by travel, as a fraction of its rise, below which the object moves
+    )
     motion_sigmas: float = 2.0  #: confidence of the slope
     motion_travel_m: float = 0.002  #: travel over which the slope is measured
     motion_frames: int = 4
@@ -177,7 +179,7 @@ class ContactEvents:
 
     Frames without a contour (occluded, lost, stale, camera moved) change
     nothing; frames that are invalid only as a force (unloading, saturated)
-    still tell where the object is.
+    still show where the object is.
 
     Parameters
     ----------

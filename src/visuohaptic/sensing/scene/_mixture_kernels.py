@@ -71,7 +71,7 @@ def _add(value, total):
 
 @kernel(**_JIT)
 def _weigh(weight, found, alpha, number, prior):
-    """The weight of one mode follows the picture."""
+    """The weight of one mode follows the image."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(len(weight)):
         w, rate = weight[i], alpha[i]
@@ -91,7 +91,7 @@ def _steps(weight, found, alpha, number, step):
 
 @kernel(**_JIT)
 def _spread(variance, nearest, step, channels, smallest, largest):
-    """The variance of one mode follows the picture."""
+    """The variance of one mode follows the image."""
     for i in range(len(variance)):
         old, part = variance[i], step[i]
         new = min(max(old + part * (nearest[i] * channels - old), smallest), largest)

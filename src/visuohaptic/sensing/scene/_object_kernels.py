@@ -32,7 +32,7 @@ def fit_motion(
 ):
     """Motion of a body that puts its points where they are seen; in place on ``rotation`` and ``shift``.
 
-    ``body`` (n, 3) frame F [m] at the begin, ``pixels`` (n, 2) with ``sigma`` (n,) per axis; the body
+    ``body`` (n, 3) frame F [m] at the start, ``pixels`` (n, 2) with ``sigma`` (n,) per axis; the body
     turns about ``pivot`` (3,), then shifts. ``view`` (3, 3) and ``origin`` (3,) map F to the camera, ``lens``
     is that of :func:`visuohaptic.tracking.pose._pose_kernels.project_point`. ``active`` (6,) of (rotation
     vector, shift) are free. Points weigh after Tukey, nothing beyond ``gate_sigmas``, of which at least
@@ -141,7 +141,7 @@ def fit_motion(
         rotation[:] = turn(rotation, step[0], step[1], step[2])
         for k in range(3):
             shift[k] += step[3 + k]
-        # A hundredth of what a good picture tells.
+        # A hundredth of the information of a good image.
         if largest < 2e-6:
             break
     # A wide scale is for finding the way; in the end points agree by their own noise.

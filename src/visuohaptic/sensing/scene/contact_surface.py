@@ -14,7 +14,7 @@ from ...core.objects import Primitive, PrimitiveKind
 
 __all__ = ["cast_to_face", "contact_face", "face_curvature"]
 
-#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
+#: Width of a contact from which its line weighs as much as that the face is square to the push [m].
 NARROW_M = 0.04
 
 
@@ -84,7 +84,7 @@ def cast_to_face(
     face: Pose,
     curvature_per_m: float = 0.0,
 ) -> Float[np.ndarray, "n 3"]:
-    """Points of a body, as it was at the begin, where rays meet its surface after a motion; NaN where they miss.
+    """Points of a body, as it was at the start, where rays meet its surface after a motion; NaN where they miss.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def cast_to_face(
     motion
         Of the body: turn about the face's origin, then shift.
     face
-        ``pose_foam_face`` at the begin: x along the contact, y up, z to the robot.
+        ``pose_foam_face`` at the start: x along the contact, y up, z to the robot.
     curvature_per_m
         Of an upright cylinder that touches the face's plane at its origin; 0 = the plane.
     """

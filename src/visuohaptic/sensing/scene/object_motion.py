@@ -2,10 +2,10 @@
 
 The surface that the camera sees is taken as a plane through the contact line, perpendicular to the
 floor, or as the cylinder that the fitted circle is the section of. Tracked points are cast to it once;
-from then on they are points of a rigid body. A first touch tells the direction and the curvature of the
+from then on they are points of a rigid body. A first touch shows the direction and the curvature of the
 surface badly: both are unknowns with a prior, and the motion itself decides, since points on a wrong surface do
 not move like one rigid body. Between the
-first and the newest picture the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
+first and the newest image the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
 estimated by consensus and decomposed; of its solutions that one counts whose plane is the known one. Its motion
 is then refined on the pixels, with the plane and its distance known, and compared with
 the simpler motion of an object that stands: shift and turn on the floor. The simpler one wins unless the pixels
@@ -47,7 +47,7 @@ class ObjectTracker:
         self.camera, self.T_camera_foam = camera, T_camera_foam
         self.settings = settings or ObjectMotionSettings()
         self._fitter = BodyFitter(camera, T_camera_foam, self.settings.gate_sigmas, self.settings.min_points)
-        self.face: Pose | None = None  #: at the begin; None: nothing is tracked
+        self.face: Pose | None = None  #: at the start; None: nothing is tracked
         self.curvature_per_m = 0.0  #: of the face's section with the floor; 0 = plane
         self._shape_sigma = np.array([0.1, 2.0])  # of the face's direction [rad] and curvature [1/m]
         self._eye = T_camera_foam.inverse().translation_m
@@ -126,7 +126,7 @@ class ObjectTracker:
         self.face = None
 
     def moved(self, points_foam_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Where points of the body, given at the begin, are now [m].
+        """Where points of the body, given at the start, are now [m].
 
         Parameters
         ----------
@@ -148,7 +148,7 @@ class ObjectTracker:
         t_s
             Time of the frame [s].
         in_contact
-            Whether the foam feels it: slip is asked only then.
+            Whether the foam feels it: slip is tested only then.
         force_fraction
             Force on the foam as part of its largest lately; a fall takes it away.
         """
@@ -229,7 +229,7 @@ class ObjectTracker:
             return None
         assert self.face is not None
         body = np.array([self._body[ids[k]] for k in chosen])
-        pixels, sigma = step.after_px[chosen], np.hypot(step.sigma_px[chosen], s.smallest_sigma_px)
+        pixels, sigma = step.after_px[chosen], np.hypot(step.sigma_px[chosen], s.min_sigma_px)
         best = self._fitter.refined(self.face, self._motion, body, pixels, sigma)
         if best is None or np.mean(best.inliers) < 0.8:
             guess = self._fitter.by_homography(self.face, body, pixels)

@@ -131,7 +131,7 @@ class SceneSensor:
     setup
         From :meth:`SceneConfig.load`.
     odometry
-        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the floor alone tells the
+        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the floor alone gives the
         motion.
     rng
         Of RANSAC; a fixed seed without.
@@ -224,7 +224,7 @@ class SceneSensor:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """What the platform's wheels told over time, N rows in order of time."""
+    """Odometry of the platform over time, N rows in order of time."""
 
     t_s: Float[np.ndarray, "N"]
     speed_m_s: Float[np.ndarray, "N"]

@@ -83,7 +83,7 @@ def write_scene(
 ) -> None:
     """One reading as messages.
 
-    ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the begin, in frame
+    ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the start, in frame
     ``odom``; ``/NAME/diagnostics`` has all numbers with their validity and reason; with ``mask``
     ``/NAME_obstacles/image/compressed`` is the obstacle mask. Events are the caller's.
 

@@ -38,12 +38,12 @@ __all__ = ["SceneReading", "SceneTracker"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneReading:
-    """What one frame tells of the surroundings."""
+    """What one frame shows of the surroundings."""
 
     t_s: float
     motion: Motion  #: of frame F since the last frame, floor and odometry fused
-    floor_motion: Motion  #: the part that the floor alone tells
-    pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the begin [m, rad]
+    floor_motion: Motion  #: the part that the floor alone gives
+    pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the start [m, rad]
     pose_covariance: Float[np.ndarray, "3 3"]  #: of ``pose``
     object_motion: ObjectMotion  #: since the contact began
     object_angle_rad: float  #: turn of the object in the world since then; NaN when it is not seen
@@ -271,7 +271,7 @@ class SceneTracker:
         self._heading = float(self.ego.pose[2])
         self._flat_angle = float("nan") if begins else self._flat_angle
         if shape is not None and shape.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
-            # A flat face that is felt twice tells the turn in between better than the texture.
+            # A flat face that is felt twice gives the turn in between better than the texture.
             along = contact_face(contact, shape).rotation[:, 0]
             in_world = float(np.arctan2(along[0], -along[1])) + self._heading
             if np.isfinite(self._flat_angle):
@@ -293,19 +293,19 @@ class SceneTracker:
         return bool(seen) and before > 0.0 and self._deflection_m - before < 0.3 * ahead_m
 
     def _sorted(self, step: FlowStep, expected: np.ndarray) -> FlowStep:
-        """Without the points that the platform's way shows to be on the other thing, floor or object.
+        """Without the points that the platform's way shows to be on the other of both, floor or object.
 
-        What is pushed stands still in the picture while the floor passes.
+        What is pushed stands still in the image while the floor passes.
         """
         floor = self.floor_view.cast(step.before_px)
         c, s = np.cos(expected[2]), np.sin(expected[2])
         passed = self.floor_view.project((floor - expected[:2]) @ np.array([[c, -s], [s, c]]))
         flow = step.after_px - step.before_px
-        told = passed - step.before_px
-        way = np.linalg.norm(told, axis=1)
-        telling = np.isfinite(way) & (way > self.settings.min_discriminative_flow_px)
-        still = telling & (np.linalg.norm(flow, axis=1) < 0.3 * way)
-        passes = telling & (np.linalg.norm(flow - told, axis=1) < 0.3 * way)
+        predicted = passed - step.before_px
+        way = np.linalg.norm(predicted, axis=1)
+        discriminative = np.isfinite(way) & (way > self.settings.min_discriminative_flow_px)
+        still = discriminative & (np.linalg.norm(flow, axis=1) < 0.3 * way)
+        passes = discriminative & (np.linalg.norm(flow - predicted, axis=1) < 0.3 * way)
         wrong_floor = still & (step.label == FLOOR)
         # Few floor points may disagree with the wheels by chance, or the object be seen to start late.
         wrong_object = passes & (step.label == OBJECT)

@@ -77,11 +77,11 @@ def classify_points(state, found, half, start, stop, noise_var, polarity, min_co
         near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
         uneven = max(s[TEXTURE], near.mean())
         var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
-        # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
-        doubt = 0.1 * abs(s[CURVE])
+        # A curve is no parabola: a tenth of the correction is uncertain, more where the curvature changes.
+        uncertainty = 0.1 * abs(s[CURVE])
         if 0 < k < n - 1:
-            doubt += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
-        var += (doubt * half[k] * half[k] / 6.0) ** 2
+            uncertainty += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
+        var += (uncertainty * half[k] * half[k] / 6.0) ** 2
         sigma[k] = math.sqrt(max(var, 0.0))
         code = 0
         if s[STATUS] == BORDER:

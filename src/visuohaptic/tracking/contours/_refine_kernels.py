@@ -50,8 +50,8 @@ MIN_BLUR, MAX_BLUR = 0.45, 6.0
 #: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
 #: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
 SETTLED, MORE_SWEEPS = 0.04, 6
-#: A kink misfits by up to this part of the contrast's square; what misfits twice as much is no edge. Far above
-#: what kinks do: the curvature must not come and go with the misfit that it makes itself.
+#: A kink leaves a residual of up to this part of the contrast's square; what leaves twice as much is no edge. Far above
+#: what kinks do: the curvature must not come and go with the residual that it makes itself.
 KINK = 0.08
 #: The chain has missed the edge where its strength is below this part of the usual one; it lies between the
 #: neighbours' positions, or this far beyond (px).
@@ -235,7 +235,7 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
     min_contrast
         Smallest usable step [grey levels].
     plateau_px
-        Pixels on either side that tell the grey levels.
+        Pixels on either side that give the grey levels.
     """
     n = origin.shape[0]
     measured = np.zeros((n, 2, 6))
@@ -324,8 +324,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             poor = state[k, CHI2] / (6.0 * noise_var + 0.01 * height * height)
             use[k] = state[k, STATUS] == OK and height >= min_contrast and poor < 1.0
             seen = state[k, STATUS] == OK and height >= min_contrast
-            misfit = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
-            trust[k] = min(max(2.0 - misfit / KINK, 0.0), 1.0) if seen else 0.0
+            excess = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
+            trust[k] = min(max(2.0 - excess / KINK, 0.0), 1.0) if seen else 0.0
             if use[k]:
                 b = state[k, BLUR]
                 value[k] = b + min(max(state[k, BLUR_STEP], -0.3 * b), 0.5 * b)

@@ -58,7 +58,7 @@ class ContourSettings:
     #: Start value of the blur of the optics (Gaussian sigma), without the pixel [px].
     blur_px: float = field(default=1.0, metadata=POSITIVE)
     min_contrast: float = field(default=8.0, metadata=POSITIVE)  #: smallest usable step [grey levels]
-    #: Pixels on either side that tell the grey levels; less for a thin stripe [px].
+    #: Pixels on either side that give the grey levels; less for a thin stripe [px].
     plateau_px: float = field(default=8.0, metadata=at_least(2.0))
     #: Standard deviation of one pixel [grey levels]; None: estimated per frame.
     noise_grey: float | None = field(default=None, metadata=POSITIVE)
@@ -339,7 +339,7 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
 
 
 def _good_fraction(contour: Contour) -> float:
-    """Share of points that sit on an edge; hidden points don't call for another search."""
+    """Fraction of points that sit on an edge; hidden points do not call for another search."""
     good = contour.valid | (contour.reason == PointReason.OCCLUDED)
     return float(good.mean())
 

@@ -63,7 +63,7 @@ class StripeModel:
         Raises
         ------
         CalibrationError
-            Too few pixels, or colours that cannot be told apart.
+            Too few pixels, or colours that cannot be distinguished.
         MissingExtraError
             scikit-learn is not installed.
         """
@@ -154,7 +154,7 @@ class StripeModel:
         """True where the pixels directly in front of the points have the stripe's colour.
 
         Looks at a patch of ``depth_px`` behind a ``gap_px`` that the blur needs, over
-        half of the point's width; ``share`` of the pixels must be the stripe.
+        half of the point's width; ``fraction`` of the pixels must be the stripe.
 
         Parameters
         ----------

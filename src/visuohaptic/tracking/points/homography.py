@@ -172,7 +172,7 @@ def estimate_homography_robust(
     threshold
         Largest distance in the target at which a correspondence agrees.
     minimum
-        Fewest agreeing correspondences that are believed.
+        Fewest agreeing correspondences that are accepted.
     seed
         Of the sampling: the same seed gives the same result.
     """

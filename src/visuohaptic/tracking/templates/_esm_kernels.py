@@ -337,7 +337,7 @@ def refine_level(
             histogram,
         )
         light[2] = _spread(histogram, 0.5, 0.67449)
-        # Misfit sits on edges: the calmest quarter of the pixels tells the noise alone.
+        # Residuals sit on edges: the calmest quarter of the pixels gives the noise alone.
         light[3] = _spread(histogram, 0.25, 0.31864)
         if not solve_step(matrix, vector, active, damping, step):
             return np.inf

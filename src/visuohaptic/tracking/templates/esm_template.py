@@ -14,7 +14,7 @@ __all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 #: Templates smaller than this on a side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
 
-#: Blurs that a template can be given to look like the camera's picture: variances of a Gaussian
+#: Blurs that a template can be given to look like the camera's image: variances of a Gaussian
 #: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
 #: Of a usual lens [px^2].

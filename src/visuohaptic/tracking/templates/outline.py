@@ -24,7 +24,7 @@ def template_outlines(poses: Iterable[TemplatePose]) -> list[Float[np.ndarray, "
     for pose in poses:
         if pose.valid and pose.alignment is not None:
             corners = pose.alignment.corners
-            # The tick tells which way is up.
+            # The tick shows which way is up.
             tick = corners[0] + 0.25 * (corners.mean(axis=0) - corners[0])
             found.append(np.vstack([corners, corners[:1], tick]))
     return found

@@ -1,6 +1,6 @@
 """Templates: images of a known size that are found and tracked, and how good they are at it.
 
-Frame of a template: origin in the centre of the picture, x to its right, y down, z into
+Frame of a template: origin in the centre of the image, x to its right, y down, z into
 the paper. A template that faces the camera upright has the identity rotation.
 """
 
@@ -40,19 +40,19 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
-    """A planar picture of known size, ready to be found and tracked."""
+    """A planar image of known size, ready to be found and tracked."""
 
     name: str
     image: UInt8[np.ndarray, "R C"] = field(repr=False)  #: grey, at most 400 px on the longer side
     pixel_m: float  #: printed size of one pixel of ``image``
-    tag_id: int | None  #: number in the AprilTag family 36h11; None for a picture
+    tag_id: int | None  #: number in the AprilTag family 36h11; None for an image
     esm: EsmTemplate = field(repr=False)
     keypoints: Float[np.ndarray, "n 2"] = field(repr=False)  #: SIFT features (column, row); none for a tag
     descriptors: Float32[np.ndarray, "n 128"] = field(repr=False)
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Printed width and height of the whole picture [m]."""
+        """Printed width and height of the whole image [m]."""
         rows, columns = self.image.shape
         return columns * self.pixel_m, rows * self.pixel_m
 
@@ -158,7 +158,7 @@ class Template:
     def from_tag(cls, tag_id: int, *, size_m: float, name: str | None = None) -> Template:
         """An AprilTag 36h11 as a template.
 
-        The picture has half a cell of white around it, which must be there in print.
+        The image has half a cell of white around it, which must be there in print.
 
         Parameters
         ----------
@@ -245,10 +245,10 @@ class TemplateQuality:
 
 
 def template_quality(template: Template) -> TemplateQuality:
-    """Predict tracking noise, risk of a wrong lock, and chance of detection from the picture alone.
+    """Predict tracking noise, risk of a wrong lock, and chance of detection from the image alone.
 
     The noise is the Cramer-Rao bound of the eight parameters of a homography from all
-    pixels; the risk is the autocorrelation of the picture away from zero shift.
+    pixels; the risk is the autocorrelation of the image away from zero shift.
 
     Parameters
     ----------
@@ -296,15 +296,15 @@ def template_quality(template: Template) -> TemplateQuality:
         )
     if parts["ambiguity"] < 0.5:
         problems.append(
-            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use a picture without pattern"
+            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use an image without pattern"
         )
     if parts["features"] < 0.5:
-        problems.append(f"only {features} SIFT features, 60 wanted; add corners and blobs, or use a tag")
+        problems.append(f"only {features} SIFT features, 60 expected; add corners and blobs, or use a tag")
     return TemplateQuality(min(parts.values()), sigma, ambiguity, features, tuple(problems))
 
 
 def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
-    """How well the four quarters of a picture fit elsewhere in it: mean of the best correlations, 0..1."""
+    """How well the four quarters of an image fit elsewhere in it: mean of the best correlations, 0..1."""
     import cv2
 
     rows, columns = image.shape[0] // 2, image.shape[1] // 2

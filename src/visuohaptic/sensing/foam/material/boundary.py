@@ -82,7 +82,7 @@ def calibrate_tension(
 
     The contours are sampled as sparsely as the camera will sample them (mean over
     eight phases), because the slope of a plate's flank depends on the spacing. The
-    standard deviation is the misfit over the depths, and never less than a fifth of
+    standard deviation is the scatter of the residuals over the depths, and never less than a fifth of
     kappa, which is how much other bodies differ.
 
     Parameters
@@ -99,7 +99,7 @@ def calibrate_tension(
     Raises
     ------
     CalibrationError
-        The plate covers the whole record, or its forces don't fit the material.
+        The plate covers the whole record, or its forces do not fit the material.
     """
     taken, enlarged, relief = [], [], []
     for record in records:
@@ -139,8 +139,8 @@ def calibrate_tension(
     if weight < 1e-6:
         raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
     kappa = float(effect @ excess) / weight
-    misfit = excess - kappa * effect
-    sigma = float(np.sqrt(misfit @ misfit / (len(force) - 1) / weight * len(force)))
+    residual = excess - kappa * effect
+    sigma = float(np.sqrt(residual @ residual / (len(force) - 1) / weight * len(force)))
     if not -2 * sigma <= kappa <= 2.0:
         raise CalibrationError(
             where,

@@ -203,8 +203,8 @@ def fit_curve(
             break
     if not fits:
         raise CalibrationError(where, f"found {distinct} different strains, expected {MIN_STRAINS} or more")
-    # The smallest model that predicts as well as the best. A wider tolerance would save knots, but a misfit
-    # of half the noise moves the score by a tenth only, and the covariance knows nothing of a misfit.
+    # The smallest model that predicts as well as the best. A wider tolerance would save knots, but a model error
+    # of half the noise moves the score by a tenth only, and the covariance knows nothing of a model error.
     best = next(i for i, score in enumerate(scores) if score <= 1.002 * min(scores) + 1e-12)
     return _solve(fits[best], strain, stress_Pa, monotone=True, where=where)
 

@@ -10,7 +10,7 @@ element that has turned takes its part away,
 
 Large and small loops, reloading and ringing are all paths of the same law; it is
 continuous everywhere, and a reloading meets the loading curve where it left it.
-One loop cannot tell whether its loss grows with the stress (r_j) or not (a_j):
+One loop cannot show whether its loss grows with the stress (r_j) or not (a_j):
 both are identified together, and where the data do not decide the ridge shares
 the loss out between them.
 """
@@ -66,7 +66,7 @@ class HysteresisLaw:
         elif not (np.isfinite(e).all() and e[0] > 0 and bool(np.all(np.diff(e) > 0))):
             problems.append("yield_strain must be positive and rise")
         if not (np.isfinite(r).all() and np.isfinite(a).all() and min(r.min(), a.min()) >= 0):
-            problems.append("share and stress_Pa must be >= 0")
+            problems.append("fraction and stress_Pa must be >= 0")
         if not 0 <= self.relative_sigma <= 1:
             problems.append(f"relative_sigma is {self.relative_sigma}, expected 0 to 1")
         if problems:
@@ -198,12 +198,12 @@ class HysteresisState:
         low, high = OWN_SIGMAS
         unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
         own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
-        # A point in doubt, at a kink, follows its own difference the more slowly: one outlier must not turn it.
+        # A point of large uncertainty, at a kink, follows its own difference the more slowly: one outlier must not turn it.
         slow = OWN_GAIN * np.sqrt(own) / np.maximum(sigma, 1e-12)
         gain = slow + (1.0 - slow) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
         step = common + gain * (change - common)
         self.smooth = self.smooth + np.where(pressed, step, change)
-        # Noise that is left: of the mean, and of the slow filter; a point in doubt is as calm as its neighbours.
+        # Noise that is left: of the mean, and of the slow filter; a point of large uncertainty is as calm as its neighbours.
         left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
         play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
         ahead = self.smooth - self.followed
@@ -270,11 +270,11 @@ def identify_hysteresis(
     yields = np.geomspace(min(shortest, 0.1 * peak), peak, ELEMENTS)
     turned = 1.0 - stop_path(path, yields)
     m, top = loading.stress(path), float(loading.stress(np.array(peak)))
-    told = (turned.max(axis=1) > 0) & (path > 0.02)
-    design = np.hstack([turned * m[:, None], turned * top])[told]
-    missing = (m - stress)[told]
+    turned_far = (turned.max(axis=1) > 0) & (path > 0.02)
+    design = np.hstack([turned * m[:, None], turned * top])[turned_far]
+    missing = (m - stress)[turned_far]
     # Between absolute and relative errors: the low part of the branch counts, but not for everything.
-    weight = 1.0 / (0.1 * top + m[told])
+    weight = 1.0 / (0.1 * top + m[turned_far])
     weighted = design * weight[:, None]
     ridge = RIDGE * float(np.sqrt(np.mean(weighted**2) * len(missing)))
     size = design.shape[1]

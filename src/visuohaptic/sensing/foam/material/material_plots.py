@@ -112,5 +112,5 @@ def save_calibration_plot(calibration: FoamCalibration, path: Path | str) -> Non
             from ....core.errors import InputError
 
             raise InputError(
-                path, f"cannot be written as a picture ({error})", remedy="end it in .png"
+                path, f"cannot be written as an image ({error})", remedy="end it in .png"
             ) from error

@@ -16,7 +16,7 @@ MIN_STRAINS = 10
 REQUIRED_RANGE = (0.1, 0.3)
 #: Widest gap between neighbouring strains.
 MAX_GAP = 0.15
-#: A foam whose lowest slope is below this fraction of its mean slope cannot tell stresses apart.
+#: A foam whose lowest slope is below this fraction of its mean slope cannot distinguish stresses.
 MIN_SLOPE_RATIO = 0.02
 #: Largest accepted residual, as a fraction of the highest stress.
 MAX_RESIDUAL = 0.05
@@ -111,7 +111,7 @@ def refuse_unsuitable(
     groups = np.array_split(np.arange(len(x)), min(20, len(x) // 2))
     means = np.array([y[g].mean() for g in groups])
     centres = np.array([x[g].mean() for g in groups])
-    # Medians tell a falling curve from one wild point.
+    # Medians distinguish a falling curve from one outlier.
     middles = np.array([np.median(y[g]) for g in groups])
     highest = np.maximum.accumulate(middles)
     drop = highest - middles
@@ -142,5 +142,5 @@ def refuse_unsuitable(
             where,
             f"the curve is flat at strain {at:.2f} (slope {slope:.0f} Pa), "
             f"expected {MIN_SLOPE_RATIO * mean:.0f} Pa or more",
-            remedy="this foam is unsuitable: its strain does not tell the stress",
+            remedy="this foam is unsuitable: its strain does not determine the stress",
         )

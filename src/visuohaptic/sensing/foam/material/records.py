@@ -61,7 +61,7 @@ def direction_from_order(strain: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]
     """Derive the direction of loading from the order of the points.
 
     The record is split at its turning points; wiggles smaller than 5 % of the
-    strain range are noise and don't turn the direction.
+    strain range are noise and do not turn the direction.
 
     Parameters
     ----------

@@ -60,7 +60,7 @@ def section_stress(
     """Strain of the rod and its stress related to the full height [Pa].
 
     The table ends where the front slab reaches the end of the base material's
-    calibration; a rod can't be read beyond it. For the triangle, whose sharp front
+    calibration; a rod cannot be read beyond it. For the triangle, whose sharp front
     is crushed at any load, slabs go on along the tangent of the curve, at most
     to a strain of 0.9, and the table ends when half of the rod is beyond.
 

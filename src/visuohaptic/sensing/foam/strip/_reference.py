@@ -1,4 +1,4 @@
-"""The reference contour as one rigid thing: how the base has moved in the image."""
+"""The reference contour as one rigid body: how the base has moved in the image."""
 
 from __future__ import annotations
 

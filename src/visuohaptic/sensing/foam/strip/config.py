@@ -80,7 +80,7 @@ class FingerSection(Section):
     #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is looked for.
     T_foam_tag: PoseSection | None = None
     tag_every: Annotated[int, Field(ge=1)] = 30  #: frames between comparisons of contour and tag
-    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is believed, not the contour
+    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is used, not the contour
 
     @model_validator(mode="after")
     def _direction(self) -> FingerSection:

@@ -257,7 +257,7 @@ class FingerOptics(StripOptics):
         place = np.einsum("kd,kd->k", points[0], outward) + self._laid_m * along
         late = front.position_px * direction[:, 1] * row_delay  # than the reference point [s]
         free = self._speed * along
-        speed, doubt = free, np.abs(self._speed_sigma * along)
+        speed, uncertainty = free, np.abs(self._speed_sigma * along)
         mean, last = free, self._front
         if last is not None and t_s > last.t_s:
             measured = (place - last.place_m) / (t_s - last.t_s)
@@ -266,10 +266,10 @@ class FingerOptics(StripOptics):
             mean = np.where(seen, measured, free)
             change = 0.5 * (mean - last.speed_m_s)
             speed = np.where(seen, mean + change, free)
-            doubt = np.where(seen, np.abs(change), doubt)
+            uncertainty = np.where(seen, np.abs(change), uncertainty)
         self._front = _FrontMemory(t_s, np.where(front.valid, place, np.nan), mean)
         scale = late / np.where(np.abs(m_per_px) > 1e-9, m_per_px, np.inf)
-        return speed * scale, doubt * np.abs(scale)
+        return speed * scale, uncertainty * np.abs(scale)
 
 
 def finger_pose(setup: FoamSetup, frame: Frame) -> Pose:

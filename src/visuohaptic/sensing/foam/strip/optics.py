@@ -28,13 +28,13 @@ _SEARCH_FROM = 0.12
 #: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
 _SEARCH_TO = 1.12
 
-#: Motion of the base tells a change of distance no better than with a lever of this length.
+#: Motion of the base shows a change of distance no better than with a lever of this length.
 _SHORTEST_LEVER_PX = 30.0
 
 #: A shaking camera moves within a frame up to this many times faster than from frame to frame.
 _SHAKE_FACTOR = 3.0
 
-_DOUBTFUL = (PointReason.POOR_FIT, PointReason.JUMP)
+_LOW_CONFIDENCE = (PointReason.POOR_FIT, PointReason.JUMP)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class ObservedStrip:
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
     front_grey: Float[np.ndarray, "K"]  #: mean grey level just before the front
     usable: Bool[np.ndarray, "K"]
-    doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
+    low_confidence: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
     common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
@@ -247,7 +247,7 @@ class StripOptics:
             interior_grey(grey, base_px, self._direction_px, extent),
             front_grey(grey, np.nan_to_num(front_px, nan=-1.0), self._direction_px, extent),
             front.valid & finite,
-            ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
+            ~front.valid & finite & np.isin(front.reason, _LOW_CONFIDENCE),
             base.motion,
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),

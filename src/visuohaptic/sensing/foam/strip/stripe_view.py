@@ -19,7 +19,7 @@ __all__ = ["StripeView", "stripe_masks", "train_stripe"]
 
 #: Pixels next to the stripe's edges in which colours mix: not used for training.
 _MIXED_PX = 3
-#: Pixels on either side of the edge that tell its levels: a deeply pressed stripe is not much wider.
+#: Pixels on either side of the edge that give its levels: a deeply pressed stripe is not much wider.
 _PLATEAU_PX = 5.0
 
 
@@ -165,7 +165,7 @@ def train_stripe(
     Raises
     ------
     CalibrationError
-        The stripe is not where the model says, or its colour cannot be told from the rest.
+        The stripe is not where the model says, or its colour cannot be distinguished from the rest.
     """
     if image_bgr.shape[:2] != (setup.camera.height, setup.camera.width):
         raise InputError(

@@ -19,9 +19,9 @@ __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
 #: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
 _WIDTH_TOLERANCE = 0.10
 
-#: Up to this share of the points, no two of them neighbours, may be missing: a line of the floor that meets
+#: Up to this fraction of the points, no two of them neighbours, may be missing: a line of the floor that meets
 #: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
-_UNSEEN_SHARE, _UNSEEN_SIGMA = 0.04, 0.01
+_UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
 _REQUIRED = ("reference_px", "width_m", "width_sigma_m", "foam_grey")
@@ -96,7 +96,7 @@ class ZeroReference:
         """
         seen = np.isfinite(width_m).sum(axis=0)
         missing = np.flatnonzero(seen < max(1, len(width_m) // 2))
-        if len(missing) > _UNSEEN_SHARE * width_m.shape[1] or (np.diff(missing) == 1).any():
+        if len(missing) > _UNSEEN_FRACTION * width_m.shape[1] or (np.diff(missing) == 1).any():
             raise CalibrationError(
                 where,
                 f"{len(missing)} of {width_m.shape[1]} contour points were seen in fewer than half of the "
@@ -249,7 +249,7 @@ class DriftSettings:
 
 
 class ZeroWatch:
-    """Follows the zero reference while the sensor is at rest and tells when it has drifted away.
+    """Follows the zero reference while the sensor is at rest and reports when it has drifted away.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ left x0, and a body lies there. So each line is read as steps at the tracked fro
     grey(x) = A + B1 step(x - x1) + B0 step(x - x0),    r = B0 / (a C),    a = (A + B1) / F,
 
 with the foam's grey level F and the signed step C at its edge at rest: r is 1 under a shadow and 0
-for foam that is pressed. Both scatter alike by the texture behind the front, so that the likelier one is told by
+for foam that is pressed. Both scatter alike by the texture behind the front, so that the likelier one is decided by
 r = 1/2. Where x1 and x0 are closer than the blur resolves, there is one step: it stands
 at x0 where the residuals speak for it with odds of a hundred to one.
 """
@@ -27,7 +27,7 @@ __all__ = ["EdgeLines", "resting_edge"]
 _BEFORE_PX, _BEHIND_PX, _AHEAD_PX = 12, 5, 4
 #: Pixels across each line that are averaged, to either side: few, for a front that is tilted to the line.
 _ACROSS_PX = 2
-#: Two edges are told apart from this distance on, in blurs: there two blurred steps have a dip of light between.
+#: Two edges are resolved from this distance on, in blurs: there two blurred steps have a dip of light between.
 _APART_BLURS = 2.0
 #: Odds for the place of rest by residuals, from which on a single step is said to stand there.
 _ODDS = 100.0
@@ -91,7 +91,7 @@ def resting_edge(
 def _fraction(
     lines: EdgeLines, foam: Float[np.ndarray, "n"], contrast: Float[np.ndarray, "n"]
 ) -> Float[np.ndarray, "n"]:
-    """r of each line; 0 or 1 where the two edges are too close to be told apart."""
+    """r of each line; 0 or 1 where the two edges are too close to be resolved."""
     from scipy.special import ndtr
 
     front_px, rest_px, blur_px = lines.front_px, lines.rest_px, lines.blur_px

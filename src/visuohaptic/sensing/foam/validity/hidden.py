@@ -40,7 +40,7 @@ def hidden_points(
     hidden = covered_points(strip.foam_grey, zero.foam_grey, optics.geometry.s_m)
     hidden |= _other_surface(strip, zero)
     hidden |= thicker_than_at_rest(delta_m, sigma_m, optics.geometry.width_m, deepest_m)
-    deflected = (strip.usable | strip.doubtful) & (delta_m > _SIGMAS * sigma_m)
+    deflected = (strip.usable | strip.low_confidence) & (delta_m > _SIGMAS * sigma_m)
     if deflected.any():
         lines = EdgeLines(
             strip.grey,
@@ -64,5 +64,5 @@ def _other_surface(strip: ObservedStrip, zero: ZeroReference) -> Bool[np.ndarray
         light = strip.foam_grey / zero.foam_grey
         # Ten pixels or fewer, and the noise of the line that they are compared with.
         noise = strip.front.noise_grey / strip.foam_grey / np.sqrt(6.0)
-    seen = strip.usable | strip.doubtful
+    seen = strip.usable | strip.low_confidence
     return other_surface(near, zero.front_ratio, strip.front.contrast, light * zero.contrast, seen, noise)

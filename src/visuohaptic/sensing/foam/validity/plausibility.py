@@ -16,7 +16,7 @@ __all__ = [
 
 #: Beside its noise a deflection may change by this much without a question [m].
 _MARGIN_M = 5e-4
-#: Fourth differences around a point that tell the scatter there, an odd number.
+#: Fourth differences around a point that give the scatter there, an odd number.
 _AROUND = 21
 #: Largest bulge of free foam by the deflection that it comes from: what swings back furthest is a beam on an
 #: elastic foundation that is pressed at its free end, exp(-x) cos(x), down to -exp(-3 pi / 4) / sqrt(2). Foam,
@@ -110,7 +110,7 @@ class OnsetWatch:
 
 
 class FocusWatch:
-    """Tells while the blur of the edges changes: positions lag behind until the fit has followed."""
+    """Detects while the blur of the edges changes: positions lag behind until the fit has followed."""
 
     def __init__(self) -> None:
         self._last_px = float("nan")
@@ -135,7 +135,7 @@ def roughness(
     """Scatter from point to point in declared standard deviations; about 1 when these are true.
 
     The median of fourth differences: a contact's curve, even of 2 cm radius, changes
-    them by less than the noise, and its few kinks don't move the median.
+    them by less than the noise, and its few kinks do not move the median.
 
     Parameters
     ----------
