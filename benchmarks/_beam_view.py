@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visuohaptic.core.camera import Camera, Frame, Pose
-from visuohaptic.sensing.beam import BeamSensor, BeamSetup, TemplatePose, TrackedBeam
+from visuohaptic.sensing.beam import BeamSensor, BeamSetup, TemplateMeasurement, TrackedBeam
 from visuohaptic.simulation.beam import RodRig, RodState
 from visuohaptic.simulation.rendering import CameraEffects
 
@@ -156,7 +156,7 @@ def _bound(virtual, renderer, state: RodState) -> np.ndarray:
     )
     bounds = pose_bounds(renderer, state)
     poses = rig.poses(state)
-    seen = [TemplatePose(name, poses[name], 0.5 * (bounds[name] + bounds[name].T)) for name in poses]
+    seen = [TemplateMeasurement(name, poses[name], 0.5 * (bounds[name] + bounds[name].T)) for name in poses]
     sensor = BeamSensor(setup)
     sensor.zero((k / 30, seen) for k in range(200))
     reading = None

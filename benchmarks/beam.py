@@ -12,7 +12,7 @@ from visuohaptic.sensing.beam import (
     BeamSensor,
     BeamSetup,
     LoadRecord,
-    TemplatePose,
+    TemplateMeasurement,
     calibrate_beam,
     plane_inverse,
     relative_poses,
@@ -46,7 +46,7 @@ class _Bench:
 
     def seen(self, poses, rng=None):
         return [
-            TemplatePose(
+            TemplateMeasurement(
                 name, pose if rng is None else noisy_pose(pose, self.covariance, rng), self.covariance
             )
             for name, pose in poses.items()

@@ -7,7 +7,7 @@ import pytest
 
 from visuohaptic.core import Contact, ErrorBudget, EventKind, InputError, Primitive, PrimitiveKind, Reason
 from visuohaptic.core.camera import Pose
-from visuohaptic.sensing.scene import ObjectMotionSettings, ObjectTracker, contact_face
+from visuohaptic.sensing.scene import BodyFitter, ObjectMotionSettings, ObjectTracker, contact_face
 from visuohaptic.simulation.foam import SensorRig
 from visuohaptic.tracking.points import FlowStep
 
@@ -99,10 +99,8 @@ def test_a_large_motion_in_one_step_needs_the_decomposition():
     motion = about(FACE.translation_m, [0.05, 0.35, -0.3], [0.02, 0.01, 0.005])
     found, _ = run(motion, rng)
     assert found.valid
-    tracker = ObjectTracker(CAMERA, VIEW)
-    tracker.start(FACE)
     points = face_points(rng)
-    guess = tracker._by_homography(points, look(motion.apply(points)))
+    guess = BodyFitter(CAMERA, VIEW, 4.0, 8).by_homography(FACE, points, look(motion.apply(points)))
     pivot = FACE.translation_m
     np.testing.assert_allclose(guess.rotation, motion.rotation, atol=1e-5)
     np.testing.assert_allclose(guess.translation_m, motion.apply(pivot) - pivot, atol=1e-5)
@@ -176,17 +174,16 @@ def test_what_leans_goes_on_leaning_when_its_face_is_looked_at_again():
 
 def test_jacobian_against_finite_differences():
     rng = np.random.default_rng(6)
-    tracker = ObjectTracker(CAMERA, VIEW)
-    tracker.start(FACE)
+    fitter = BodyFitter(CAMERA, VIEW, 4.0, 8)
     points = face_points(rng, 7)
     motion = Pose.from_rotation_vector([0.1, -0.2, 0.3], [0.01, 0.0, -0.01])
-    found = tracker._jacobian(motion, points, np.arange(6))
+    found = fitter.jacobian(FACE, motion, points, np.arange(6))
     for k, unit in enumerate(np.eye(6)):
         ends = []
         for sign in (1, -1):
             turn = Pose.from_rotation_vector(sign * 1e-6 * unit[:3], np.zeros(3))
             moved = Pose(turn.rotation @ motion.rotation, motion.translation_m + sign * 1e-6 * unit[3:])
-            ends.append(tracker._project(moved, points))
+            ends.append(fitter.project(FACE, moved, points))
         np.testing.assert_allclose(found[:, :, k], (ends[0] - ends[1]) / 2e-6, rtol=1e-4, atol=1e-2)
 
 
@@ -272,5 +269,5 @@ def test_nothing_is_said_without_an_object_or_with_few_points():
     tracker.start(FACE)
     motion, _ = tracker.update(step_of(pixels, pixels), 0.0)
     assert (motion.valid, motion.reason) == (False, Reason.LOST)
-    with pytest.raises(InputError, match="min_points 1"):
+    with pytest.raises(InputError, match="min_points: found 1, expected at least 4"):
         ObjectMotionSettings(min_points=1)

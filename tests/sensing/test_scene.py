@@ -136,5 +136,5 @@ def test_what_cannot_be_used_is_refused():
         tracker().update(Frame(np.zeros((10, 10), np.uint8), 0.0, 0))
     with pytest.raises(InputError, match="floor_below_m"):
         SceneTracker(scenes.RIG.camera, scenes.RIG.T_camera_foam, -0.05)
-    with pytest.raises(InputError, match="max_width_px 10"):
+    with pytest.raises(InputError, match="max_width_px: found 10, expected at least 100"):
         SceneSettings(max_width_px=10)

@@ -42,3 +42,6 @@ from .scene.obstacle_mask import Obstacle as Obstacle
 from .scene.obstacle_mask import ObstacleDetector as ObstacleDetector
 from .scene.scene_tracker import SceneReading as SceneReading
 from .scene.scene_tracker import SceneTracker as SceneTracker
+from .sensor import Measurement as Measurement
+from .sensor import Sensor as Sensor
+from .sensor import load_sensor as load_sensor

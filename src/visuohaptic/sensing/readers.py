@@ -468,9 +468,9 @@ def load_reader(kind: str, path: Path, name: str) -> SensorReader[Any]:
         The file, or one that it names, cannot be used.
     """
     if kind == "foam":
-        from .foam.finger import load_sensor
+        from .foam.finger import load_foam_sensor
 
-        return FoamReader(load_sensor(path), name)
+        return FoamReader(load_foam_sensor(path), name)
     if kind == "beam":
         from .beam.tracked import TrackedBeam
 

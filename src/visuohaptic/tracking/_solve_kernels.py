@@ -18,6 +18,17 @@ def solve_step(matrix, vector, active, damping, step):
     """Solve the damped system for the active unknowns by Cholesky; False if it is singular.
 
     ``step`` (m,) becomes ``-(M + damping diag M)^-1 v`` on the active unknowns, 0 elsewhere.
+
+    Parameters
+    ----------
+    matrix, vector
+        M (m, m) and v (m,).
+    active
+        Unknowns that are solved for, (m,).
+    damping
+        Relative to the diagonal.
+    step
+        Filled with the solution, (m,).
     """
     n = 0
     which = np.zeros(len(active), np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, TemplatePose
+from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, TemplateMeasurement
 from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
 
 
@@ -35,7 +35,7 @@ class Bench:
             if name == self.rig.reference:
                 covariance = covariance * reference_sigma**2
             seen = pose if rng is None else noisy_pose(pose, covariance, rng)
-            found.append(TemplatePose(name, seen, covariance))
+            found.append(TemplateMeasurement(name, seen, covariance))
         return found
 
     def sensor(self, rng=None, frames=100):
@@ -48,7 +48,9 @@ class Bench:
                 rest
                 if rng is None
                 else [
-                    TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+                    TemplateMeasurement(
+                        t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance
+                    )
                     for t in rest
                 ],
             )

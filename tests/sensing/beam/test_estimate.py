@@ -122,7 +122,7 @@ _BENT = {}
 
 def observe_fast(bench, wrench, rng):
     """As observe with noise, bending the rod only once."""
-    from visuohaptic.sensing.beam import TemplatePose
+    from visuohaptic.sensing.beam import TemplateMeasurement
     from visuohaptic.simulation.beam import noisy_pose
 
     key = tuple(wrench)
@@ -130,7 +130,8 @@ def observe_fast(bench, wrench, rng):
         _BENT[key] = bench.templates(wrench), bench.templates(np.zeros(6))
     now, rest = _BENT[key]
     reference, *others = [
-        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance) for t in now
+        TemplateMeasurement(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+        for t in now
     ]
     still = relative_poses(rest[0].T_camera_template, rest[0].covariance, rest[1:])
     still = type(still)(still.names, still.poses, 1e-6 * still.covariance, still.shared)

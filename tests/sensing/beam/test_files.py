@@ -14,7 +14,7 @@ from visuohaptic.io.sinks import read_wrench_table
 from visuohaptic.sensing.beam import (
     Beam,
     BeamSensorConfig,
-    TemplatePose,
+    TemplateMeasurement,
     load_beam,
     prior_correction,
     read_loads,
@@ -51,7 +51,9 @@ def folder(bench, tmp_path):
             yield (
                 start + k / 30,
                 [
-                    TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+                    TemplateMeasurement(
+                        t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance
+                    )
                     for t in templates
                 ],
             )
@@ -109,7 +111,7 @@ def test_loads_become_a_calibration(folder, capsys):
 def test_poses_survive_the_file(folder):
     frames = list(read_template_poses(folder / "push.csv"))
     assert [t_s for t_s, _ in frames] == pytest.approx(1 + np.arange(5) / 30)
-    lost = TemplatePose.missing("tip", Reason.OCCLUDED)
+    lost = TemplateMeasurement.missing("tip", Reason.OCCLUDED)
     write_template_poses(folder / "again.csv", [(0.0, [*frames[0][1][:2], lost])])
     ((_, templates),) = read_template_poses(folder / "again.csv")
     assert templates[0].T_camera_template.matrix == pytest.approx(

@@ -7,7 +7,7 @@ import pytest
 
 from visuohaptic.core import InputError, Reason
 from visuohaptic.core.camera import Pose
-from visuohaptic.sensing.beam import TemplatePose, relative_poses, section_motion
+from visuohaptic.sensing.beam import TemplateMeasurement, relative_poses, section_motion
 from visuohaptic.simulation.beam import noisy_pose
 
 WRENCH = np.array([1.0, 1.5, -0.7, 0.03, 0.02, 0.05])
@@ -46,7 +46,7 @@ def test_the_declared_covariance_is_that_of_many_frames(bench):
 
     def shaken(templates):
         return [
-            TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+            TemplateMeasurement(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
             for t in templates
         ]
 
@@ -75,8 +75,10 @@ def test_templates_can_be_taken_out(bench):
 def test_a_pose_without_covariance_is_refused(bench):
     reference, tip, _ = bench.templates(np.zeros(6))
     with pytest.raises(InputError, match="no pose; leave it out"):
-        relative_poses(reference.T_camera_template, reference.covariance, [TemplatePose.missing("tip")])
-    bad = TemplatePose("tip", tip.T_camera_template, np.full((6, 6), np.nan))
+        relative_poses(
+            reference.T_camera_template, reference.covariance, [TemplateMeasurement.missing("tip")]
+        )
+    bad = TemplateMeasurement("tip", tip.T_camera_template, np.full((6, 6), np.nan))
     with pytest.raises(InputError, match="not 6 x 6 numbers"):
         relative_poses(reference.T_camera_template, reference.covariance, [bad])
-    assert TemplatePose.missing("tip").reason is Reason.LOST
+    assert TemplateMeasurement.missing("tip").reason is Reason.LOST

@@ -7,13 +7,13 @@ import pytest
 
 from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.camera import Pose
-from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, SteadyReference, TemplatePose
+from visuohaptic.sensing.beam import Beam, BeamSensor, BeamSetup, SteadyReference, TemplateMeasurement
 from visuohaptic.simulation.beam import POSE_NOISE, RodRig, noisy_pose
 
 
 def shaken(templates, rng):
     return [
-        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+        TemplateMeasurement(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
         for t in templates
     ]
 
@@ -123,12 +123,12 @@ class TestFaults:
         sensor, wrench = bench.sensor(), np.array([0.2, 0.5, 0, 0, 0, 0])
         reference, middle, tip = bench.templates(wrench)
         whole = sensor.read(1.0, [reference, middle, tip])
-        one = sensor.read(2.0, [reference, middle, TemplatePose.missing("tip")])
+        one = sensor.read(2.0, [reference, middle, TemplateMeasurement.missing("tip")])
         assert one.wrench.valid
         assert one.templates == ("middle",)
         assert vector(one.wrench) == pytest.approx(wrench, abs=2e-3)
         assert (np.diag(one.noise) > np.diag(whole.noise)).all()
-        hidden = [TemplatePose.missing(name, Reason.OCCLUDED) for name in ("middle", "tip")]
+        hidden = [TemplateMeasurement.missing(name, Reason.OCCLUDED) for name in ("middle", "tip")]
         assert sensor.read(3.0, [reference, *hidden]).wrench.reason is Reason.OCCLUDED
         assert sensor.read(4.0, [middle, tip]).wrench.reason is Reason.LOST
         assert sensor.read(5.0, []).wrench.reason is Reason.LOST
@@ -155,7 +155,7 @@ class TestFaults:
         reference, middle, tip = bench.templates([0, load, 0, 0, 0, 0])
         pose = tip.T_camera_template
         place = pose.translation_m + np.array([0, 0, 2e-3])
-        slipped = TemplatePose("tip", Pose(pose.rotation, place), tip.covariance)
+        slipped = TemplateMeasurement("tip", Pose(pose.rotation, place), tip.covariance)
         reading = sensor.read(1.0, [reference, middle, slipped])
         assert reading.wrench.reason is Reason.DRIFTED
 
@@ -188,10 +188,12 @@ class TestFaults:
             victim = int(rng.integers(1, 3))
             hurt = templates[victim]
             if kind == 1:
-                templates[victim] = TemplatePose.missing(hurt.name)
+                templates[victim] = TemplateMeasurement.missing(hurt.name)
             elif kind == 2:
                 off = Pose.from_rotation_vector(rng.normal(0, 0.05, 3), rng.normal(0, 5e-3, 3))
-                templates[victim] = TemplatePose(hurt.name, hurt.T_camera_template @ off, hurt.covariance)
+                templates[victim] = TemplateMeasurement(
+                    hurt.name, hurt.T_camera_template @ off, hurt.covariance
+                )
             elif kind == 3:
                 templates = templates[1:]
             reading = sensor.read(100 + k, templates)
@@ -240,7 +242,7 @@ def test_setups_that_make_no_sense_are_refused(xi, text):
 def test_a_template_that_is_there_twice_is_refused():
     sensor = BeamSensor(BeamSetup({"tip": 1.0}, Pose.identity()))
     with pytest.raises(InputError, match="a name is there twice"):
-        sensor.zero([(0.0, [TemplatePose.missing("tip")] * 2)])
+        sensor.zero([(0.0, [TemplateMeasurement.missing("tip")] * 2)])
 
 
 def test_a_template_that_comes_loose_by_any_amount_is_never_silently_wrong(make_bench, vector):
@@ -254,7 +256,7 @@ def test_a_template_that_comes_loose_by_any_amount_is_never_silently_wrong(make_
         victim, size = int(rng.integers(1, 3)), rng.choice([0.02, 0.1, 0.3, 1.0])
         off = Pose.from_rotation_vector(rng.normal(0, 0.05 * size, 3), rng.normal(0, 5e-3 * size, 3))
         hurt = templates[victim]
-        templates[victim] = TemplatePose(hurt.name, hurt.T_camera_template @ off, hurt.covariance)
+        templates[victim] = TemplateMeasurement(hurt.name, hurt.T_camera_template @ off, hurt.covariance)
         found = BeamSensor(bench.setup, zero).read(1.0, templates).wrench
         if found.valid:
             accepted += 1

@@ -114,7 +114,7 @@ def test_files_that_do_not_fit_together_are_refused(tmp_path):
     assert TrackedBeam.load(tmp_path / "sensor.yaml").sensor.zero_reference is None
     text = (tmp_path / "sensor.yaml").read_text()
     (tmp_path / "bare.yaml").write_text(text.replace("camera: camera.yaml\n", ""))
-    with pytest.raises(InputError, match=r"bare.yaml: camera: is needed to read from pictures"):
+    with pytest.raises(InputError, match=r"bare.yaml: camera: is needed to read from images"):
         TrackedBeam.load(tmp_path / "bare.yaml")
     (tmp_path / "other.yaml").write_text(text.replace("name: tip", "name: top"))
     with pytest.raises(InputError, match="found middle, reference, tip; top is missing"):

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import CalibrationError, InputError
-from visuohaptic.sensing.beam import BeamDriftSettings, BeamZero, BeamZeroWatch, TemplatePose
+from visuohaptic.sensing.beam import BeamDriftSettings, BeamZero, BeamZeroWatch, TemplateMeasurement
 from visuohaptic.simulation.beam import noisy_pose
 
 
 def shaken(templates, rng):
     return [
-        TemplatePose(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
+        TemplateMeasurement(t.name, noisy_pose(t.T_camera_template, t.covariance, rng), t.covariance)
         for t in templates
     ]
 
@@ -49,10 +49,10 @@ def test_a_rod_that_moves_while_zeroing_is_refused(bench):
 
 def test_a_hidden_template_is_left_out_and_no_template_is_refused(bench):
     still = bench.templates(np.zeros(6))
-    partly = [(k / 30, [*still[:2], TemplatePose.missing("tip")]) for k in range(10)]
+    partly = [(k / 30, [*still[:2], TemplateMeasurement.missing("tip")]) for k in range(10)]
     assert bench.sensor().zero(partly).rest.names == ("middle",)
     with pytest.raises(CalibrationError, match="no frame shows the reference template"):
-        bench.sensor().zero([(0.0, [TemplatePose.missing("reference"), *still[1:]])])
+        bench.sensor().zero([(0.0, [TemplateMeasurement.missing("reference"), *still[1:]])])
 
 
 def test_the_file_holds_it_all(bench, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 
 from visuohaptic.core import CalibrationError, InputError, Reason
 from visuohaptic.core.camera import Camera, Frame, Pose
-from visuohaptic.sensing.foam import FingerSensor, load_sensor
+from visuohaptic.sensing.foam import FingerSensor, load_foam_sensor
 from visuohaptic.sensing.foam.strip import FoamSensorConfig, TagView
 from visuohaptic.simulation.rendering import Occluder
 
@@ -231,8 +231,8 @@ def test_position_from_four_corners() -> None:
 def test_configuration(plain, tmp_path) -> None:
     _, sensor = plain
     path = sensor.setup.folder / "sensor.yaml"
-    assert isinstance(load_sensor(path), FingerSensor)
-    assert load_sensor(path).zero_reference is not None
+    assert isinstance(load_foam_sensor(path), FingerSensor)
+    assert load_foam_sensor(path).zero_reference is not None
     setup = FoamSensorConfig.load(path)
     setup.config.finger = None
     with pytest.raises(InputError, match="no section 'finger'"):

@@ -257,7 +257,7 @@ def test_wrong_use_says_so(material):
     e = np.array([0.01, 0.1])
     with pytest.raises(InputError, match="yield_strain must be positive and rise"):
         HysteresisLaw(e[::-1], e, e)
-    with pytest.raises(InputError, match="share and stress_Pa must be >= 0"):
+    with pytest.raises(InputError, match="fraction and stress_Pa must be >= 0"):
         HysteresisLaw(e, -e, e)
     with pytest.raises(InputError, match="expected three equal ones"):
         HysteresisLaw(e, e[:1], e)

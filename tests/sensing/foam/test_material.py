@@ -68,7 +68,7 @@ def test_stress_stays_physical(material):
                     "relative_sigma": 0.1,
                 }
             },
-            "share and stress_Pa must be >= 0",
+            "fraction and stress_Pa must be >= 0",
         ),
         ({"tension": {"ratio": 9, "sigma": 0}}, "tension.ratio"),
         (

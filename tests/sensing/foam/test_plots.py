@@ -79,7 +79,7 @@ def test_refusals_leave_no_file(tmp_path, press):
     )
     with pytest.raises(CalibrationError, match="unsuitable"):
         run(bad, "--out", tmp_path / "foam.yaml")
-    with pytest.raises(InputError, match=r"cannot be written as a picture"):
+    with pytest.raises(InputError, match=r"cannot be written as an image"):
         run(press, "--out", tmp_path / "foam.yaml", "--plot", tmp_path / "foam.xyz")
     assert not (tmp_path / "foam.yaml").exists()
 

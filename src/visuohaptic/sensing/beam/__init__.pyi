@@ -18,8 +18,8 @@ from .mechanics import shortening as shortening
 from .mechanics import stress_ratio as stress_ratio
 from .observation import RelativePoses as RelativePoses
 from .observation import SectionMotion as SectionMotion
+from .observation import TemplateMeasurement as TemplateMeasurement
 from .observation import TemplateObservation as TemplateObservation
-from .observation import TemplatePose as TemplatePose
 from .observation import relative_poses as relative_poses
 from .observation import section_motion as section_motion
 from .records import POSE_COLUMNS as POSE_COLUMNS

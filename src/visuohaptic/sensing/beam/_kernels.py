@@ -115,6 +115,8 @@ def rod_jacobian(
 
     Parameters
     ----------
+    base, stiffness, stations, steps, out
+        As in :func:`integrate_rod`.
     step
         Half step of the central difference of each component, (6,).
     jacobian

@@ -4,8 +4,8 @@ The data fit E of ``g = (I + E) f + b`` row by row (ridge regression): f the
 known loads, g what the beam model makes of the observations, b a zero that
 need not be exact. The prior of E is what the tolerances of the parts allow, so
 that axes which were not loaded keep the analytic beam with honest sigmas. The
-data are judged by the fit *without* the prior: bad data can't hide behind it,
-and a beam that is not the one of the data sheet is told, not blended.
+data are judged by the fit *without* the prior: bad data cannot hide behind it,
+and a beam that is not the one of the data sheet is reported, not blended.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 MIN_ROWS, MIN_LOADED = 8, 4
 #: Of the load range: largest scatter of the unloaded rows, and largest residual.
 MAX_WANDER, MAX_RESIDUAL = 0.05, 0.05
-#: Smallest share of the variance that a line through the data of a loaded axis explains.
+#: Smallest fraction of the variance that a line through the data of a loaded axis explains.
 MIN_EXPLAINED = 0.95
 #: Residuals beyond this many robust standard deviations are mistakes, not noise.
 OUTLIER = 7.0
@@ -48,7 +48,7 @@ class BeamCalibration:
     residual: Float[np.ndarray, "n 6"]  #: read by the calibrated sensor less applied [N, Nm]
     residual_rms: Float[np.ndarray, "6"]
     uncalibrated_rms: Float[np.ndarray, "6"]  #: the same with the data sheet alone
-    explained: Float[np.ndarray, "6"]  #: share of the variance, NaN for axes that were not loaded
+    explained: Float[np.ndarray, "6"]  #: fraction of the variance, NaN for axes that were not loaded
     zero: Float[np.ndarray, "6"]  #: b, what the unloaded sensor reads [N, Nm]
     notes: tuple[str, ...] = ()
 
@@ -71,12 +71,16 @@ def calibrate_beam(
     load_tolerance: float = 0.002,
     prior: Correction | None = None,
 ) -> BeamCalibration:
-    """Fit the correction, or refuse.
+    """Fit the correction of a beam to known loads, or refuse.
 
     Parameters
     ----------
     record
         Known loads and readings, or known loads and motions of the cross section at ``xi``.
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of the cross section whose motion was observed.
     load_tolerance
         Relative standard deviation of the known loads, all alike (weights, g, lever arm).
     prior
@@ -131,7 +135,17 @@ def calibrate_beam(
 
 
 def model_wrenches(record: LoadRecord, beam: Beam, xi: float) -> Float[np.ndarray, "n 6"]:
-    """What the beam model makes of each observation."""
+    """Wrenches that the beam model assigns to the observations.
+
+    Parameters
+    ----------
+    record
+        Known loads with readings or with motions of a cross section.
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of that cross section.
+    """
     if record.kind == "wrench":
         return record.observed
     # One section with six observations for six unknowns: the weights do not matter.
@@ -193,7 +207,7 @@ def _free_fit(
 def _refuse_noise(
     record: LoadRecord, read: np.ndarray, rest: np.ndarray, loaded: np.ndarray, span: np.ndarray
 ) -> Float[np.ndarray, "6"]:
-    """Refuse data that no linear sensor explains; returns the explained share of the variance."""
+    """Refuse data that no linear sensor explains; returns the explained fraction of the variance."""
     total = ((read - read.mean(axis=0)) ** 2).sum(axis=0)
     explained = np.where(loaded, 1 - (rest**2).sum(axis=0) / np.maximum(total, 1e-300), np.nan)
     fraction = np.sqrt((rest**2).mean(axis=0)) / span

@@ -69,6 +69,11 @@ class BeamSensorConfig(Section):
     def load(cls, path: Path | str) -> BeamSetup:
         """Read the file and the beam that it names.
 
+        Parameters
+        ----------
+        path
+            ``sensor.yaml`` with ``kind: beam``.
+
         Raises
         ------
         InputError
@@ -104,7 +109,18 @@ class BeamSensorConfig(Section):
 
 
 def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
-    """Read ``beam.yaml``: the parts, and the calibration if there was one."""
+    """Read ``beam.yaml``: the parts, and the calibration if there was one.
+
+    Parameters
+    ----------
+    path
+        ``beam.yaml``.
+
+    Returns
+    -------
+    tuple of Beam and Correction or None
+        The parts, and the calibration if there was one.
+    """
     data = load_yaml_model(path, _BeamFile)
     known = {entry.name for entry in fields(Beam)}
     unknown = sorted(set(data.beam) - known)
@@ -129,7 +145,17 @@ def load_beam(path: Path | str) -> tuple[Beam, Correction | None]:
 
 
 def save_beam(path: Path | str, beam: Beam, correction: Correction | None = None) -> None:
-    """Write ``beam.yaml``, whole or not at all."""
+    """Write ``beam.yaml``, whole or not at all.
+
+    Parameters
+    ----------
+    path
+        Where to write.
+    beam
+        Parts of the sensor and their tolerances.
+    correction
+        From :func:`calibrate_beam`; None: not calibrated.
+    """
     data: dict[str, Any] = {"kind": "beam_material", "beam": {k: float(v) for k, v in asdict(beam).items()}}
     if correction is not None:
         data["calibration"] = {

@@ -33,16 +33,34 @@ class Correction:
     calibrated: bool = False
 
     def apply(self, model_wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
-        """True wrench from that of the beam model."""
+        """True wrench from that of the beam model.
+
+        Parameters
+        ----------
+        model_wrench
+            (F, M) at the tip, frame S, that the beam model explains [N, Nm].
+        """
         return np.linalg.solve(np.eye(6) + self.matrix, model_wrench)
 
     def transform(self, covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
-        """Covariance of the true wrench from that of the beam model's."""
+        """Covariance of the true wrench from that of the beam model's.
+
+        Parameters
+        ----------
+        covariance
+            Covariance of the model's wrench [N, Nm].
+        """
         inverse = np.linalg.inv(np.eye(6) + self.matrix)
         return inverse @ covariance @ inverse.T
 
     def covariance(self, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6 6"]:
-        """Covariance of a true wrench by what is not known of E."""
+        """Covariance of a true wrench by what is not known of E.
+
+        Parameters
+        ----------
+        wrench
+            True wrench (F, M) [N, Nm].
+        """
         return self.transform(np.diag(np.einsum("kij,i,j->k", self.row_covariance, wrench, wrench)))
 
 
@@ -52,7 +70,12 @@ def prior_correction(beam: Beam) -> Correction:
     One part at a time is changed by its tolerance, and the change of
     C_0^-1 C at the tip is the effect on E; the effects add as independent.
     1 mm in 12 cm of length is 2.5 % of F if the moment is known, and 5 % if F
-    and M are told apart by deflection and slope.
+    and M are distinguished by deflection and slope.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
     """
     nominal = np.linalg.inv(compliance(beam, 1.0))
     effects = []

@@ -46,11 +46,17 @@ def estimate_wrench(
 
     Parameters
     ----------
+    beam
+        Parts of the sensor and their tolerances.
+    motion
+        Observed motion of n cross sections with its covariances.
     model
-        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and
-        the shortening taken out of d_X. ``exact``: the large-deflection rod.
-        ``auto``: linear, unless the exact rod says that this is off by more
-        than ``linear_limit`` standard deviations in any component.
+        ``linear``: Eq. (3.4) at every template with the slopes of Sec. 3.4, and the shortening taken out of
+        d_X. ``exact``: the large-deflection rod. ``auto``: linear, unless the exact rod says that this is off
+        by more than ``linear_limit`` standard deviations in any component.
+    linear_limit
+        Error of the linear beam, in standard deviations of any component, from which on the exact rod is
+        used.
 
     Raises
     ------
@@ -64,14 +70,15 @@ def estimate_wrench(
         whiten = np.linalg.inv(np.linalg.cholesky(motion.covariance + np.diag(setup)))
     except np.linalg.LinAlgError as error:
         raise InputError("motion", "its covariance is not positive definite") from error
-    start, gain, residual, freedom = _linear(beam, motion, whiten)
+    weights = _Weights(motion, setup, whiten)
+    start, gain, residual = _linear(beam, motion, whiten)
     if model == "linear":
         moment = base_wrench(beam, start)[3:]
         stress = max(stress_ratio(beam, moment, start[0]), stress_ratio(beam, start[3:], start[0]))
-        return _estimate(start, gain, motion, setup, False, whiten, residual, freedom, stress)
-    exact = _exact(beam, motion, setup, whiten, start)
+        return weights.estimate(start, gain, residual, stress, exact=False)
+    exact = _exact(beam, weights, start)
     if model == "auto":
-        linear = _estimate(start, gain, motion, setup, False, whiten, residual, freedom, exact.stress)
+        linear = weights.estimate(start, gain, residual, exact.stress, exact=False)
         sigma = np.sqrt(np.diag(exact.noise + exact.zero))
         if (np.abs(exact.wrench - start) <= linear_limit * sigma).all():
             return linear
@@ -79,13 +86,25 @@ def estimate_wrench(
 
 
 def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]:
-    """What templates may contradict each other by, because they are not exactly where they are said to be.
+    """Variance by which templates may contradict each other, because they are not exactly where they are declared.
 
     Grows with the load: a template that sits ``place_tolerance_m`` further along
     the rod moves by the slope times that and turns by the curvature times that;
-    a share ``shape_tolerance`` of each motion is left for all other causes.
+    a fraction ``shape_tolerance`` of each motion is left for all other causes.
     Without it the weights of a tracker of micrometres would turn half a
     millimetre of misplacement into newtons.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    motion
+        Observed motion of n cross sections.
+
+    Returns
+    -------
+    ndarray, shape (6n,)
+        Variances of (d, phi) of each section [m^2, rad^2].
     """
     vector = motion.vector.reshape(-1, 2, 3)
     size = np.linalg.norm(vector, axis=2)
@@ -98,8 +117,8 @@ def setup_variance(beam: Beam, motion: SectionMotion) -> Float[np.ndarray, "6n"]
 
 def _linear(
     beam: Beam, motion: SectionMotion, whiten: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Generalised least squares with Eq. (3.4); returns wrench, gain, residual and degrees of freedom."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Generalised least squares with Eq. (3.4); returns wrench, gain and residual."""
     matrix = np.vstack([compliance(beam, float(xi)) for xi in motion.xi])
     rotation = motion.rotation
     # Slopes as in Sec. 3.4; the sign of phi_Y is that of mechanics.py.
@@ -115,13 +134,12 @@ def _linear(
         lifted = observed.copy()
         lifted[::6] += [shortening(beam, float(xi), wrench) for xi in motion.xi]
         wrench = gain @ lifted
-    return wrench, gain, lifted - matrix @ wrench, len(observed) - 6
+    return wrench, gain, lifted - matrix @ wrench
 
 
-def _exact(
-    beam: Beam, motion: SectionMotion, setup: np.ndarray, whiten: np.ndarray, start: np.ndarray
-) -> BeamEstimate:
+def _exact(beam: Beam, weights: _Weights, start: np.ndarray) -> BeamEstimate:
     """Gauss-Newton on the base wrench, with step halving."""
+    motion, whiten = weights.motion, weights.whiten
     order = np.argsort(motion.xi, kind="stable")
     back = np.argsort(order, kind="stable")
     rest = np.zeros((len(order), 3))
@@ -160,29 +178,29 @@ def _exact(
     white = whiten @ (jacobian * scale)
     gain = to_tip @ (scale[:, None] * (np.linalg.pinv(white) @ whiten))
     stress = max(stress_ratio(beam, base[3:], base[0]), stress_ratio(beam, wrench[3:], base[0]))
-    return _estimate(wrench, gain, motion, setup, True, whiten, residual, len(residual) - 6, stress)
+    return weights.estimate(wrench, gain, residual, stress, exact=True)
 
 
-def _estimate(
-    wrench: np.ndarray,
-    gain: np.ndarray,
-    motion: SectionMotion,
-    setup: np.ndarray,
-    exact: bool,
-    whiten: np.ndarray,
-    residual: np.ndarray,
-    freedom: int,
-    stress: float,
-) -> BeamEstimate:
-    chi2 = float(((whiten @ residual) ** 2).sum())
-    return BeamEstimate(
-        wrench,
-        gain @ motion.noise @ gain.T,
-        gain @ motion.zero @ gain.T,
-        (gain * setup) @ gain.T,
-        exact,
-        chi2,
-        freedom,
-        residual,
-        stress,
-    )
+@dataclass(frozen=True, slots=True, eq=False)
+class _Weights:
+    """An observed motion, and what its components may differ by."""
+
+    motion: SectionMotion
+    setup: Float[np.ndarray, "6n"]  #: variance by templates that are not exactly where they are said to be
+    whiten: Float[np.ndarray, "6n 6n"]
+
+    def estimate(
+        self, wrench: np.ndarray, gain: np.ndarray, residual: np.ndarray, stress: float, *, exact: bool
+    ) -> BeamEstimate:
+        """The estimate with its covariances, from the gain of the least squares."""
+        return BeamEstimate(
+            wrench,
+            gain @ self.motion.noise @ gain.T,
+            gain @ self.motion.zero @ gain.T,
+            (gain * self.setup) @ gain.T,
+            exact,
+            float(((self.whiten @ residual) ** 2).sum()),
+            len(residual) - 6,
+            residual,
+            stress,
+        )

@@ -49,7 +49,7 @@ class Beam:
     spring_tolerance: float = 0.1  #: relative, of both spring constants
     alignment_tolerance_rad: float = 0.01  #: of the axes of S against the rod
     place_tolerance_m: float = 0.0005  #: of the templates along the rod
-    shape_tolerance: float = 0.002  #: other deviations from the shape of a rod, share of the motion
+    shape_tolerance: float = 0.002  #: other deviations from the shape of a rod, fraction of the motion
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -115,6 +115,13 @@ def compliance(beam: Beam, xi: float) -> Float[np.ndarray, "6 6"]:
     spring of Sec. 3.4 in series with the rod's own stretch and twist, which
     the text leaves out (a 12 cm rod twists by 15 times less than a force
     bends it, but as much as its spring).
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of the cross section.
     """
     if not 0 < xi <= 1:
         raise InputError("xi", f"found {xi:g}, expected 0 < xi <= 1")
@@ -138,6 +145,13 @@ def plane_inverse(beam: Beam, xi: float) -> Float[np.ndarray, "2 2"]:
     The slope is with respect to xi = x / L; a slope read from a rotation is
     dw/dx and has to be multiplied by L. Kept as the published method; the
     sensor itself weighs all templates by their covariance.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of the template.
     """
     length = beam.length_m
     scale = 2 * beam.bending_Nm2 / (length**2 * xi**2)
@@ -145,12 +159,21 @@ def plane_inverse(beam: Beam, xi: float) -> Float[np.ndarray, "2 2"]:
 
 
 def shortening(beam: Beam, xi: float, wrench: Float[np.ndarray, "6"]) -> float:
-    """How far the bent rod draws the cross section at xi back along X [m], to second order.
+    """Shift of the cross section at xi towards the clamp, along X, by the bending of the rod [m]; second order.
 
     Half the integral of the squared slopes of Eq. (3.4) from the clamp to x;
     the dissertation leaves it out and sees it as crosstalk to F_X (figure 3.8).
     With slope(u) = a u - b u^2, u = x / L, the integral is
     L (a^2 xi^3 / 3 - a b xi^4 / 2 + b^2 xi^5 / 5).
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    xi
+        Place x / L of the cross section.
+    wrench
+        (F, M) at the tip, frame S [N, Nm].
     """
     length, ei = beam.length_m, beam.bending_Nm2
     total = 0.0
@@ -166,6 +189,8 @@ def stress_ratio(beam: Beam, moment_Nm: Float[np.ndarray, "3"], axial_N: float =
 
     Parameters
     ----------
+    beam
+        Parts of the sensor and their tolerances.
     moment_Nm
         Moment in a cross section whose normal is close to X [Nm].
     axial_N

@@ -23,8 +23,8 @@ from ...core.measurement import Reason
 __all__ = [
     "RelativePoses",
     "SectionMotion",
+    "TemplateMeasurement",
     "TemplateObservation",
-    "TemplatePose",
     "relative_poses",
     "section_motion",
 ]
@@ -46,7 +46,7 @@ class TemplateObservation(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TemplatePose:
+class TemplateMeasurement:
     """Pose of one named template in one frame."""
 
     name: str
@@ -56,8 +56,16 @@ class TemplatePose:
     reason: Reason = Reason.OK
 
     @classmethod
-    def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplatePose:
-        """A template that is not seen."""
+    def missing(cls, name: str, reason: Reason = Reason.LOST) -> TemplateMeasurement:
+        """A template that is not seen.
+
+        Parameters
+        ----------
+        name
+            Name of the template.
+        reason
+            Why it is not seen.
+        """
         return cls(name, None, np.full((6, 6), np.nan), False, reason)
 
 
@@ -71,7 +79,13 @@ class RelativePoses:
     shared: Float[np.ndarray, "6n 6"]  #: d(poses) / d(reference), of the part that is in common
 
     def select(self, names: Sequence[str]) -> RelativePoses:
-        """Only these, in this order."""
+        """Some of the templates, in a given order.
+
+        Parameters
+        ----------
+        names
+            Their names.
+        """
         places = [self.names.index(name) for name in names]
         rows = np.concatenate([6 * place + np.arange(6) for place in places])
         return RelativePoses(
@@ -112,6 +126,15 @@ def relative_poses(
 
     With t = R_R^T (t_A - t_R) and R = R_R^T R_A,
     dt = R_R^T (dt_A - dt_R - dr_R x (t_A - t_R)) and dr = R_R^T (dr_A - dr_R).
+
+    Parameters
+    ----------
+    reference
+        ``T_camera_reference``, pose of the reference template.
+    reference_covariance
+        Its covariance, axes of the camera [m, rad].
+    templates
+        Templates on the rod, all valid.
     """
     turn = np.kron(np.eye(2), reference.rotation.T)
     poses, own, shared = [], [], []
@@ -149,6 +172,17 @@ def section_motion(
     mount; with the present pose the mount gives the section. A section at q in
     the reference template sits at o = R_0^T (q - t_0) in the template, and is
     now at x = R o + t.
+
+    Parameters
+    ----------
+    now, rest
+        Poses in the reference template, now and while nothing touches the sensor.
+    xi
+        Place x / L of each template on the rod, by name.
+    T_reference_sensor
+        Pose of frame S in the reference template.
+    length_m
+        Length L of the rod [m].
     """
     rest = rest.select(now.names)
     turn = T_reference_sensor.rotation.T

@@ -15,7 +15,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import CalibrationError, InputError
 from ...core.files import read_text
 from ...core.measurement import Reason
-from .observation import TemplatePose
+from .observation import TemplateMeasurement
 
 __all__ = ["POSE_COLUMNS", "LoadRecord", "read_loads", "read_template_poses", "write_template_poses"]
 
@@ -61,6 +61,8 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
 
     Parameters
     ----------
+    path
+        The CSV file.
     angles
         Unit of columns ``roll, pitch, yaw`` without one.
 
@@ -75,8 +77,8 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     if len(index) != len(names):
         raise CalibrationError(path, "found a column twice", field="header")
 
-    def columns(wanted: Iterable[str]) -> np.ndarray:
-        missing = [name for name in wanted if name not in index]
+    def columns(requested: Iterable[str]) -> np.ndarray:
+        missing = [name for name in requested if name not in index]
         if missing:
             raise CalibrationError(
                 path,
@@ -84,7 +86,7 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
                 field="header",
                 remedy="give fx_N ... mz_Nm and read_fx_N ... read_mz_Nm, or x_m y_m z_m rx_rad ry_rad rz_rad",
             )
-        places = [index[name] for name in wanted]
+        places = [index[name] for name in requested]
         return np.array(
             [
                 [_number(path, line, names[k], cells[k], CalibrationError) for k in places]
@@ -120,8 +122,18 @@ def read_loads(path: Path | str, *, angles: Literal["deg", "rad"] | None = None)
     return LoadRecord(load, np.hstack([place, turn]), "motion", line, str(path))
 
 
-def write_template_poses(path: Path | str, frames: Iterable[tuple[float, Iterable[TemplatePose]]]) -> None:
-    """Write poses of templates, one row per frame and template."""
+def write_template_poses(
+    path: Path | str, frames: Iterable[tuple[float, Iterable[TemplateMeasurement]]]
+) -> None:
+    """Write poses of templates, one row per frame and template.
+
+    Parameters
+    ----------
+    path
+        Where to write the CSV file.
+    frames
+        Time [s] and templates of each frame.
+    """
     from ...core.files import atomic_path
 
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as stream:
@@ -140,8 +152,13 @@ def write_template_poses(path: Path | str, frames: Iterable[tuple[float, Iterabl
                 writer.writerow([*head, *(repr(float(value)) for value in (*numbers, *upper))])
 
 
-def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplatePose]]]:
+def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[TemplateMeasurement]]]:
     """Frames (t_s, templates) of a file of :func:`write_template_poses`; rows of a frame stand together.
+
+    Parameters
+    ----------
+    path
+        The file.
 
     Raises
     ------
@@ -153,7 +170,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
         raise InputError(path, f"found columns {', '.join(names)[:80]}", field="header",
                          remedy=f"expected {', '.join(POSE_COLUMNS[:11])}, c00 ... c55")  # fmt: skip
     now: float | None = None
-    frame: list[TemplatePose] = []
+    frame: list[TemplateMeasurement] = []
     for line, cells in rows:
         t_s = _number(path, line, "t_s", cells[0], InputError)
         if now is not None and t_s != now:
@@ -165,7 +182,7 @@ def read_template_poses(path: Path | str) -> Iterator[tuple[float, list[Template
         yield now, frame
 
 
-def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
+def _template(path: Path | str, line: int, cells: list[str]) -> TemplateMeasurement:
     name, valid = cells[1].strip(), cells[2].strip().lower()
     try:
         reason = Reason(cells[3].strip())
@@ -175,7 +192,7 @@ def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
     if valid not in ("true", "false"):
         raise InputError(path, f"found {valid[:20]!r}, expected true or false", field=f"line {line}: valid")
     if valid == "false":
-        return TemplatePose.missing(name, reason if reason is not Reason.OK else Reason.LOST)
+        return TemplateMeasurement.missing(name, reason if reason is not Reason.OK else Reason.LOST)
     numbers = np.array([
         _number(path, line, POSE_COLUMNS[k], cells[k], InputError) for k in range(4, len(POSE_COLUMNS))
     ])  # fmt: skip
@@ -188,7 +205,7 @@ def _template(path: Path | str, line: int, cells: list[str]) -> TemplatePose:
         pose = Pose.from_quaternion(numbers[3:7], numbers[:3])
     except InputError as error:
         raise InputError(path, error.problem, field=f"line {line}: qx") from error
-    return TemplatePose(name, pose, covariance)
+    return TemplateMeasurement(name, pose, covariance)
 
 
 def _table(path: Path | str, error: type[InputError]) -> tuple[list[str], list[tuple[int, list[str]]]]:

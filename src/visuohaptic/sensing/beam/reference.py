@@ -25,7 +25,7 @@ class SteadyReference:
     frames
         Frames in the mean, at most; older ones fade.
     patience
-        Deviating frames in a row after which the new place is believed.
+        Deviating frames in a row after which the new place is accepted.
     """
 
     #: Mahalanobis distance squared, 6 degrees of freedom, that one good frame in ten million exceeds.
@@ -44,7 +44,15 @@ class SteadyReference:
         self._held = True
 
     def update(self, pose: Pose, covariance: Float[np.ndarray, "6 6"]) -> Reason:
-        """Take in one pose; ``moved`` when it does not fit to those before."""
+        """Take in one pose; ``moved`` when it does not fit to those before.
+
+        Parameters
+        ----------
+        pose
+            ``T_camera_reference`` in one frame.
+        covariance
+            Its covariance, axes of the camera [m, rad].
+        """
         if self._held:
             return Reason.OK
         if self.pose is None:

@@ -52,10 +52,12 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
 
     Parameters
     ----------
+    beam
+        Parts of the sensor and their tolerances.
     base
         (F, m_0) [N, Nm].
     xi
-        Rising positions x / L of the cross sections wanted.
+        Rising positions x / L of the requested cross sections.
     """
     xi = np.asarray(xi, dtype=np.float64)
     if len(xi) and (xi.min() < 0 or xi.max() > 1 or np.any(np.diff(xi) < 0)):
@@ -79,13 +81,30 @@ def rod_from_base(beam: Beam, base: Float[np.ndarray, "6"], xi: Float[np.ndarray
 
 
 def base_wrench(beam: Beam, wrench: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
-    """(F, m_0) of a straight rod under a wrench at its tip: the start of Newton's method."""
+    """(F, m_0) of a straight rod under a wrench at its tip: the start of Newton's method.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    wrench
+        (F, M) at the tip, frame S [N, Nm].
+    """
     wrench = np.asarray(wrench, dtype=np.float64)
     return np.concatenate([wrench[:3], wrench[3:] + np.cross([beam.length_m, 0.0, 0.0], wrench[:3])])
 
 
 def bend_rod(beam: Beam, wrench: Float[np.ndarray, "6"], xi: Float[np.ndarray, "n"]) -> RodShape:
     """Shape under a wrench at the tip, by Newton's method on the moment in the clamp.
+
+    Parameters
+    ----------
+    beam
+        Parts of the sensor and their tolerances.
+    wrench
+        (F, M) at the tip, frame S [N, Nm].
+    xi
+        Rising positions x / L of the cross sections.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The beam sensor: template poses in, wrenches out, and a reason wherever they can't be trusted."""
+"""The beam sensor: template poses in, wrenches out, and a reason wherever they cannot be trusted."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class BeamSetup:
     stress_limit: float = 0.9  #: fraction of the yield stress beyond which the sensor is saturated
     max_age_s: float = 0.2  #: an older frame is stale
     zero_path: Path | None = None
-    camera_path: Path | None = None  #: needed to read from pictures
+    camera_path: Path | None = None  #: needed to read from images
     templates_path: Path | None = None  #: folder of the templates, for the same
 
     def __post_init__(self) -> None:
@@ -110,6 +110,11 @@ class BeamSensor:
     def zero(self, frames: Iterable[tuple[float, Sequence[TemplateObservation]]]) -> BeamZero:
         """Take the zero from frames (t_s, templates) of a sensor that nothing touches.
 
+        Parameters
+        ----------
+        frames
+            Time [s] and templates of each frame.
+
         Raises
         ------
         CalibrationError
@@ -170,7 +175,7 @@ class BeamSensor:
         self,
         templates: Sequence[TemplateObservation],
         steady: SteadyReference | None,
-        wanted: set[str] | None = None,
+        requested: set[str] | None = None,
     ) -> tuple[RelativePoses | None, Reason]:
         """Poses in the reference template; without them the reason why, with them why not to trust them."""
         by_name = {template.name: template for template in templates}
@@ -189,7 +194,7 @@ class BeamSensor:
             return None, reference.reason if reference and not reference.valid else Reason.LOST
         else:
             pose, covariance = reference.T_camera_template, reference.covariance
-        names = [name for name in self.setup.xi if wanted is None or name in wanted]
+        names = [name for name in self.setup.xi if requested is None or name in requested]
         there = [by_name[name] for name in names if name in by_name and by_name[name].valid]
         if not there:
             reasons = [by_name[name].reason for name in names if name in by_name]
@@ -224,7 +229,7 @@ class BeamSensor:
         zero = zero + self.watch.covariance
         misplaced, calibration = self.correction.transform(found.setup), self.correction.covariance(wrench)
         # Templates that disagree, but not enough to be refused: one of them may have come loose. Noise
-        # explains that rarely, so that the reading is believed less by as much.
+        # explains that rarely, so that the covariance grows by as much.
         surprise = found.chi2 / _quantile(found.freedom, _SURPRISE)
         if surprise > 1:
             misplaced = misplaced + (surprise - 1) * (noise + zero + misplaced)

@@ -9,6 +9,7 @@ from pathlib import Path
 from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.errors import CalibrationError, InputError
+from ...core.measurement import Reason
 from ...core.resources import Closing
 from ...tracking.templates.template import Template, load_templates
 from ...tracking.templates.template_tracker import TemplatePose, TemplateTracker
@@ -29,9 +30,24 @@ class TrackedReading:
     reading: BeamReading
     templates: tuple[TemplatePose, ...]  #: the reference and those on the rod; with reasons where lost
 
+    @property
+    def t_s(self) -> float:
+        """Time of the frame [s]."""
+        return self.reading.wrench.t_s
+
+    @property
+    def valid(self) -> bool:
+        """Whether the wrench can be trusted."""
+        return self.reading.wrench.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; ``ok`` when valid."""
+        return self.reading.wrench.reason
+
 
 class TrackedBeam(Closing):
-    """A beam sensor that looks at pictures.
+    """A beam sensor that reads camera frames.
 
     Parameters
     ----------
@@ -61,21 +77,28 @@ class TrackedBeam(Closing):
         threaded: bool = False,
     ) -> None:
         by_name = {template.name: template for template in templates}
-        wanted = [setup.reference, *setup.xi]
-        missing = [name for name in wanted if name not in by_name]
+        requested = [setup.reference, *setup.xi]
+        missing = [name for name in requested if name not in by_name]
         if missing:
             raise InputError(
                 "templates",
                 f"found {', '.join(sorted(by_name)) or 'none'}; {', '.join(missing)} is missing",
-                remedy="name the pictures, or the tags in tags.yaml, as in sensor.yaml",
+                remedy="name the images, or the tags in tags.yaml, as in sensor.yaml",
             )
         self.sensor = BeamSensor(setup, zero)
         self.camera = camera
-        self.tracker = TemplateTracker([by_name[name] for name in wanted], camera, threaded=threaded)
+        self.tracker = TemplateTracker([by_name[name] for name in requested], camera, threaded=threaded)
 
     @classmethod
     def load(cls, path: Path | str, *, threaded: bool = False) -> TrackedBeam:
         """Read ``sensor.yaml`` and the files that it names; the zero where there is one.
+
+        Parameters
+        ----------
+        path
+            ``sensor.yaml``; the files that it names are relative to its folder.
+        threaded
+            Look for lost templates in a thread, so that a frame never waits (live use).
 
         Raises
         ------
@@ -86,7 +109,7 @@ class TrackedBeam(Closing):
         for field, found in (("camera", setup.camera_path), ("templates_folder", setup.templates_path)):
             if found is None:
                 raise InputError(
-                    path, "is needed to read from pictures", field=field, remedy="add it, or give --poses"
+                    path, "is needed to read from images", field=field, remedy="add it, or give --poses"
                 )
         assert setup.camera_path is not None
         assert setup.templates_path is not None
@@ -96,8 +119,18 @@ class TrackedBeam(Closing):
         camera, templates = Camera.load(setup.camera_path), load_templates(setup.templates_path)
         return cls(setup, templates, camera, zero, threaded=threaded)
 
+    @property
+    def zeroed(self) -> bool:
+        """Whether it has resting poses."""
+        return self.sensor.zero_reference is not None
+
     def zero(self, frames: Iterable[Frame]) -> BeamZero:
         """Take the zero from frames of a sensor that nothing touches.
+
+        Parameters
+        ----------
+        frames
+            Frames of the untouched sensor.
 
         Raises
         ------
@@ -115,7 +148,12 @@ class TrackedBeam(Closing):
         """Poses of the templates alone.
 
         Where the four corners do not fit a pose, the model of the camera or the print is worse
-        than the noise of the picture: the covariance grows by as much.
+        than the noise of the image: the covariance grows by as much.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         return tuple(
             replace(pose, covariance=pose.covariance * (pose.chi2 / _GOOD_CHI2))
@@ -125,9 +163,22 @@ class TrackedBeam(Closing):
         )
 
     def read(self, frame: Frame, *, now_s: float | None = None) -> TrackedReading:
-        """Wrench of one frame; ``now_s`` is the time at which it is read."""
+        """Wrench of one frame.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        now_s
+            Time at which it is read [s]; frames older than ``max_age_s`` are stale. None: never too old.
+        """
         templates = self.track(frame)
         return TrackedReading(self.sensor.read(frame.t_s, templates, now_s=now_s), templates)
+
+    def reset(self) -> None:
+        """Forget all frames, the drift and where the templates were; the zero stays."""
+        self.tracker.reset()
+        self.sensor.reset()
 
     def close(self) -> None:
         """End the tracker's thread."""

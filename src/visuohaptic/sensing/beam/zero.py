@@ -62,8 +62,14 @@ class BeamZero:
 
         Parameters
         ----------
+        t_s
+            Time of the last frame [s].
+        frames
+            Poses of the templates in the reference template, frame by frame.
         shared
             Covariance of a reference that was the same in all frames, and does not average out.
+        where
+            What error messages name.
 
         Raises
         ------
@@ -107,7 +113,13 @@ class BeamZero:
         return cls(t_s, len(whole), RelativePoses(tuple(names), tuple(means), mean_covariance, lever))
 
     def save(self, path: Path | str) -> None:
-        """Write as YAML, whole or not at all."""
+        """Write as YAML, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Where to write.
+        """
         templates = [
             {
                 "name": name,
@@ -123,7 +135,15 @@ class BeamZero:
 
     @classmethod
     def load(cls, path: Path | str, names: Sequence[str]) -> BeamZero:
-        """Read a file of :meth:`save`; ``names`` are the templates that the sensor knows."""
+        """Read a file of :meth:`save`.
+
+        Parameters
+        ----------
+        path
+            The file.
+        names
+            Templates that the sensor has on its rod.
+        """
         data = load_yaml_model(path, _ZeroFile)
         found = [template.name for template in data.templates]
         unknown = sorted(set(found) - set(names))
@@ -197,11 +217,18 @@ class BeamDriftSettings:
 
 
 class BeamZeroWatch:
-    """Follows what the sensor reads at rest, and tells when the zero has drifted away.
+    """Follows what the sensor reads at rest, and reports when the zero has drifted away.
 
-    A steady load below the resting band can't be told from drift and is taken
+    A steady load below the resting band cannot be distinguished from drift and is taken
     for it within some time constants; that is the price of a zero that follows
     the temperature.
+
+    Parameters
+    ----------
+    full_scale
+        Largest wrench of each axis [N, Nm].
+    settings
+        How the zero follows slow changes; the defaults without.
     """
 
     def __init__(self, full_scale: Float[np.ndarray, "6"], settings: BeamDriftSettings | None = None) -> None:
@@ -222,7 +249,15 @@ class BeamZeroWatch:
         return np.diag((0.1 * self.offset) ** 2)
 
     def update(self, t_s: float, wrench: Float[np.ndarray, "6"], sigma: Float[np.ndarray, "6"]) -> None:
-        """Look at one reading, before the offset is taken off."""
+        """Take in one reading, before the offset is subtracted.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        wrench, sigma
+            (F, M) at the tip and its standard deviation [N, Nm].
+        """
         elapsed = 0.0 if self._last_t is None else max(0.0, t_s - self._last_t)
         self._last_t = t_s
         left = np.abs(wrench - self.offset)

@@ -1,6 +1,8 @@
+from .deflection import Deflection as Deflection
+from .deflection import measure_deflection as measure_deflection
 from .finger import FingerReading as FingerReading
 from .finger import FingerSensor as FingerSensor
-from .finger import load_sensor as load_sensor
+from .finger import load_foam_sensor as load_foam_sensor
 from .material.boundary import BOUNDARIES as BOUNDARIES
 from .material.boundary import Boundary as Boundary
 from .material.boundary import calibrate_tension as calibrate_tension

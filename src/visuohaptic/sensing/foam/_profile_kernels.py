@@ -24,13 +24,13 @@ INSIDE, OUTSIDE = 6, 3
 
 
 @kernel
-def _total(sigma, doubt, zero_sigma, i):
+def _total(sigma, uncertainty, zero_sigma, i):
     """Standard deviation of one deflection, noise and systematic."""
-    return np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+    return np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + zero_sigma**2)
 
 
 @kernel
-def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, limit):
+def _end_variance(s, delta, sigma, uncertainty, stress, factor, height, end, side, limit):
     """Variance of a force by points at one end of its region that come and go with the noise [N^2].
 
     The region ends one point beyond the outermost one above its threshold. With the chance of each
@@ -51,7 +51,7 @@ def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, lim
     square = 0.0
     j = outermost
     for _ in range(INSIDE + OUTSIDE + 1):
-        threshold = EDGE_SIGMAS * _total(sigma, doubt, 0.0, j)
+        threshold = EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, j)
         above = 0.5 * math.erfc((threshold - delta[j]) / (math.sqrt(2.0) * max(sigma[j], 1e-12)))
         chance = open_still * above
         mean += chance * left_out
@@ -76,7 +76,7 @@ def _end_variance(s, delta, sigma, doubt, stress, factor, height, end, side, lim
 def _share(
     s, delta, stress, factor, weight, pressure, first, last, lo, hi, width, height, kappa, mode, force
 ):
-    """Share the force of a region out over its points by the Pasternak law; find where it touches."""
+    """Distribute the force of a region over its points by the Pasternak law; find where it touches."""
     highest = 0.0
     for j in range(first, last + 1):
         highest = max(highest, delta[j])
@@ -125,7 +125,7 @@ def integrate_regions(
     s,
     delta,
     sigma,
-    doubt,
+    uncertainty,
     index,
     factor,
     cell_before,
@@ -146,12 +146,37 @@ def integrate_regions(
 ):
     """Find contact regions and integrate stress, noise and derivatives over each.
 
-    All points given are valid; ``index`` is their number on the strip, so that a jump
-    in it is a gap. ``factor`` scales the stress (hysteresis). ``doubt`` is a systematic
-    error of each point. ``cell_before`` and ``cell_after`` are the lengths of foam beyond
-    the first and the last point. ``mode`` is the index in
-    ``BOUNDARIES``. Returns the number of regions, pressure, pressure sigma, the region
+    All points given are valid. Returns the number of regions, pressure, pressure sigma, the region
     table, the sums of basis functions per region, and the weight of each point [m].
+
+    Parameters
+    ----------
+    s, delta
+        Position along the strip and deflection of the seen points [m], (n,).
+    sigma, uncertainty
+        Noise and systematic error of each deflection [m], (n,).
+    index
+        Number of each point on the strip, (n,); a jump in it is a gap.
+    factor
+        Stress by the loading stress (hysteresis), (n,).
+    cell_before, cell_after
+        Length of foam beyond the first and the last point [m].
+    zero_sigma
+        Error that is common to all points [m].
+    width, height
+        Size of the strip along the compression and across the contour [m].
+    kappa
+        Ratio of the lateral tension.
+    mode
+        Index of the boundary law in ``BOUNDARIES``.
+    seed_pair, seed_single
+        Sigmas of two neighbours, and of one point, from which a region grows.
+    max_gap
+        Points that a gap within a region may lack.
+    knots, pieces, basis_pieces
+        Loading curve, as of :class:`~visuohaptic.sensing.foam.material.stress_curve.StressCurve`.
+    soft, soft_end
+        Softening at even strains from 0 [Pa], and the last of these strains.
     """
     n = len(s)
     terms = basis_pieces.shape[1]
@@ -175,7 +200,7 @@ def integrate_regions(
         slope[i] = b + x * (2 * c + 3 * x * d)
         stress[i] = a + x * (b + x * (c + x * d)) + slope[i] * max(eps - end, 0.0)
         pressure_sigma[i] = (
-            factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + doubt[i] ** 2 + zero_sigma**2)
+            factor[i] * slope[i] / width * np.sqrt(sigma[i] ** 2 + uncertainty[i] ** 2 + zero_sigma**2)
         )
     # Every point may be a region of its own, when all have long gaps between them.
     table = np.zeros((n, COLUMNS))
@@ -195,7 +220,7 @@ def integrate_regions(
         while i < n and delta[i] > 0.0:
             if i > first and index[i] - index[i - 1] > max_gap + 1:
                 break
-            scale = _total(sigma, doubt, zero_sigma, i)
+            scale = _total(sigma, uncertainty, zero_sigma, i)
             high = delta[i] > seed_pair * scale
             if delta[i] > seed_single * scale or (high and previous):
                 seeded = True
@@ -205,9 +230,9 @@ def integrate_regions(
         if not seeded:
             continue
         # Free foam that is off by its own error is no part of the contact.
-        while first < last and delta[first + 1] <= EDGE_SIGMAS * _total(sigma, doubt, 0.0, first + 1):
+        while first < last and delta[first + 1] <= EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, first + 1):
             first += 1
-        while last > first and delta[last - 1] <= EDGE_SIGMAS * _total(sigma, doubt, 0.0, last - 1):
+        while last > first and delta[last - 1] <= EDGE_SIGMAS * _total(sigma, uncertainty, 0.0, last - 1):
             last -= 1
         cut = 0.0
         # The trapezoid goes on to the neighbour outside, where the stress is zero.
@@ -285,15 +310,15 @@ def integrate_regions(
                 mode,
                 force,
             )
-        image = _end_variance(s, delta, sigma, doubt, stress, factor, height, first, -1, last)
-        image += _end_variance(s, delta, sigma, doubt, stress, factor, height, last, 1, first)
+        image = _end_variance(s, delta, sigma, uncertainty, stress, factor, height, first, -1, last)
+        image += _end_variance(s, delta, sigma, uncertainty, stress, factor, height, last, 1, first)
         systematic = 0.0
         zero = 0.0
         for j in range(first, last + 1):
             if mode == 0 and (j < touch_first or j > touch_last):
                 continue
             image += (gradient[j] * sigma[j]) ** 2
-            systematic += (gradient[j] * doubt[j]) ** 2
+            systematic += (gradient[j] * uncertainty[j]) ** 2
             zero += gradient[j]
             eps = delta[j] / width
             x = min(eps, end) - knots[piece_of[j]]

@@ -1,4 +1,4 @@
-"""The gripper variant: the strip rides on a finger, the reference contour tells where the finger is.
+"""The gripper variant: the strip rides on a finger, the reference contour shows where the finger is.
 
 Alt 2016, Sec. 3.3 and 3.6.4.
 """
@@ -14,13 +14,13 @@ from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.errors import CalibrationError, InputError
-from ...core.measurement import ForceProfile
+from ...core.measurement import ForceProfile, Reason
 from .sensor import FoamSensor
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.finger_optics import FingerOptics, FingerPosition
 from .strip.zero import ZeroReference
 
-__all__ = ["FingerReading", "FingerSensor", "load_sensor"]
+__all__ = ["FingerReading", "FingerSensor", "load_foam_sensor"]
 
 #: A finger that moves by more than this while it is zeroed does not stand still [m].
 _STILL_M = 2e-4
@@ -35,6 +35,21 @@ class FingerReading:
     #: Front contour in the fixed frame (frame F at position 0), NaN where it was not seen.
     contour_m: Float[np.ndarray, "K 2"]
 
+    @property
+    def t_s(self) -> float:
+        """Time of the frame [s]."""
+        return self.profile.t_s
+
+    @property
+    def valid(self) -> bool:
+        """Whether force and position can be trusted."""
+        return self.profile.valid and self.finger.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; that of the force first."""
+        return self.profile.reason if not self.profile.valid or self.finger.valid else Reason.LOST
+
 
 class FingerSensor(FoamSensor):
     """A foam sensor on a finger that moves along a line in front of a fixed camera.
@@ -43,7 +58,14 @@ class FingerSensor(FoamSensor):
     ``T_camera_foam`` without a tag); from then on the reference contour is followed
     from frame to frame. The tag is searched again when the contour is lost, and compared
     with it once in a while. A camera that turns or shifts across the axis makes frames invalid
-    (``moved``); a shift along the axis cannot be told from a motion of the finger.
+    (``moved``); a shift along the axis cannot be distinguished from a motion of the finger.
+
+    Parameters
+    ----------
+    setup
+        Configuration with a section ``finger``, and all that it names.
+    zero
+        The strip at rest; without it every frame is ``not_zeroed``.
 
     Examples
     --------
@@ -71,6 +93,13 @@ class FingerSensor(FoamSensor):
 
     def zero(self, frames: Iterable[Frame], *, limit: int = 60) -> ZeroReference:
         """Take the zero reference while nothing touches the strip and the finger stands still.
+
+        Parameters
+        ----------
+        frames
+            Frames of a strip that nothing touches.
+        limit
+            No more than this many frames are read.
 
         Raises
         ------
@@ -102,17 +131,36 @@ class FingerSensor(FoamSensor):
         return zero
 
     def read_finger(self, frame: Frame) -> FingerReading:
-        """Force, position of the finger, and the contour in the fixed frame."""
+        """Force, position of the finger, and the contour in the fixed frame.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        """
         profile = self.read(frame)
         geometry = self.setup.geometry
         front = geometry.front_m - profile.delta_m[:, None] * geometry.outward
         return FingerReading(profile, self.finger, front + self.finger.position_m * self.axis_foam[:2])
 
 
-def load_sensor(path: Path | str) -> FoamSensor:
-    """The sensor that ``sensor.yaml`` describes: a :class:`FingerSensor` if it has a section ``finger``."""
+def load_foam_sensor(path: Path | str) -> FoamSensor:
+    """The foam sensor that ``sensor.yaml`` describes, with its zero reference if there is one.
+
+    Parameters
+    ----------
+    path
+        The file; those that it names are relative to its folder.
+
+    Returns
+    -------
+    FoamSensor
+        A :class:`FingerSensor` if the file has a section ``finger``.
+
+    Raises
+    ------
+    InputError
+        A file or field cannot be used.
+    """
     setup = FoamSensorConfig.load(path)
-    zero = None
-    if setup.zero_path.exists():
-        zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
-    return FingerSensor(setup, zero) if setup.config.finger is not None else FoamSensor(setup, zero)
+    return (FingerSensor if setup.config.finger is not None else FoamSensor).of_setup(setup)

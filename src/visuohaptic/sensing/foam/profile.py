@@ -36,7 +36,7 @@ MAX_GAP_POINTS = 3
 #: Free foam falls off beside a body over a good part of its width: what is deflected over less than this
 #: part of it, ends included, and by less than foam that counts as released, is no contact.
 NARROW_PER_WIDTH = 0.5
-#: Misfit of each boundary law over simulated foams and bodies: fraction of the force.
+#: Model error of each boundary law over simulated foams and bodies: fraction of the force.
 MODEL_FLOOR = {"tension": 0.005, "enlarged": 0.005, "local": 0.10}
 #: Columns of the kernel's table of regions.
 _FIRST, _LAST, _FORCE, _IMAGE_VAR, _ZERO_SLOPE, _RELIEF, _SAMPLING_VAR, _MAX_STRAIN, _CUT = range(9)

@@ -10,24 +10,22 @@ from pathlib import Path
 from typing import Self
 
 import numpy as np
-from jaxtyping import Float
 
 from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
 from ...core.camera.plane import PlaneView
 from ...core.errors import CalibrationError, InputError
 from ...core.measurement import Contact, ErrorBudget, ForceProfile, Reason
-from ...tracking.contours.contour import SHARED_NOISE, PointReason
+from ...tracking.contours.contour import PointReason
+from .deflection import Deflection, edge_uncertainty_m, measure_deflection, with_unexplained
 from .material.hysteresis import HysteresisState
-from .profile import ContactRegion, FoamContour, FoamReading, read_profile
+from .profile import ContactRegion, FoamReading, read_profile
 from .strip.config import FoamSensorConfig, FoamSetup
 from .strip.optics import ObservedStrip, StripOptics
 from .strip.stripe_view import StripeView
 from .strip.zero import ZeroReference, ZeroWatch, check_width
-from .validity.flank import stepped_points
-from .validity.gaps import bridged, plausible
-from .validity.hidden import hidden_points
 from .validity.onset import NewContact, with_unverified
-from .validity.plausibility import FocusWatch, OnsetWatch, rest_offset, roughness
+from .validity.plausibility import FocusWatch, OnsetWatch
 
 __all__ = ["FoamSensor"]
 
@@ -36,24 +34,23 @@ log = logging.getLogger(__name__)
 #: So many images are remembered: mixed-up buffers of a camera show one of the last again.
 _REMEMBERED_IMAGES = 8
 
-#: What a point at a kink, and a bridge, scatters by from frame to frame, by its doubt: over rendered
-#: plates of 1 to 10 mm depth. The rest is the same in all frames.
-_KINK_NOISE, _BRIDGE_NOISE = 0.05, 0.33
-
-#: The search for a second edge sees steps from 3.5 sigma of the noise on: a front that is fainter
-#: than that, or than this part of the foam's grey level, may be the wrong one of two.
-_FAINT, _FAINT_OF_FOAM = 3.5, 0.12
-
 #: Foam gives back less than it took: where a contact was out of sight for ``_BRANCH_S`` or longer, its
 #: force is uncertain by this fraction until it is released.
 _UNKNOWN_BRANCH, _BRANCH_S = 0.3, 0.1
 
-#: Scatter from point to point, in declared sigmas, that is still forgiven, and that is too much.
-_ROUGH, _TOO_ROUGH = 1.5, 4.0
+#: Scatter from point to point, in declared sigmas, beyond which a frame is not trusted.
+_TOO_ROUGH = 4.0
 
 
 class FoamSensor:
     """A foam strip observed by a camera.
+
+    Parameters
+    ----------
+    setup
+        Configuration with all that it names, see :meth:`FoamSensorConfig.load`.
+    zero
+        The strip at rest; without it every frame is ``not_zeroed``.
 
     Examples
     --------
@@ -82,12 +79,43 @@ class FoamSensor:
 
     @classmethod
     def load(cls, path: Path | str) -> Self:
-        """A sensor as described by ``sensor.yaml``, with its zero reference if there is one."""
-        setup = FoamSensorConfig.load(path)
+        """A sensor as described by ``sensor.yaml``, with its zero reference if there is one.
+
+        Parameters
+        ----------
+        path
+            The file; those that it names are relative to its folder.
+
+        Raises
+        ------
+        InputError
+            A file or field cannot be used.
+        """
+        return cls.of_setup(FoamSensorConfig.load(path))
+
+    @classmethod
+    def of_setup(cls, setup: FoamSetup) -> Self:
+        """A sensor whose files are read, with its zero reference if there is one.
+
+        Parameters
+        ----------
+        setup
+            From :meth:`FoamSensorConfig.load`.
+        """
         zero = None
         if setup.zero_path.exists():
             zero = ZeroReference.load(setup.zero_path, len(setup.geometry.s_m))
         return cls(setup, zero)
+
+    @property
+    def camera(self) -> Camera:
+        """Model of the camera whose frames it reads."""
+        return self.setup.camera
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether it has a zero reference."""
+        return self._watch is not None
 
     @property
     def zero_reference(self) -> ZeroReference | None:
@@ -99,6 +127,8 @@ class FoamSensor:
 
         Parameters
         ----------
+        frames
+            Frames of a strip that nothing touches.
         limit
             No more than this many frames are read.
 
@@ -130,9 +160,13 @@ class FoamSensor:
         zero = ZeroReference.from_samples(
             seen[-1].t_s,
             np.array([strip.reference_px for strip in seen]),
-            np.array([np.where(strip.usable | strip.doubtful, strip.width_m, np.nan) for strip in seen]),
+            np.array(
+                [np.where(strip.usable | strip.low_confidence, strip.width_m, np.nan) for strip in seen]
+            ),
             np.array([strip.foam_grey for strip in seen]),
-            uncertainty_m=np.mean([np.where(strip.doubtful, _doubt(strip), 0.0) for strip in seen], axis=0),
+            uncertainty_m=np.mean(
+                [np.where(strip.low_confidence, edge_uncertainty_m(strip), 0.0) for strip in seen], axis=0
+            ),
             front_grey=np.array([strip.front_grey for strip in seen]),
             contrast=np.array([np.where(strip.usable, strip.front.contrast, np.nan) for strip in seen]),
         )
@@ -155,6 +189,9 @@ class FoamSensor:
         self._images.clear()
         self._forget()
 
+    def close(self) -> None:
+        """Nothing is held: a foam sensor has no threads."""
+
     def _forget(self) -> None:
         """Start a new history of the foam."""
         points = len(self.setup.geometry.s_m)
@@ -172,6 +209,11 @@ class FoamSensor:
 
         Frames are given in the order in which the camera delivers them. A frame that is
         older than the one before, or the very same image again, is reported as stale.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         self._check_size(frame)
         if self._stale(frame):
@@ -207,68 +249,24 @@ class FoamSensor:
         return False
 
     def _interpret(self, strip: ObservedStrip) -> ForceProfile:
-        """Widths to deflection, deflection to pressure and force, and whether to believe it."""
-        geometry, material = self.setup.geometry, self.setup.material
-        watch = self._watch
-        zero = watch.zero if watch is not None else None
-        width0 = zero.width_m if zero is not None else np.full(len(geometry.s_m), self.optics.rest_width_m)
-        zero_sigma = zero.width_sigma_m if zero is not None else 0.0
-        scale = geometry.width_m / width0
-        delta = scale * (width0 - strip.width_m)
-        sigma = scale * strip.width_sigma_m
-        covered = np.zeros(len(delta), dtype=bool)
-        if zero is not None:
-            covered = hidden_points(strip, zero, self.optics, delta, np.hypot(sigma, scale * zero_sigma))
-        step = np.abs(strip.front.contrast)
-        faint = step < np.maximum(_FAINT * strip.front.noise_grey, _FAINT_OF_FOAM * strip.foam_grey)
-        good = strip.usable & ~covered & ~faint
-        doubtful = strip.doubtful & ~covered & ~faint
-        # The error of the zero is the same in every frame: no noise of this image.
-        doubt = scale * np.hypot(np.where(doubtful, _doubt(strip), 0.0), zero_sigma)
-        seen = good | plausible(geometry.s_m, delta, np.hypot(sigma, doubt), good, doubtful)
-        total = np.hypot(sigma, doubt)
-        steps = stepped_points(geometry.s_m, delta, total, seen, geometry.width_m, geometry.end_cells_m)
-        jumped = self._onset.check(strip.t_s, delta, total, seen, steps)
-        covered |= jumped
-        seen &= ~jumped
-        rough = roughness(delta, total, seen)
-        if rough > _ROUGH:
-            doubt = np.hypot(doubt, rough * sigma)
-        delta, sigma, unseen, gap = bridged(geometry.s_m, delta, sigma, seen)
-        sigma = np.hypot(sigma, np.where(seen, doubt, unseen))
-        # What changes from frame to frame is image noise; texture and the zero stay. Kinks do both, and
-        # so do bridges: a point is seen in one frame and not in the next.
-        noise = np.where(seen, np.minimum(scale * strip.width_noise_m, sigma), 0.0)
-        kinks = np.where(doubtful, _KINK_NOISE * scale * _doubt(strip), 0.0)
-        own = np.where(seen, kinks, _BRIDGE_NOISE * unseen)
-        own = np.minimum(own, np.sqrt(sigma**2 - noise**2))
+        """Widths to deflection, deflection to pressure and force, and whether to trust it."""
+        geometry, material, watch = self.setup.geometry, self.setup.material, self._watch
+        found = measure_deflection(strip, self.optics, watch.zero if watch is not None else None, self._onset)
         common = np.hypot(strip.common_sigma_m, watch.sigma_m if watch is not None else 0.0)
-        contour = FoamContour(
-            geometry.s_m,
-            delta,
-            noise,
-            np.isfinite(delta),
-            own_noise_m=own,
-            uncertainty_m=np.sqrt(np.maximum(sigma**2 - noise**2 - own**2, 0.0)),
-            zero_sigma_m=float(common),
-            shared_noise=SHARED_NOISE,
-            end_cells_m=geometry.end_cells_m,
-        )
+        contour = found.contour(geometry, float(common))
         reading = read_profile(contour, material, boundary=self.setup.config.boundary, memory=self._memory)
-        reading = self._with_unknown_branch(reading, strip.t_s, gap)
+        reading = self._with_unknown_branch(reading, strip.t_s, found.gap)
         limit = watch.settings.limit * geometry.width_m if watch is not None else 0.0
-        reading = replace(
-            reading,
-            budget=self._with_unexplained(reading, delta, sigma, rest_offset(delta, sigma, seen), limit),
-        )
+        reading = with_unexplained(reading, found, material, geometry.s_m, limit)
+        before = self._new.before(strip.t_s, found.delta_m)
         reading = self.reading = with_unverified(
-            reading, geometry.s_m, self._new.before(strip.t_s, delta), delta, sigma, material
+            reading, geometry.s_m, before, found.delta_m, found.sigma_m, material
         )
-        reason = self._judge(reading, gap, covered, strip)
-        if reason is Reason.OK and (self._focus.changing(strip.blur_px) or rough > _TOO_ROUGH):
+        reason = self._reason(reading, found, strip)
+        if reason is Reason.OK and (self._focus.changing(strip.blur_px) or found.roughness > _TOO_ROUGH):
             reason = Reason.LOST
         if watch is not None and reason is Reason.OK:
-            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=good)
+            watch.update(strip.t_s, strip.width_m, touched=bool(reading.contacts), usable=found.good)
         profile = ForceProfile(
             strip.t_s,
             reason is Reason.OK,
@@ -276,17 +274,17 @@ class FoamSensor:
             reading.force_N,
             reading.budget,
             geometry.s_m,
-            delta,
-            sigma,
+            found.delta_m,
+            found.sigma_m,
             reading.pressure_Pa,
             reading.pressure_sigma_Pa,
-            seen,
-            tuple(self._contact(region, strip, delta, sigma) for region in reading.contacts),
+            found.seen,
+            tuple(self._contact(region, found) for region in reading.contacts),
         )
         return profile if profile.valid else profile.unread()
 
     def _with_unknown_branch(self, reading: FoamReading, t_s: float, gap: bool) -> FoamReading:
-        """Doubt about the hysteresis after a time in which the contact may have turned round unseen."""
+        """Uncertainty of the hysteresis after a time in which the contact may have turned round unseen."""
         if gap:
             return reading
         if self._seen_t_s is not None:
@@ -298,54 +296,17 @@ class FoamSensor:
             self._unseen_s = 0.0
         if self._unseen_s == 0.0:
             return reading
-        doubt = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
-        model = float(np.hypot(reading.budget.model_N, doubt))
+        uncertainty = _UNKNOWN_BRANCH * min(1.0, self._unseen_s / _BRANCH_S) * reading.force_N
+        model = float(np.hypot(reading.budget.model_N, uncertainty))
         return replace(reading, budget=replace(reading.budget, model_N=model))
 
-    def _with_unexplained(
-        self,
-        reading: FoamReading,
-        delta: Float[np.ndarray, "K"],
-        sigma: Float[np.ndarray, "K"],
-        offset_m: float,
-        limit_m: float,
-    ) -> ErrorBudget:
-        """The budget with what contact and a shifted zero could both explain.
-
-        Deflection that is too small against the doubt about the zero to count as a contact
-        may be one; and a whole strip that is deflected by ``offset_m`` or more may be a wide
-        plate, or a zero that has shifted by less than ``limit_m``.
-        """
-        material = self.setup.material
-        inside = np.zeros(len(delta), dtype=bool)
-        for contact in reading.contacts:
-            inside[contact.first : contact.last + 1] = True
-
-        def force(depth: Float[np.ndarray, "K"]) -> float:
-            pressure = material.stress(np.nan_to_num(np.maximum(depth, 0.0)) / material.width_m)
-            return material.height_m * float(np.trapezoid(pressure, self.setup.geometry.s_m))
-
-        with np.errstate(invalid="ignore"):
-            unexplained = force(np.where(~inside & (delta > 2.0 * sigma), delta, 0.0))
-        if 0.0 < abs(offset_m) < limit_m and inside.any():
-            pressed = np.where(inside, delta, 0.0)
-            unexplained = np.hypot(unexplained, abs(force(pressed) - force(pressed - inside * offset_m)))
-        budget = reading.budget
-        return replace(budget, zero_N=float(np.hypot(budget.zero_N, unexplained)))
-
-    def _contact(
-        self,
-        region: ContactRegion,
-        strip: ObservedStrip,
-        delta: Float[np.ndarray, "K"],
-        sigma: Float[np.ndarray, "K"],
-    ) -> Contact:
+    def _contact(self, region: ContactRegion, found: Deflection) -> Contact:
         """One region with its contour in frame F, free of points that were not seen."""
         inside = np.arange(region.first, region.last + 1)
-        inside = inside[np.isfinite(delta[inside])]
+        inside = inside[np.isfinite(found.delta_m[inside])]
         geometry = self.setup.geometry
         # From deflections rather than cast pixels: normalised with the zero reference like the force.
-        front = geometry.front_m[inside] - delta[inside, None] * geometry.outward[inside]
+        front = geometry.front_m[inside] - found.delta_m[inside, None] * geometry.outward[inside]
         return Contact(
             region.s_start_m,
             region.s_end_m,
@@ -354,25 +315,35 @@ class FoamSensor:
             region.valid,
             region.reason,
             front,
-            sigma[inside],
-            delta[inside],
+            found.sigma_m[inside],
+            found.delta_m[inside],
         )
 
-    def _judge(self, reading: FoamReading, gap: bool, covered: np.ndarray, strip: ObservedStrip) -> Reason:
-        """The first reason not to believe the frame, the gravest first."""
+    def _reason(self, reading: FoamReading, found: Deflection, strip: ObservedStrip) -> Reason:
+        """The first reason not to trust the frame, the gravest first."""
         if self._watch is None:
             return Reason.NOT_ZEROED
         if strip.moved_px > self.setup.config.tracking.bump_px:
             return Reason.MOVED
-        if gap:
-            hidden = covered | (strip.front.reason == PointReason.OCCLUDED)
-            return Reason.OCCLUDED if 2 * hidden.sum() >= (~strip.usable | covered).sum() else Reason.LOST
+        if found.gap:
+            hidden = found.covered | (strip.front.reason == PointReason.OCCLUDED)
+            return (
+                Reason.OCCLUDED if 2 * hidden.sum() >= (~strip.usable | found.covered).sum() else Reason.LOST
+            )
         if self._watch.drifted:
             return Reason.DRIFTED
         return reading.reason
 
     def blank(self, t_s: float, reason: Reason) -> ForceProfile:
-        """A profile that says only why there is none."""
+        """A profile without force, that says only why there is none.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        reason
+            Why nothing was read.
+        """
         unknown = np.full(len(self.setup.geometry.s_m), np.nan)
         return ForceProfile(
             t_s,
@@ -387,8 +358,3 @@ class FoamSensor:
             pressure_sigma_Pa=unknown,
             point_valid=np.zeros(len(unknown), dtype=bool),
         )
-
-
-def _doubt(strip: ObservedStrip) -> Float[np.ndarray, "K"]:
-    """What a width may be wrong by where the edge is no clean step [m]: grows with the misfit."""
-    return 1.5 * strip.width_sigma_m * np.sqrt(np.maximum(strip.front.chi2, 1.0))

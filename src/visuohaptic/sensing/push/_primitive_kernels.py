@@ -52,6 +52,23 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
     of the foam at a deflection, S(delta) = S_scale (delta / scale)^((n+1)/2).
     The object touches from its deepest place outwards until it falls away
     steeper than S or ends at a tip.
+
+    Parameters
+    ----------
+    family
+        ``STRAIGHT``, ``ROUND`` or ``BENT``.
+    theta
+        Parameters of the outline and its flanks, as laid out above, (p,).
+    rest
+        Polynomial of the front at rest, (3,).
+    scale
+        Largest deflection [m].
+    low, high
+        Range of u that the strip covers [m].
+    u
+        Positions along the strip, rising [m], (K,).
+    delta, touched
+        Filled with the deflection [m] and whether the point lies on the object, (K,).
     """
     k = len(theta)
     n = theta[k - 1]
@@ -122,7 +139,19 @@ def contact_profile(family, theta, rest, scale, low, high, u, delta, touched):
 
 @kernel
 def profile_and_jacobian(family, theta, steps, rest, scale, low, high, u, delta, touched, jacobian, ends):
-    """Profile and its derivative by ``theta`` (central differences with the given steps)."""
+    """Profile and its derivative by ``theta`` (central differences with the given steps).
+
+    Parameters
+    ----------
+    family, theta, rest, scale, low, high, u, delta, touched
+        As in :func:`contact_profile`.
+    steps
+        Half step of each parameter; 0: not differentiated, (p,).
+    jacobian
+        Filled with the derivative of ``delta``, (K, p).
+    ends
+        Filled with the ends of the contact [m], (2,).
+    """
     ends[0], ends[1] = contact_profile(family, theta, rest, scale, low, high, u, delta, touched)
     other = np.empty(len(u))
     flags = np.empty(len(u), dtype=np.bool_)

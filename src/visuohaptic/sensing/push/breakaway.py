@@ -42,7 +42,7 @@ RELEASED = 1.5
 DISPLACEMENT_ERROR = 0.1
 #: Error of the method itself, by the force: the Stribeck part of the friction, turning bodies.
 METHOD_ERROR = 0.02
-#: Frames before the contact that tell the noise, and the factor that it is taken larger by: the largest of many
+#: Frames before the contact that give the noise, and the factor that it is taken larger by: the largest of many
 #: noisy points, which the deflection in a contact is a mean of, scatter less than each of them.
 QUIET_FRAMES, SAFE_NOISE = 6, 2.0
 #: chi^2 per frame from which on the motion is taken for none of a break-away.
@@ -171,7 +171,7 @@ def _find_start(record: PushRecord, begin: int, until: int) -> _Start | None:
     # Isotonic: the largest so far of noisy forces would be too high.
     seen = np.maximum(force[origin : max(deepest, rest) + 1], 0.0)
     loads = np.concatenate([[0.0], isotonic_regression(seen).x])
-    # Past the frame of the largest deflection the foam is on its way back and tells less.
+    # Past the frame of the largest deflection the foam is recovering and shows less.
     chosen = chosen[chosen <= max(deepest, rest + 1) + 1]
     if len(chosen) < 2:
         return None

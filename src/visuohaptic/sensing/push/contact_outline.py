@@ -1,4 +1,4 @@
-"""What a foam contour looks like when a simple outline is pressed into it, and the fit of that picture.
+"""What a foam contour looks like when a simple outline is pressed into it, and the fit of that image.
 
 The foam's front does not end where the object ends: lateral tension lets it
 run out in smooth flanks that do not lie on the object (Alt 2016, Sec. 3.2 and

@@ -34,9 +34,11 @@ class EventSettings:
 
     contact_sigmas: float = 5.0  #: deflection above this many sigma begins a contact
     contact_m: float = 1e-4  #: and above this [m]
-    release_fraction: float = 0.5  #: hysteresis: released below this share of the contact threshold
+    release_fraction: float = 0.5  #: hysteresis: released below this fraction of the contact threshold
     confirm_frames: int = 2  #: frames in a row for contact and release
-    motion_slope: float = 0.3  #: deflection by travel, as a share of its rise, below which the object moves
+    motion_slope: float = (
+        0.3  #: deflection by travel, as a fraction of its rise, below which the object moves
+    )
     motion_sigmas: float = 2.0  #: confidence of the slope
     motion_travel_m: float = 0.002  #: travel over which the slope is measured
     motion_frames: int = 4
@@ -49,6 +51,13 @@ class DeflectionEvents:
     Call :meth:`update` once per frame in order of time; a frame that shows
     nothing is simply not passed. Without travel the platform is taken to go
     on as fast as the deflection rose when it rose fastest.
+
+    Parameters
+    ----------
+    settings
+        Thresholds of the events; the defaults without.
+    s_m
+        Where along the strip the contact is [m].
     """
 
     def __init__(self, settings: EventSettings | None = None, s_m: float = float("nan")) -> None:
@@ -66,7 +75,24 @@ class DeflectionEvents:
     def update(
         self, t_s: float, deflection_m: float, sigma_m: float, travel_m: float | None = None
     ) -> tuple[Event, ...]:
-        """Take one frame; returns the events that it decides."""
+        """Take in one frame.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        deflection_m
+            Largest deflection of the contact [m].
+        sigma_m
+            Its standard deviation [m].
+        travel_m
+            Distance that the platform has driven [m]; None: not known.
+
+        Returns
+        -------
+        tuple of Event
+            Events that this frame decides.
+        """
         if not (t_s > self._last_t and np.isfinite(deflection_m)):
             return ()  # late, repeated or empty
         self._last_t = t_s
@@ -153,7 +179,12 @@ class ContactEvents:
 
     Frames without a contour (occluded, lost, stale, camera moved) change
     nothing; frames that are invalid only as a force (unloading, saturated)
-    still tell where the object is.
+    still show where the object is.
+
+    Parameters
+    ----------
+    settings
+        Thresholds of the events; the defaults without.
     """
 
     def __init__(self, settings: EventSettings | None = None) -> None:

@@ -70,7 +70,13 @@ class PrimitiveFit:
     margin: float  #: criterion of the second kind less that of the first; above about 6 is decided
 
     def candidate(self, kind: PrimitiveKind) -> PrimitiveCandidate:
-        """The candidate of a kind."""
+        """The candidate of a kind.
+
+        Parameters
+        ----------
+        kind
+            Which.
+        """
         for candidate in self.candidates:
             if candidate.primitive.kind == kind:
                 return candidate
@@ -79,7 +85,15 @@ class PrimitiveFit:
 
 
 def primitive_distance_m(primitive: Primitive, points_m: Float[np.ndarray, "K 2"]) -> Float[np.ndarray, "K"]:
-    """Distance of points from the nearest point of a primitive, d_M of Eq. (3.11) [m]."""
+    """Distance of points from the nearest point of a primitive, d_M of Eq. (3.11) [m].
+
+    Parameters
+    ----------
+    primitive
+        Line, segment, corner or circle.
+    points_m
+        Points in its frame [m].
+    """
     points = np.asarray(points_m, dtype=float)
     p = primitive.parameters
 
@@ -103,7 +117,17 @@ def primitive_distance_m(primitive: Primitive, points_m: Float[np.ndarray, "K 2"
 
 
 def score_primitive(primitive: Primitive, points_m: Float[np.ndarray, "N 2"], sigma_2_m: float) -> float:
-    """S_p of Eq. (3.11) over the deformation set; a point is confirmed within three sigma_2."""
+    """S_p of Eq. (3.11) over the deformation set; a point is confirmed within three sigma_2.
+
+    Parameters
+    ----------
+    primitive
+        Line, segment, corner or circle.
+    points_m
+        Points of the deformation set, in its frame [m].
+    sigma_2_m
+        Spread of a confirmed point [m].
+    """
     return _score(primitive_distance_m(primitive, points_m), sigma_2_m)
 
 
@@ -115,7 +139,15 @@ def _score(distance: np.ndarray, sigma_2_m: float) -> float:
 
 
 def fit_contact(contact: Contact, settings: PrimitiveSettings | None = None) -> PrimitiveFit:
-    """:func:`fit_primitive` on the points of a measured contact region."""
+    """:func:`fit_primitive` on the points of a measured contact region.
+
+    Parameters
+    ----------
+    contact
+        Region of a force profile.
+    settings
+        As of :func:`fit_primitive`.
+    """
     return fit_primitive(
         contact.points_foam_m, contact.point_sigma_m, delta_m=contact.delta_m, settings=settings
     )

@@ -134,7 +134,13 @@ class PushRecord:
                 raise InputError("PushRecord", f"found {found} values, expected {count}", field=name)
 
     def common_sigma(self, frames: np.ndarray) -> float:
-        """Common relative error of the forces of some frames, their median."""
+        """Common relative error of the forces of some frames, their median.
+
+        Parameters
+        ----------
+        frames
+            Indices or a mask of frames.
+        """
         scale = np.broadcast_to(self.force_scale_sigma, self.t_s.shape)[frames]
         known = scale[np.isfinite(scale)]
         return float(np.median(known)) if len(known) else 0.0
@@ -152,6 +158,18 @@ def record_push(
     ``angle_rad`` is the object's rotation, from its tracked features or from
     the fitted line plus the platform's heading; without it the rotation stays
     unobserved.
+
+    Parameters
+    ----------
+    profiles
+        Measurements of the foam, in order of time.
+    travel_m
+        Distance that the platform has driven along the push [m].
+    lateral_m
+        Shift of the platform to the left of the push [m]; 0 without.
+    angle_rad
+        Rotation of the object in the world [rad], from its tracked features or from the fitted line plus the
+        platform's heading; not observed without.
     """
     count = len(profiles)
     if len(travel_m) != count:
@@ -208,18 +226,36 @@ class Phases:
     release_s: float
 
     def rising(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (a): contact until motion, or until the stop when nothing moved."""
+        """Phase (a): contact until motion, or until the stop when nothing moved.
+
+        Parameters
+        ----------
+        t_s
+            Times [s], (N,).
+        """
         end = self.motion_s if np.isfinite(self.motion_s) else self.stop_s
         end = end if np.isfinite(end) else np.inf
         return (t_s >= self.contact_s) & (t_s <= end)
 
     def pushing(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (b): motion until the platform stops or the contact is lost."""
+        """Phase (b): motion until the platform stops or the contact is lost.
+
+        Parameters
+        ----------
+        t_s
+            Times [s], (N,).
+        """
         ends = [e for e in (self.stop_s, self.release_s) if np.isfinite(e)]
         return (t_s > self.motion_s) & (t_s <= min(ends, default=np.inf))
 
     def stopped(self, t_s: np.ndarray) -> np.ndarray:
-        """Phase (c): after the platform has stopped."""
+        """Phase (c): after the platform has stopped.
+
+        Parameters
+        ----------
+        t_s
+            Times [s], (N,).
+        """
         return t_s > self.stop_s
 
 
@@ -229,6 +265,15 @@ def find_phases(
     """Cut a push at its events; those given win over those found in the deflection.
 
     The platform has stopped when its travel no longer grows.
+
+    Parameters
+    ----------
+    record
+        The push.
+    settings
+        Thresholds of the events.
+    events
+        Events that are known already; without them those of the deflection are used.
     """
     machine, found = DeflectionEvents(settings), list(events or ())
     if events is None:

@@ -27,7 +27,7 @@ class TagSettings:
     """How a push is evaluated."""
 
     events: EventSettings | None = None
-    settle_frames: int = 2  #: left out at the begin of phase (b): the peak is still falling
+    settle_frames: int = 2  #: left out at the start of phase (b): the peak is still falling
     min_frames: int = 4  #: fewer frames observe nothing
     deflection_scale_sigma: float = 0.005  #: relative error of deflection against travel
     travel_sigma_m: float = 2e-4  #: error of the odometry over a push
@@ -55,7 +55,7 @@ def tag_from_push(
     events
         Events raised during the push; a fall is only known from here.
     stopped_by
-        Why the platform stopped: without motion this tells a fixed object
+        Why the platform stopped: without motion this distinguishes a fixed object
         from a push that ended early.
     primitive
         Shape fitted while the platform stood still, in frame F of that moment; it is kept as it is.
@@ -139,7 +139,7 @@ def _static_friction(record: PushRecord, phases: Phases, dynamic: Estimate | Non
     common = record.common_sigma(inside[-min(3, len(inside)) :])
     later = phases.pushing(record.t_s) & record.force_valid
     if later.any():
-        # A contact is in doubt while it is new; what later frames have confirmed no longer is.
+        # A contact is unverified while it is new; what later frames have confirmed no longer is.
         common = min(common, record.common_sigma(later))
     if found is not None:
         value, random = found

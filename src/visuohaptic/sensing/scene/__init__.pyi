@@ -23,6 +23,7 @@ from .obstacle_memory import ObstacleMemory as ObstacleMemory
 from .obstacle_memory import ObstacleMemorySettings as ObstacleMemorySettings
 from .scene_file import Odometry as Odometry
 from .scene_file import SceneConfig as SceneConfig
+from .scene_file import SceneSensor as SceneSensor
 from .scene_file import SceneSetup as SceneSetup
 from .scene_file import read_odometry as read_odometry
 from .scene_record import SCENE_COLUMNS as SCENE_COLUMNS

@@ -71,7 +71,7 @@ def _add(value, total):
 
 @kernel(**_JIT)
 def _weigh(weight, found, alpha, number, prior):
-    """The weight of one mode follows the picture."""
+    """The weight of one mode follows the image."""
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(len(weight)):
         w, rate = weight[i], alpha[i]
@@ -91,7 +91,7 @@ def _steps(weight, found, alpha, number, step):
 
 @kernel(**_JIT)
 def _spread(variance, nearest, step, channels, smallest, largest):
-    """The variance of one mode follows the picture."""
+    """The variance of one mode follows the image."""
     for i in range(len(variance)):
         old, part = variance[i], step[i]
         new = min(max(old + part * (nearest[i] * channels - old), smallest), largest)
@@ -123,7 +123,7 @@ def _heavier(first, second, swap):
 
 @kernel(**_JIT)
 def update_mixture(image, modes, held, rate, rate_foreground, background_fraction, settings, mask):
-    """Compare an image with its mixtures, then let them learn (Zivkovic 2004).
+    """Compare an image with its mixtures, then let them learn (Zivkovic 2004); all numbers are float32.
 
     ``image`` (H, W, C) uint8; ``modes`` (H, K, 2 + C, W) float32 with weight, variance and means of each
     mode, heaviest first, weight 0 = unused; ``held`` (H, W), not 0 where a pixel learns as
@@ -132,6 +132,24 @@ def update_mixture(image, modes, held, rate, rate_foreground, background_fractio
     it are background; ``settings`` = (squared distance of a match [variances], prior c_T, variance of
     a new, smallest and largest variance); ``mask`` (H, W) becomes 255 where the
     pixel is not background, else 0. All numbers are float32.
+
+    Parameters
+    ----------
+    image
+        (H, W, C) uint8.
+    modes
+        (H, K, 2 + C, W): weight, variance and means of each mode, heaviest first; weight 0: unused.
+    held
+        (H, W), not 0 where a pixel learns as foreground whatever it matches.
+    rate, rate_foreground
+        Learning rates of pixels that match the background and of those that do not, more than 0.
+    background_fraction
+        The heaviest modes that together hold this weight are background.
+    settings
+        Squared distance of a match [variances], prior c_T, variance of a new mode, smallest and largest
+        variance.
+    mask
+        (H, W), filled with 255 where the pixel is not background, else 0.
     """
     height, width, channels = image.shape
     count = modes.shape[1]

@@ -32,7 +32,7 @@ def fit_motion(
 ):
     """Motion of a body that puts its points where they are seen; in place on ``rotation`` and ``shift``.
 
-    ``body`` (n, 3) frame F [m] at the begin, ``pixels`` (n, 2) with ``sigma`` (n,) per axis; the body
+    ``body`` (n, 3) frame F [m] at the start, ``pixels`` (n, 2) with ``sigma`` (n,) per axis; the body
     turns about ``pivot`` (3,), then shifts. ``view`` (3, 3) and ``origin`` (3,) map F to the camera, ``lens``
     is that of :func:`visuohaptic.tracking.pose._pose_kernels.project_point`. ``active`` (6,) of (rotation
     vector, shift) are free. Points weigh after Tukey, nothing beyond ``gate_sigmas``, of which at least
@@ -40,6 +40,31 @@ def fit_motion(
 
     Fills ``distance`` (n,) in sigmas and ``kept`` (6, 6), the information of the points inside.
     Returns the scale of the residuals, NaN where there is no fit.
+
+    Parameters
+    ----------
+    body
+        Points of the body at the start, frame F [m], (n, 3).
+    pixels, sigma
+        Where they are seen, (n, 2), and the standard deviation per axis, (n,) [px].
+    pivot
+        The body turns about this point, then shifts [m], (3,).
+    view, origin
+        Rotation (3, 3) and translation (3,) from F to the camera.
+    lens
+        As in :func:`visuohaptic.tracking.pose._pose_kernels.project_point`.
+    gate_sigmas
+        Points beyond so many standard deviations weigh nothing.
+    least
+        Points that must be inside at least.
+    active
+        Which of (rotation vector, shift) are free, (6,).
+    rotation, shift
+        Start and result, (3, 3) and (3,) [m].
+    distance
+        Filled with the residuals [standard deviations], (n,).
+    kept
+        Filled with the information of the points inside, (6, 6).
     """
     n = len(body)
     pixel, by_point, in_foam = np.zeros(2), np.zeros((2, 3)), np.zeros((2, 3))
@@ -116,7 +141,7 @@ def fit_motion(
         rotation[:] = turn(rotation, step[0], step[1], step[2])
         for k in range(3):
             shift[k] += step[3 + k]
-        # A hundredth of what a good picture tells.
+        # A hundredth of the information of a good image.
         if largest < 2e-6:
             break
     # A wide scale is for finding the way; in the end points agree by their own noise.

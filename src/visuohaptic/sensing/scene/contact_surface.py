@@ -14,7 +14,7 @@ from ...core.objects import Primitive, PrimitiveKind
 
 __all__ = ["cast_to_face", "contact_face", "face_curvature"]
 
-#: Width of a contact from which its line is believed as much as that the face is square to the push [m].
+#: Width of a contact from which its line weighs as much as that the face is square to the push [m].
 NARROW_M = 0.04
 
 
@@ -23,6 +23,13 @@ def contact_face(contact: Contact, primitive: Primitive | None = None) -> Pose:
 
     From the fitted primitive, or without one from a line through the points that are pressed most.
     A round object is taken by its tangent, a corner by its tip.
+
+    Parameters
+    ----------
+    contact
+        Region of a force profile.
+    primitive
+        Shape fitted to it, frame F.
     """
     point, along = _contact_line(contact, primitive)
     along = along / np.linalg.norm(along)
@@ -58,7 +65,13 @@ def _contact_line(contact: Contact, primitive: Primitive | None) -> tuple[np.nda
 
 
 def face_curvature(primitive: Primitive | None) -> float:
-    """Curvature of the face's section with the floor [1/m]; 0 unless the contact is round."""
+    """Curvature of the face's section with the floor [1/m]; 0 unless the contact is round.
+
+    Parameters
+    ----------
+    primitive
+        Shape fitted to the contact, frame F.
+    """
     if primitive is None or primitive.kind is not PrimitiveKind.CIRCLE:
         return 0.0
     return 1.0 / max(float(primitive.parameters[2]), 0.01)
@@ -71,7 +84,7 @@ def cast_to_face(
     face: Pose,
     curvature_per_m: float = 0.0,
 ) -> Float[np.ndarray, "n 3"]:
-    """Points of a body, as it was at the begin, where rays meet its surface after a motion; NaN where they miss.
+    """Points of a body, as it was at the start, where rays meet its surface after a motion; NaN where they miss.
 
     Parameters
     ----------
@@ -80,7 +93,7 @@ def cast_to_face(
     motion
         Of the body: turn about the face's origin, then shift.
     face
-        ``pose_foam_face`` at the begin: x along the contact, y up, z to the robot.
+        ``pose_foam_face`` at the start: x along the contact, y up, z to the robot.
     curvature_per_m
         Of an upright cylinder that touches the face's plane at its origin; 0 = the plane.
     """

@@ -44,10 +44,15 @@ class EgoMotionSettings:
 class EgoMotionFilter:
     """Fuses what the camera sees of the floor with odometry and gyroscope, each of which may be missing.
 
+    Parameters
+    ----------
+    settings
+        Standard deviations of the sources; the defaults without.
+
     Attributes
     ----------
     pose, pose_covariance
-        (x, y, theta) of frame F since the begin [m, rad].
+        (x, y, theta) of frame F since the start [m, rad].
     agree
         Whether all sources of the newest frame agreed; wheels that slip do not.
 
@@ -81,6 +86,8 @@ class EgoMotionFilter:
 
         Parameters
         ----------
+        t_s
+            Time of the frame [s].
         floor
             Motion that the camera saw since then; left out when not valid.
         odometry
@@ -116,7 +123,7 @@ class EgoMotionFilter:
     def _measure(
         self, value: np.ndarray, design: np.ndarray, noise: np.ndarray, *, trusted: bool = False
     ) -> bool:
-        """One update; a trusted source that disagrees starts the state afresh, others are left out."""
+        """One update; a trusted source that disagrees restarts the state, others are left out."""
         innovation = value - design @ self.velocity
         spread = design @ self.covariance @ design.T + noise
         if float(innovation @ np.linalg.solve(spread, innovation)) > len(value) * self.settings.gate**2:

@@ -6,7 +6,7 @@ a rotation R(theta) of the platform, a point at q after the motion was at
     p = R(theta) q + t
 
 before, all in the floor's x and y [m] along the axes of the sensor frame F. Wrong tracks, and those on
-things that move, are removed by RANSAC on pairs of points; the others give the motion by least
+objects that move, are removed by RANSAC on pairs of points; the others give the motion by least
 squares, each with the covariance that its pixel noise has on the floor.
 
 Points are compared with where they were in a key frame, not in the last one: errors of
@@ -36,7 +36,7 @@ class FloorMotionSettings:
 
     hypotheses: int = field(default=80, metadata=at_least(10))  #: pairs of points that RANSAC tries
     gate_sigmas: float = 3.5  #: a point agrees within so many standard deviations
-    smallest_sigma_px: float = 0.08  #: of a track: what interpolation adds to the noise
+    min_sigma_px: float = 0.08  #: of a track: what interpolation adds to the noise
     min_points: int = field(default=8, metadata=at_least(3))  #: that must agree
     min_fraction: float = field(default=0.3, metadata=within(0.0, 1.0))  #: of all points that must agree
     key_frames: int = 12  #: a new key frame after so many frames
@@ -75,9 +75,11 @@ def fit_planar_motion(
         Of ``before - R after``, each point's own [m^2].
     rng
         Of the sampling.
+    settings
+        How the motion is estimated.
     expected
-        Motion that the odometry tells: where two groups of points disagree, e.g. floor and an object
-        before the camera, the one that moves like this is taken though it may be the smaller one.
+        Motion by the odometry: where two groups of points disagree, e.g. floor and an object before
+        the camera, the one that moves like this is taken though it may be the smaller one.
 
     Returns
     -------
@@ -206,14 +208,26 @@ def _consensus(
 
 
 def chain(first: Float[np.ndarray, "3"], second: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """(x, y, theta) of one planar motion after another."""
+    """(x, y, theta) of one planar motion after another.
+
+    Parameters
+    ----------
+    first, second
+        (x, y, theta) [m, rad]; the second is given in the frame after the first.
+    """
     c, s = math.cos(first[2]), math.sin(first[2])
     x, y = second[0], second[1]
     return np.array([first[0] + c * x - s * y, first[1] + s * x + c * y, first[2] + second[2]])
 
 
 def inverse(motion: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
-    """The motion back."""
+    """Inverse of a planar motion.
+
+    Parameters
+    ----------
+    motion
+        (x, y, theta) [m, rad].
+    """
     c, s = math.cos(motion[2]), math.sin(motion[2])
     x, y = motion[0], motion[1]
     return np.array([-c * x - s * y, s * x - c * y, -motion[2]])
@@ -225,7 +239,15 @@ def chain_covariance(
     second: Float[np.ndarray, "3"],
     second_covariance: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "3 3"]:
-    """Covariance of :func:`chain` for independent motions."""
+    """Covariance of :func:`chain` for independent motions.
+
+    Parameters
+    ----------
+    first, second
+        (x, y, theta) of two motions [m, rad].
+    first_covariance, second_covariance
+        Their covariances.
+    """
     c, s = math.cos(first[2]), math.sin(first[2])
     x, y = second[0], second[1]
     by_first = np.array([[1, 0, -s * x - c * y], [0, 1, c * x - s * y], [0, 0, 1.0]])
@@ -240,13 +262,15 @@ class FloorTracker:
     ----------
     floor_view
         The floor plane as the camera sees it; its x and y are those of the moving frame.
+    settings
+        How the motion is estimated.
     rng
         Of RANSAC.
 
     Attributes
     ----------
     pose
-        (x, y, theta) of the moving frame since the begin [m, rad].
+        (x, y, theta) of the moving frame since the start [m, rad].
     pose_covariance
         Of ``pose``; noise only, not the scale error that a wrong height of the camera makes.
     """
@@ -274,12 +298,14 @@ class FloorTracker:
         ----------
         step
             Tracks of the floor only.
+        t_s
+            Time of the frame [s].
         expected
-            Motion that other sensors tell, taken for the pose while the floor is not seen.
+            Motion by other sensors, taken for the pose while the floor is not seen.
         """
         s = self.settings
         points, jacobian = self._on_floor(step.after_px)
-        sigma = np.hypot(step.sigma_px, s.smallest_sigma_px)
+        sigma = np.hypot(step.sigma_px, s.min_sigma_px)
         first = not self._key_points and not len(step.ids)
         if not self._key_points:
             self._set_key(step, self.floor_view.cast(step.before_px))
@@ -290,8 +316,8 @@ class FloorTracker:
         spread = 2.0 * sigma[chosen, None, None] ** 2 * (
             jacobian[chosen] @ np.swapaxes(jacobian[chosen], 1, 2)
         )  # fmt: skip
-        told = None if expected is None else chain(chain(inverse(self._key_pose), self.pose), expected)
-        fit = fit_planar_motion(start, points[chosen], spread, self._rng, s, expected=told)
+        prior = None if expected is None else chain(chain(inverse(self._key_pose), self.pose), expected)
+        fit = fit_planar_motion(start, points[chosen], spread, self._rng, s, expected=prior)
         self.inlier_fraction = float(np.mean(fit.inliers)) if len(chosen) else 0.0
         before = self.pose
         if fit.valid:

@@ -23,7 +23,7 @@ __all__ = ["ObjectEvents", "ObjectMotion", "ObjectMotionSettings"]
 class ObjectMotionSettings:
     """How the motion is estimated, and what counts as an event."""
 
-    smallest_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not quite plane
+    min_sigma_px: float = 0.15  #: of a track: interpolation, and a surface that is not quite plane
     gate_sigmas: float = 4.0  #: a point agrees within so many standard deviations
     min_points: int = field(default=8, metadata=at_least(4))
     min_fraction: float = field(
@@ -34,7 +34,7 @@ class ObjectMotionSettings:
     coast_s: float = 0.6  #: for so long
     sudden_fraction: float = 0.4  #: fewer tracks than this part of those before are a sudden loss
     slip_m: float = 0.006  #: shift of the contact along the foam that counts as slip
-    shape_turn_rad: float = 0.03  #: once it has turned by so much the motion tells the surface, too
+    shape_turn_rad: float = 0.03  #: once it has turned by so much the motion determines the surface, too
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -128,7 +128,7 @@ class ObjectEvents:
         face
             The touched surface: x along the contact.
         in_contact
-            Whether the foam feels the object; slip is asked only then.
+            Whether the foam feels the object; slip is tested only then.
         force_fraction
             Force on the foam as part of its largest lately.
         sudden_loss

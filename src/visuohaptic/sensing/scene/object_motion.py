@@ -2,10 +2,10 @@
 
 The surface that the camera sees is taken as a plane through the contact line, perpendicular to the
 floor, or as the cylinder that the fitted circle is the section of. Tracked points are cast to it once;
-from then on they are points of a rigid body. A first touch tells the direction and the curvature of the
+from then on they are points of a rigid body. A first touch shows the direction and the curvature of the
 surface badly: both are unknowns with a prior, and the motion itself decides, since points on a wrong surface do
 not move like one rigid body. Between the
-first and the newest picture the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
+first and the newest image the plane makes a homography H = R - T n^T / d, Eq. (2.14), which is
 estimated by consensus and decomposed; of its solutions that one counts whose plane is the known one. Its motion
 is then refined on the pixels, with the plane and its distance known, and compared with
 the simpler motion of an object that stands: shift and turn on the floor. The simpler one wins unless the pixels
@@ -37,6 +37,8 @@ class ObjectTracker:
     ----------
     camera, T_camera_foam
         The sensor's camera.
+    settings
+        How the motion is estimated, and what counts as an event.
     """
 
     def __init__(
@@ -45,7 +47,7 @@ class ObjectTracker:
         self.camera, self.T_camera_foam = camera, T_camera_foam
         self.settings = settings or ObjectMotionSettings()
         self._fitter = BodyFitter(camera, T_camera_foam, self.settings.gate_sigmas, self.settings.min_points)
-        self.face: Pose | None = None  #: at the begin; None: nothing is tracked
+        self.face: Pose | None = None  #: at the start; None: nothing is tracked
         self.curvature_per_m = 0.0  #: of the face's section with the floor; 0 = plane
         self._shape_sigma = np.array([0.1, 2.0])  # of the face's direction [rad] and curvature [1/m]
         self._eye = T_camera_foam.inverse().translation_m
@@ -69,10 +71,24 @@ class ObjectTracker:
         curvature_sigma_per_m: float = 2.0,
         another: bool = True,
     ) -> None:
-        """Begin with an object whose surface is known as well as the contact tells it.
+        """Start to follow an object whose surface is known as well as the contact shows it.
 
         ``another`` is False for the object of before, whose face is only known better now: it leans as
         it did, and what has happened to it has happened.
+
+        Parameters
+        ----------
+        face
+            ``T_foam_face``: x along the contact, y up, z to the robot.
+        curvature_per_m
+            Curvature of the section of the surface with the floor [1/m]; 0: a plane.
+        direction_sigma_rad
+            Standard deviation of the direction of the face about the vertical [rad].
+        curvature_sigma_per_m
+            Standard deviation of the curvature [1/m].
+        another
+            Whether it is another object than before. For the same one only the face is measured again: it
+            leans as it did, and what has happened to it has happened.
         """
         lean = self._motion.rotation @ self._lean
         keeps = not another and self.follows and self._events.tilted
@@ -110,7 +126,13 @@ class ObjectTracker:
         self.face = None
 
     def moved(self, points_foam_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Where points of the body, given at the begin, are now [m]."""
+        """Where points of the body, given at the start, are now [m].
+
+        Parameters
+        ----------
+        points_foam_m
+            Points of the body at the start, frame F [m].
+        """
         assert self.face is not None
         return self._fitter.place(self.face, self._motion, points_foam_m)
 
@@ -123,8 +145,10 @@ class ObjectTracker:
         ----------
         step
             Tracks on the object only.
+        t_s
+            Time of the frame [s].
         in_contact
-            Whether the foam feels it: slip is asked only then.
+            Whether the foam feels it: slip is tested only then.
         force_fraction
             Force on the foam as part of its largest lately; a fall takes it away.
         """
@@ -205,7 +229,7 @@ class ObjectTracker:
             return None
         assert self.face is not None
         body = np.array([self._body[ids[k]] for k in chosen])
-        pixels, sigma = step.after_px[chosen], np.hypot(step.sigma_px[chosen], s.smallest_sigma_px)
+        pixels, sigma = step.after_px[chosen], np.hypot(step.sigma_px[chosen], s.min_sigma_px)
         best = self._fitter.refined(self.face, self._motion, body, pixels, sigma)
         if best is None or np.mean(best.inliers) < 0.8:
             guess = self._fitter.by_homography(self.face, body, pixels)

@@ -7,10 +7,10 @@ subtraction, ICPR 2004]. Weights w_k follow the observations with the rate alpha
     w_k <- w_k + alpha (o_k - w_k) - alpha c_T ,
 
 where o_k = 1 for the mode that the pixel matches; the negative prior c_T lets modes
-without evidence die out. The heaviest modes, which together hold the share 1 - c_f, are the floor.
+without evidence die out. The heaviest modes, which together hold the fraction 1 - c_f, are the floor.
 
 What differs from the text: no mode is narrower than a part of the floor's spread over the whole
-strip, since a moving platform brings to each pixel what its neighbours have seen before; pixels of the picture are binned first (texture finer
+strip, since a moving platform brings to each pixel what its neighbours have seen before; pixels of the image are binned first (texture finer
 than a bin is noise to the mixture, and half the size is a quarter of the work), and
 foreground learns slower than floor as long as it is a part of the strip only, so
 that an obstacle which is being pushed is not taken for a new floor within a few frames.
@@ -35,7 +35,7 @@ _VOTE = 9
 
 @dataclass(frozen=True, slots=True)
 class MixtureSettings:
-    """How the floor is learnt and obstacles are told from it."""
+    """How the floor is learnt and obstacles are separated from it."""
 
     rows: int = 300  #: height of the strip at the image's upper border [px]
     binning: int = 2  #: edge of the squares of pixels that are averaged first
@@ -76,7 +76,12 @@ class MixtureSettings:
 
 
 class FloorMixture:
-    """Mixture of every pixel of a picture whose size stays the same.
+    """Mixture of every pixel of an image whose size stays the same.
+
+    Parameters
+    ----------
+    settings
+        Rates and thresholds of the mixture.
 
     Examples
     --------
@@ -107,6 +112,14 @@ class FloorMixture:
 
         Where ``held`` is not 0 a pixel learns as slowly as foreground: parts of an
         obstacle that look like the floor would otherwise teach the whole obstacle to it.
+
+        Parameters
+        ----------
+        image
+            Grey or colour image of the size of the first.
+        held
+            Not 0 where a pixel learns as slowly as foreground: parts of an obstacle that look like the floor
+            would otherwise make the whole obstacle a part of it.
         """
         from ._mixture_kernels import update_mixture
 
@@ -119,7 +132,7 @@ class FloorMixture:
         if self._modes.shape != shape:
             raise InputError(
                 "FloorMixture.update",
-                f"found a picture of shape {image.shape}, expected {(self._modes.shape[0], self._modes.shape[3])} as before",
+                f"found an image of shape {image.shape}, expected {(self._modes.shape[0], self._modes.shape[3])} as before",
                 remedy="use a new mixture for another camera",
             )
         self.frames += 1
@@ -147,7 +160,7 @@ class FloorMixture:
         return mask
 
     def _spread(self, levels: np.ndarray, held: np.ndarray | None) -> float:
-        """Spread of the floor's levels over the picture, from every eighth pixel.
+        """Spread of the floor's levels over the image, from every eighth pixel.
 
         Robust and slow: an obstacle that gets into it would widen the modes, and more of it would.
         """
@@ -168,7 +181,7 @@ class FloorMixture:
 
     @property
     def foreground_fraction(self) -> float:
-        """Share of the newest picture that is foreground."""
+        """Fraction of the newest image that is foreground."""
         return self._foreground
 
 
@@ -196,6 +209,8 @@ class ObstacleDetector:
         The floor plane as the camera sees it, its axes along those of the sensor frame F.
     front_m
         x of the foam's front contour at rest.
+    settings
+        Rates and thresholds of the mixture.
     """
 
     def __init__(
@@ -227,7 +242,13 @@ class ObstacleDetector:
         return max(float(self.floor_view.cast(low)[0, 0]) - self.front_m, 0.0)
 
     def update(self, image: UInt8[np.ndarray, "rows columns *colour"]) -> Obstacle:
-        """Look at one frame, grey or colour."""
+        """Nearest obstacle in one frame.
+
+        Parameters
+        ----------
+        image
+            Grey or colour image.
+        """
         import cv2
 
         camera, n = self.floor_view.camera, self.settings.binning

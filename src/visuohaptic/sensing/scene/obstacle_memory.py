@@ -1,7 +1,7 @@
-"""Obstacles do not go away: the nearest one, carried on where the camera cannot tell any more.
+"""Obstacles do not go away: the nearest one, carried on where the camera no longer sees it.
 
 Between the lower border of the watched strip and the foam lies floor that is not watched. What has
-come near enough to reach it fills the picture, and after a while it looks like floor, or only its far
+come near enough to reach it fills the image, and after a while it looks like floor, or only its far
 parts stand out. Free, or far away, would then be a wrong claim just before the touch: what was seen
 last comes nearer as the platform goes on, until it is touched, is seen to be gone, or is turned away from.
 """
@@ -19,9 +19,11 @@ __all__ = ["ObstacleMemory", "ObstacleMemorySettings"]
 
 @dataclass(frozen=True, slots=True)
 class ObstacleMemorySettings:
-    """When to believe what was seen before."""
+    """When an obstacle that was seen before still counts."""
 
-    tolerance_m: float = 0.01  #: a reading may be so much farther than expected and still be the same thing
+    tolerance_m: float = (
+        0.01  #: a reading may be so much farther than expected and still be the same obstacle
+    )
     forget_frames: int = 20  #: not seen for so long where it should be in view: it has gone
     passed_m: float = 0.04  #: so far behind the foam's front, and not touched: it was not there
     turned_rad: float = 0.35  #: turned by this much it is no longer ahead
@@ -34,7 +36,9 @@ class ObstacleMemory:
     Parameters
     ----------
     blind_m
-        Distance from the foam's front to the lower border of the strip: nearer things are not watched.
+        Distance from the foam's front to the lower border of the strip: nearer obstacles are not watched.
+    settings
+        How long an obstacle is remembered.
     """
 
     def __init__(self, blind_m: float, settings: ObstacleMemorySettings | None = None) -> None:

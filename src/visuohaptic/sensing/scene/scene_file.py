@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from jaxtyping import Float
 from pydantic import Field, model_validator
 
+from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import load_yaml_model
+from ...core.measurement import ForceProfile
 from ...core.robots import BaseState
 from ..config_fields import PoseSection, Positive, Section
+from ..foam.sensor import FoamSensor
 from ..foam.strip.config import FoamSensorConfig, FoamSetup
+from ..foam.strip.zero import ZeroReference
 from .ego_motion import EgoMotionSettings
 from .obstacle_mask import MixtureSettings
 from .scene_regions import SceneSettings
-from .scene_tracker import SceneTracker
+from .scene_tracker import SceneReading, SceneTracker
 
-__all__ = ["Odometry", "SceneConfig", "SceneSetup", "read_odometry"]
+__all__ = ["Odometry", "SceneConfig", "SceneSensor", "SceneSetup", "read_odometry"]
 
 
 class StripSection(Section):
@@ -65,6 +70,11 @@ class SceneConfig(Section):
     def load(cls, path: Path | str) -> SceneSetup:
         """Read the file and what it names.
 
+        Parameters
+        ----------
+        path
+            ``scene.yaml``.
+
         Raises
         ------
         InputError
@@ -94,7 +104,13 @@ class SceneSetup:
     sensor: FoamSetup | None  #: of the foam, where it is read as well
 
     def tracker(self, rng: np.random.Generator | None = None) -> SceneTracker:
-        """A tracker that has seen nothing yet."""
+        """A tracker that has seen nothing yet.
+
+        Parameters
+        ----------
+        rng
+            Of RANSAC; a fixed seed without.
+        """
         config = self.config
         settings = SceneSettings(
             ego=EgoMotionSettings(foam_ahead_m=config.foam_ahead_m),
@@ -107,9 +123,108 @@ class SceneSetup:
         return SceneTracker(self.camera, self.T_camera_foam, config.floor_below_m, settings, rng)
 
 
+class SceneSensor:
+    """The scene ahead as a sensor: reads the foam where there is one, and tracks all around it.
+
+    Parameters
+    ----------
+    setup
+        From :meth:`SceneConfig.load`.
+    odometry
+        Newest state of the platform at a time [s], as :meth:`Odometry.at`; without it the floor alone gives the
+        motion.
+    rng
+        Of RANSAC; a fixed seed without.
+    """
+
+    def __init__(
+        self,
+        setup: SceneSetup,
+        *,
+        odometry: Callable[[float], BaseState | None] | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        self.setup, self.odometry, self._rng = setup, odometry, rng
+        self.foam = None if setup.sensor is None else FoamSensor.of_setup(setup.sensor)
+        self.tracker = setup.tracker(rng)
+        self.profile: ForceProfile | None = None  #: what the foam read in the last frame
+
+    @classmethod
+    def load(
+        cls,
+        path: Path | str,
+        *,
+        odometry: Callable[[float], BaseState | None] | None = None,
+        rng: np.random.Generator | None = None,
+    ) -> Self:
+        """A sensor as described by ``scene.yaml``; its foam with the zero reference if there is one.
+
+        Parameters
+        ----------
+        path
+            The file; those that it names are relative to its folder.
+        odometry
+            Newest state of the platform at a time [s].
+        rng
+            Of RANSAC; a fixed seed without.
+
+        Raises
+        ------
+        InputError
+            A file or field cannot be used.
+        """
+        return cls(SceneConfig.load(path), odometry=odometry, rng=rng)
+
+    @property
+    def camera(self) -> Camera:
+        """Model of the camera whose frames it reads."""
+        return self.setup.camera
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether its foam has a zero reference; True without foam, which is all that needs one."""
+        return self.foam is None or self.foam.zeroed
+
+    def zero(self, frames: Iterable[Frame]) -> ZeroReference | None:
+        """Take the zero reference of the foam; None, and no frame is read, where there is no foam.
+
+        Parameters
+        ----------
+        frames
+            Of a strip that nothing touches.
+
+        Raises
+        ------
+        CalibrationError
+            The contours were not found, or the strip moved meanwhile.
+        """
+        return None if self.foam is None else self.foam.zero(frames)
+
+    def read(self, frame: Frame) -> SceneReading:
+        """Motion, obstacles and the touched object in one frame.
+
+        Parameters
+        ----------
+        frame
+            The next one in order of time.
+        """
+        self.profile = None if self.foam is None else self.foam.read(frame)
+        state = None if self.odometry is None else self.odometry(frame.t_s)
+        return self.tracker.update(frame, self.profile, state)
+
+    def reset(self) -> None:
+        """Forget all frames; the zero reference stays."""
+        if self.foam is not None:
+            self.foam.reset()
+        self.tracker, self.profile = self.setup.tracker(self._rng), None
+
+    def close(self) -> None:
+        """Nothing is held: the scene has no threads."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Odometry:
-    """What the platform's wheels told over time, N rows in order of time."""
+    """Odometry of the platform over time, N rows in order of time."""
 
     t_s: Float[np.ndarray, "N"]
     speed_m_s: Float[np.ndarray, "N"]
@@ -117,7 +232,13 @@ class Odometry:
     max_gap_s: float = 0.25  #: farther from the rows before and after there is no odometry
 
     def at(self, t_s: float) -> BaseState | None:
-        """State at a time, between two rows by straight lines; None outside of what was recorded."""
+        """State at a time, between two rows by straight lines; None outside of what was recorded.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         after = int(np.searchsorted(self.t_s, t_s))
         near = [self.t_s[k] for k in (after - 1, after) if 0 <= k < len(self.t_s)]
         if not near or min(abs(t - t_s) for t in near) > self.max_gap_s:
@@ -132,6 +253,11 @@ class Odometry:
 
 def read_odometry(path: Path | str) -> Odometry:
     """Read a CSV with columns t_s, speed_m_s, turn_rate_rad_s; others are left alone.
+
+    Parameters
+    ----------
+    path
+        The CSV file.
 
     Raises
     ------

@@ -83,9 +83,20 @@ def write_scene(
 ) -> None:
     """One reading as messages.
 
-    ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the begin, in frame
+    ``/NAME/pose`` is a ``geometry_msgs/PoseWithCovarianceStamped`` of frame F since the start, in frame
     ``odom``; ``/NAME/diagnostics`` has all numbers with their validity and reason; with ``mask``
     ``/NAME_obstacles/image/compressed`` is the obstacle mask. Events are the caller's.
+
+    Parameters
+    ----------
+    recording
+        Where messages go.
+    reading
+        Scene of one frame.
+    name
+        First part of the topics.
+    mask
+        Write the obstacle mask, too.
     """
     x, y, heading = (float(v) for v in reading.pose)
     covariance = np.zeros((6, 6))
@@ -104,6 +115,11 @@ class SceneTable(Closing):
 
     The file is called ``NAME.part`` until it is closed; a row is with the operating system when
     ``write`` returns.
+
+    Parameters
+    ----------
+    path
+        Where to write the CSV file.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -121,7 +137,13 @@ class SceneTable(Closing):
         csv.writer(self._stream, lineterminator="\n").writerow(SCENE_COLUMNS)
 
     def write(self, reading: SceneReading) -> None:
-        """Append one reading."""
+        """Append one reading.
+
+        Parameters
+        ----------
+        reading
+            Scene of one frame.
+        """
         if self._stream is None:
             raise InputError(self.path, "is closed")
         values = _values(reading)

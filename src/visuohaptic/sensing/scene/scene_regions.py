@@ -46,7 +46,7 @@ class SceneSettings:
     )  #: images wider than this are binned for the tracks
     lost_contact_frames: int = 20  #: without contact for so long: the next contact is another object
     min_discriminative_flow_px: float = (
-        1.0  #: flow of the floor from which a point tells whether it is on the floor
+        1.0  #: flow of the floor from which a point shows whether it is on the floor
     )
     widening: float = 1.6  #: a contact that has become wider by this factor shows its face better
 
@@ -114,7 +114,7 @@ class SceneRegions:
 
         regions, s = self._patches.copy(), self.settings
         n = obstacle.binning
-        # Below what stands in the strip there is no floor but the lower part of the same thing.
+        # Below what stands in the strip there is no floor but the lower part of the same obstacle.
         if obstacle.valid:
             standing = np.repeat(np.count_nonzero(obstacle.mask, axis=0) > 0.15 * obstacle.mask.shape[0], n)
             columns = np.zeros(self.camera.width, bool)

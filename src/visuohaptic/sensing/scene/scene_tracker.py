@@ -18,7 +18,7 @@ from ...core.camera.plane import PlaneView
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.geometry import rotation_2d
-from ...core.measurement import Contact, Event, ForceProfile, Motion
+from ...core.measurement import Contact, Event, ForceProfile, Motion, Reason
 from ...core.objects import Primitive, PrimitiveKind
 from ...core.robots import BaseState
 from ...tracking.points.flow import FlowStep, PointTracker
@@ -39,12 +39,12 @@ __all__ = ["SceneReading", "SceneTracker"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneReading:
-    """What one frame tells of the surroundings."""
+    """What one frame shows of the surroundings."""
 
     t_s: float
     motion: Motion  #: of frame F since the last frame, floor and odometry fused
-    floor_motion: Motion  #: the part that the floor alone tells
-    pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the begin [m, rad]
+    floor_motion: Motion  #: the part that the floor alone gives
+    pose: Float[np.ndarray, "3"]  #: (x, y, heading) of frame F since the start [m, rad]
     pose_covariance: Float[np.ndarray, "3 3"]  #: of ``pose``
     object_motion: ObjectMotion  #: since the contact began
     object_angle_rad: float  #: turn of the object in the world since then; NaN when it is not seen
@@ -52,6 +52,16 @@ class SceneReading:
     obstacle: Obstacle
     floor_points: int
     object_points: int
+
+    @property
+    def valid(self) -> bool:
+        """Whether the motion of the platform can be trusted."""
+        return self.motion.valid
+
+    @property
+    def reason(self) -> Reason:
+        """Why not; ``ok`` when valid."""
+        return self.motion.reason
 
     @property
     def mask(self) -> UInt8[np.ndarray, "rows columns"]:
@@ -73,6 +83,8 @@ class SceneTracker:
         The sensor's camera and where frame F is in it.
     floor_below_m
         Height of the foam's visible edge above the floor.
+    settings
+        Where to look, and how.
     rng
         Of RANSAC.
     """
@@ -114,7 +126,19 @@ class SceneTracker:
         settings: SceneSettings | None = None,
         rng: np.random.Generator | None = None,
     ) -> Self:
-        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's."""
+        """The surroundings of a foam sensor, through its own camera; the strip's size is the sensor's.
+
+        Parameters
+        ----------
+        setup
+            Configuration of the foam sensor.
+        floor_below_m
+            Height of the foam's visible edge above the floor [m].
+        settings
+            Where to look, and how; the strip's size is replaced.
+        rng
+            Source of the random samples; a fixed seed without.
+        """
         front = setup.geometry.front_m
         fitted = replace(
             settings or SceneSettings(),
@@ -138,10 +162,12 @@ class SceneTracker:
         gyroscope_rad_s: float | None = None,
         primitive: Primitive | None = None,
     ) -> SceneReading:
-        """Look at one frame.
+        """Motion, obstacles and the touched object in one frame.
 
         Parameters
         ----------
+        frame
+            The next frame in order of time.
         profile
             What the foam read from the same frame; without it no object is tracked.
         base_state, gyroscope_rad_s
@@ -246,7 +272,7 @@ class SceneTracker:
         self._heading = float(self.ego.pose[2])
         self._flat_angle = float("nan") if begins else self._flat_angle
         if shape is not None and shape.kind in (PrimitiveKind.LINE, PrimitiveKind.SEGMENT):
-            # A flat face that is felt twice tells the turn in between better than the texture.
+            # A flat face that is felt twice gives the turn in between better than the texture.
             along = contact_face(contact, shape).rotation[:, 0]
             in_world = float(np.arctan2(along[0], -along[1])) + self._heading
             if np.isfinite(self._flat_angle):
@@ -268,18 +294,18 @@ class SceneTracker:
         return bool(seen) and before > 0.0 and self._deflection_m - before < 0.3 * ahead_m
 
     def _sorted(self, step: FlowStep, expected: np.ndarray) -> FlowStep:
-        """Without the points that the platform's way shows to be on the other thing, floor or object.
+        """Without the points that the platform's way shows to be on the other of both, floor or object.
 
-        What is pushed stands still in the picture while the floor passes.
+        What is pushed stands still in the image while the floor passes.
         """
         floor = self.floor_view.cast(step.before_px)
         passed = self.floor_view.project((floor - expected[:2]) @ rotation_2d(expected[2]))
         flow = step.after_px - step.before_px
-        told = passed - step.before_px
-        way = np.linalg.norm(told, axis=1)
-        telling = np.isfinite(way) & (way > self.settings.min_discriminative_flow_px)
-        still = telling & (np.linalg.norm(flow, axis=1) < 0.3 * way)
-        passes = telling & (np.linalg.norm(flow - told, axis=1) < 0.3 * way)
+        predicted = passed - step.before_px
+        way = np.linalg.norm(predicted, axis=1)
+        discriminative = np.isfinite(way) & (way > self.settings.min_discriminative_flow_px)
+        still = discriminative & (np.linalg.norm(flow, axis=1) < 0.3 * way)
+        passes = discriminative & (np.linalg.norm(flow - predicted, axis=1) < 0.3 * way)
         wrong_floor = still & (step.label == FLOOR)
         # Few floor points may disagree with the wheels by chance, or the object be seen to start late.
         wrong_object = passes & (step.label == OBJECT)

@@ -35,6 +35,17 @@ def frame(origin, direction, t, m, kappa):
 
     u is the image axis along the edge, v the one across; ``nv`` is the v part of
     the normal that points to larger t, ``cu`` the arc length per unit of u.
+
+    Parameters
+    ----------
+    origin, direction
+        Origin (x, y) [px] and unit direction of the line, (2,).
+    t
+        Position of the edge along the line [px].
+    m
+        Slope dt/ds of the edge.
+    kappa
+        Its curvature [1/px].
     """
     dx, dy = direction[0], direction[1]
     tx, ty = -dy + m * dx, dx + m * dy
@@ -52,6 +63,21 @@ def plateaus(grey, origin, direction, half, state, near, length, out):
 
     ``out`` (2, 6): pixels, mean of z, mean level, slope of the level, variance of z,
     residual variance. Returns False when the window leaves the image.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origin (x, y) [px] and unit direction of the line, (2,).
+    half
+        Half width of the window along the edge [px].
+    state
+        Row of the point, columns as above.
+    near, length
+        Distance of the plateaus from the edge [blurs], and their length [px].
+    out
+        Filled, (2, 6), in front and behind.
     """
     flat, pu, pv, slope, curve, nv, tu = frame(origin, direction, state[T], state[SLOPE], state[CURVE])
     rows, columns = grey.shape
@@ -114,6 +140,21 @@ def step_fit(grey, origin, direction, half, near, prior, state):
     gradient is exact, the information matrix is the integral over a finely sampled
     edge: its relative error is exp(-2 pi^2 b^2 / 2), below 0.4 % for b >= 0.75 px.
     Reads and updates ``state``; VAR, SPREAD are per unit noise variance.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origin (x, y) [px] and unit direction of the line, (2,).
+    half
+        Half width of the window along the edge [px].
+    near
+        Half length of the window along the line [blurs].
+    prior
+        Level in front, level behind, and their weights in pixels, (4,).
+    state
+        Row of the point; read and updated.
     """
     flat, pu, pv, slope, curve, nv, tu = frame(origin, direction, state[T], state[SLOPE], state[CURVE])
     b = state[BLUR]
@@ -228,6 +269,17 @@ def fraction(value, variance, use, half, mean, spread):
     ``spread`` its variance: the scatter of the neighbours beyond their own
     ``variance`` (empirical Bayes) plus the variance of the fit; infinite when
     fewer than four neighbours speak.
+
+    Parameters
+    ----------
+    value, variance
+        Of each point, (n,).
+    use
+        Points that count, (n,).
+    half
+        Neighbours to either side.
+    mean, spread
+        Filled with the fitted value and its variance, (n,).
     """
     n = value.shape[0]
     sums = np.zeros((n + 1, 7))
@@ -276,6 +328,19 @@ def curvatures(origin, direction, state, trust, noise_var, limit):
     of the noise of the point, while the correction by pure noise would raise that by 9 %.
     ``trust`` (n), 0 to 1, is that of each position. A curvature fades out with it, and where it
     is too sharp for a curve, into that of its neighbours: a threshold would let noise choose between two edges.
+
+    Parameters
+    ----------
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    state
+        Rows of the points; the curvature is written.
+    trust
+        Of each position, 0 to 1, (n,).
+    noise_var
+        Variance of one pixel [grey levels^2].
+    limit
+        Largest curvature that is corrected [1/px].
     """
     n = origin.shape[0]
     weight = np.zeros(n)

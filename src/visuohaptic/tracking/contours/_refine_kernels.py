@@ -20,9 +20,7 @@ from ._fit_kernels import (  # fmt: skip
     BLUR_STEP,
     BORDER,
     CHI2,
-    COUNT,
     CURVE,
-    FLAT,
     HIGH,
     HIGH_SLOPE,
     LOW,
@@ -30,10 +28,8 @@ from ._fit_kernels import (  # fmt: skip
     MOVED,
     OK,
     SLOPE,
-    SPREAD,
     STATUS,
     TEXTURE,
-    VAR,
     T,
     curvatures,
     fraction,
@@ -54,8 +50,8 @@ MIN_BLUR, MAX_BLUR = 0.45, 6.0
 #: A point whose last step was longer than this (blurs) has not arrived: kinks and steep flanks take up to
 #: six sweeps from a whole pixel, and where they are cut short shows the start, not the edge.
 SETTLED, MORE_SWEEPS = 0.04, 6
-#: A kink misfits by up to this part of the contrast's square; what misfits twice as much is no edge. Far above
-#: what kinks do: the curvature must not come and go with the misfit that it makes itself.
+#: A kink leaves a residual of up to this part of the contrast's square; what leaves twice as much is no edge. Far above
+#: what kinks do: the curvature must not come and go with the residual that it makes itself.
 KINK = 0.08
 #: The chain has missed the edge where its strength is below this part of the usual one; it lies between the
 #: neighbours' positions, or this far beyond (px).
@@ -68,6 +64,15 @@ def start_slopes(origin, direction, position, slope):
 
     The mean of both sides; the flatter one where they differ by more than a bent
     foam can: the other side is a jump to something else.
+
+    Parameters
+    ----------
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    position
+        Position along each line [px], (n,).
+    slope
+        Filled, (n,).
     """
     n = origin.shape[0]
     for k in range(n):
@@ -103,10 +108,20 @@ def start_on_edge(grey, origin, direction, found, strength, start, stop, polarit
 
     Parameters
     ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
     found, strength
         (n) positions of the chain (px) and edge strength there.
+    start, stop
+        Range of each line [px], (n,).
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
     cap, floor
         Strength of a usual edge of this contour, and of noise.
+    reach_px
+        Distance within which an edge is looked for [px].
     """
     n = origin.shape[0]
     chain = found.copy()
@@ -200,6 +215,27 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
 
     Points that have not settled by then go on alone, for up to ``MORE_SWEEPS`` sweeps.
     Returns the noise variance [grey^2] (estimated when ``noise_var`` <= 0 was given).
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    half
+        Half width of each window along the edge [px], (n,).
+    state
+        (n, STATES), start values of T and BLUR; receives the result.
+    noise_var
+        Variance of one pixel [grey levels^2]; 0: estimated.
+    sweeps
+        Passes over all points.
+    blur_gain
+        Part of a change of the blur that is taken over in each pass.
+    min_contrast
+        Smallest usable step [grey levels].
+    plateau_px
+        Pixels on either side that give the grey levels.
     """
     n = origin.shape[0]
     measured = np.zeros((n, 2, 6))
@@ -288,8 +324,8 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
             poor = state[k, CHI2] / (6.0 * noise_var + 0.01 * height * height)
             use[k] = state[k, STATUS] == OK and height >= min_contrast and poor < 1.0
             seen = state[k, STATUS] == OK and height >= min_contrast
-            misfit = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
-            trust[k] = min(max(2.0 - misfit / KINK, 0.0), 1.0) if seen else 0.0
+            excess = max(state[k, CHI2] - noise_var, 0.0) / max(height * height, 1.0)
+            trust[k] = min(max(2.0 - excess / KINK, 0.0), 1.0) if seen else 0.0
             if use[k]:
                 b = state[k, BLUR]
                 value[k] = b + min(max(state[k, BLUR_STEP], -0.3 * b), 0.5 * b)
@@ -313,54 +349,3 @@ def refine(grey, origin, direction, half, state, noise_var, sweeps, blur_gain, m
         if count > 3:
             noise_var = max(np.median(value[:count]), 0.1)
     return noise_var
-
-
-@kernel(nogil=True)
-def judge(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
-          occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
-    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``."""
-    n = state.shape[0]
-    for k in range(n):
-        s = state[k]
-        height = s[HIGH] - s[LOW]
-        chi = s[CHI2] / noise_var
-        var = s[VAR] * noise_var
-        noise[k] = math.sqrt(max(var, 0.0))
-        if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
-            var *= chi
-        ratio = s[SPREAD] / noise_var
-        if ratio > 2.2:
-            var = max(var, s[VAR] * noise_var * ratio)
-        # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
-        # One plateau has few patches: a calm one beside an uneven one is luck.
-        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
-        uneven = max(s[TEXTURE], near.mean())
-        var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
-        # A curve is no parabola: a tenth of the correction is doubtful, more where the curvature changes.
-        doubt = 0.1 * abs(s[CURVE])
-        if 0 < k < n - 1:
-            doubt += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
-        var += (doubt * half[k] * half[k] / 6.0) ** 2
-        sigma[k] = math.sqrt(max(var, 0.0))
-        code = 0
-        if s[STATUS] == BORDER:
-            code = 3
-        elif s[STATUS] == FLAT or abs(height) < min_contrast:
-            code = 1
-        elif polarity * height < 0.0:
-            code = 4
-        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
-            code = 1
-        elif s[T] < start[k] or s[T] > stop[k]:
-            code = 3
-        elif s[CHI2] > max_chi2 * noise_var + (0.06 * height) ** 2:
-            code = 5
-        elif not seen_clear[k] or foam_step[k] > max(occlusion * abs(height), 3.5 * math.sqrt(noise_var)):
-            code = 2
-        reason[k] = code
-    for k in range(n):
-        if reason[k] == 0 and n > 2:
-            a, b = (1, 2) if k == 0 else ((n - 2, n - 3) if k == n - 1 else (k - 1, k + 1))
-            left, right = state[k, T] - state[a, T], state[k, T] - state[b, T]
-            if left * right > 0.0 and min(abs(left), abs(right)) > jump_px:
-                reason[k] = 6

@@ -27,6 +27,21 @@ def edge_strength(grey, origin, direction, first, count, polarity, strength):
     G is the binomial filter (1 4 6 4 1)/16 along the line and the mean of five
     samples across it. The gradient has a part along the line and one across it,
     so that an edge that runs steeply over the lines keeps its strength.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of K lines, (K, 2).
+    first
+        First sample on each line [px], (K,).
+    count
+        Samples on each line, 1 px apart.
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
+    strength
+        Filled, (K, count).
     """
     rows, columns = grey.shape
     n = count + 2 * MARGIN
@@ -92,6 +107,19 @@ def chain_minimum(cost, first, step, direction, weight, index):
     positions. For given u_k and u_{k+1} the smoothness is one square in t_{k-1} plus a
     constant, so that the innermost loop is one multiply-add and one minimum per state.
     Writes the minimiser to ``index``; returns the minimum.
+
+    Parameters
+    ----------
+    cost
+        Of each position of each point, (K, n).
+    first, step
+        First position of each point (K,), and the distance between positions [px].
+    direction
+        Unit directions of the lines, (K, 2).
+    weight
+        Of the squared second differences.
+    index
+        Filled with the minimiser, (K,).
     """
     lines, n = cost.shape
     if lines == 1:
@@ -170,6 +198,25 @@ def energy_terms(strength, first, start, stop, stride, cap, jump_scale, floor, w
     The edge term takes the strongest sample of a cell of ``stride``, so that half the density misses
     no edge. The jump term is integrated from the reference contour (t = 0), or from
     the end of the profile next to it: the difference is the same for all positions.
+
+    Parameters
+    ----------
+    strength
+        Edge strength at samples 1 px apart, (K, m).
+    first
+        First sample on each line [px], (K,).
+    start, stop
+        Allowed range of each line [px], (K,).
+    stride
+        Samples per position.
+    cap, floor
+        Limit of the edge strength, and that of noise.
+    jump_scale
+        Contrast of a full edge [grey levels].
+    w_edge, w_jump
+        Weights of both terms.
+    cost
+        Filled, (K, n).
     """
     lines, count = strength.shape
     n = cost.shape[1]
@@ -206,6 +253,29 @@ def search(
     strength, the energy, and the limit of the edge strength that was used. A limit
     of zero is replaced by the mean of the strongest samples; the limit is then set
     to the mean over the solution, ``refinements`` times.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of K lines, (K, 2).
+    rest
+        Shape that has no smoothness energy [px], (K,).
+    start, stop
+        Allowed range of each line [px], (K,).
+    first, n, stride
+        First position of each point (K,), number of positions, and their distance [px].
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
+    cap, floor
+        Limit of the edge strength, 0: from the image, and that of noise.
+    jump_scale
+        Contrast of a full edge [grey levels].
+    w_edge, w_jump, weight
+        Weights of edge, jump and smoothness.
+    refinements
+        How often the limit is set to the mean over the solution.
     """
     lines = origin.shape[0]
     count = stride * (n - 1) + 1
@@ -251,6 +321,17 @@ def foam_edge(grey, origin, direction, begin, end, largest):
 
     A step is the difference of two means of 2 x 3 pixels, 4 px apart: 0.58 of the noise
     of one pixel.
+
+    Parameters
+    ----------
+    grey
+        Grey image.
+    origin, direction
+        Origins (x, y) [px] and unit directions of n lines, (n, 2).
+    begin, end
+        Part of each line that is tested [px], (n,).
+    largest
+        Filled [grey levels], (n,).
     """
     rows, columns = grey.shape
     for k in range(origin.shape[0]):

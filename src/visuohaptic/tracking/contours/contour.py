@@ -15,7 +15,8 @@ from jaxtyping import Bool, Float, UInt8
 from ...core.errors import InputError
 from ...core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from . import _fit_kernels as columns
-from ._refine_kernels import judge, refine, start_on_edge
+from ._classify_kernels import classify_points
+from ._refine_kernels import refine, start_on_edge
 from ._search_kernels import foam_edge, search
 from .lines import ConstraintLines
 
@@ -57,7 +58,7 @@ class ContourSettings:
     #: Start value of the blur of the optics (Gaussian sigma), without the pixel [px].
     blur_px: float = field(default=1.0, metadata=POSITIVE)
     min_contrast: float = field(default=8.0, metadata=POSITIVE)  #: smallest usable step [grey levels]
-    #: Pixels on either side that tell the grey levels; less for a thin stripe [px].
+    #: Pixels on either side that give the grey levels; less for a thin stripe [px].
     plateau_px: float = field(default=8.0, metadata=at_least(2.0))
     #: Standard deviation of one pixel [grey levels]; None: estimated per frame.
     noise_grey: float | None = field(default=None, metadata=POSITIVE)
@@ -297,7 +298,7 @@ class ContourTracker:
         foam_edge(grey, lines.origin_px, lines.direction_px, begin, end, step)
         noise_px, sigma = np.empty(len(lines)), np.empty(len(lines))
         reason = np.zeros(len(lines), dtype=np.uint8)
-        judge(
+        classify_points(
             state, found, np.asarray(lines.half_width_px), start, stop, noise_var,
             chosen.polarity, chosen.min_contrast, chosen.max_chi2, 4.0,
             chosen.max_jump * lines.spacing_px, chosen.occlusion, step, clear, noise_px, sigma, reason,
@@ -338,7 +339,7 @@ def _first_noise(grey: UInt8[np.ndarray, "rows columns"], lines: ConstraintLines
 
 
 def _good_fraction(contour: Contour) -> float:
-    """Share of points that sit on an edge; hidden points don't call for another search."""
+    """Fraction of points that sit on an edge; hidden points do not call for another search."""
     good = contour.valid | (contour.reason == PointReason.OCCLUDED)
     return float(good.mean())
 

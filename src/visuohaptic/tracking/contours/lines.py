@@ -83,5 +83,11 @@ class ConstraintLines:
         return float(np.sqrt(np.einsum("ki,ki->k", steps, steps)).mean())
 
     def points_px(self, position_px: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
-        """Points at the given positions on the lines."""
+        """Points at the given positions on the lines.
+
+        Parameters
+        ----------
+        position_px
+            Position along each line [px].
+        """
         return self.origin_px + np.asarray(position_px, dtype=np.float64)[:, None] * self.direction_px

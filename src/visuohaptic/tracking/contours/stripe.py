@@ -53,13 +53,17 @@ class StripeModel:
         image_bgr
             The undeformed sensor, well lit.
         stripe, rest
-            Pixels of the stripe and of everything else; ``rest`` defaults to all others.
-            Leave out a pixel or two along the edge, where the colours mix.
+            Pixels of the stripe and of everything else; ``rest`` defaults to all others. Leave out a pixel or
+            two along the edge, where the colours mix.
+        rng
+            Of the sampling and of the dither.
+        components
+            Gaussians per class.
 
         Raises
         ------
         CalibrationError
-            Too few pixels, or colours that cannot be told apart.
+            Too few pixels, or colours that cannot be distinguished.
         MissingExtraError
             scikit-learn is not installed.
         """
@@ -101,7 +105,17 @@ class StripeModel:
         *,
         margin_px: int = 24,
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """Image for ``ContourTracker``, filled around the lines only; the stripe is bright."""
+        """Image for ``ContourTracker``, filled around the lines only; the stripe is bright.
+
+        Parameters
+        ----------
+        image_bgr
+            Colour image (blue, green, red).
+        lines
+            Constraint lines of the contour.
+        margin_px
+            Border around the lines that is filled, too [px].
+        """
         import cv2
 
         _check_colour("StripeModel.edge_image", image_bgr)
@@ -117,7 +131,13 @@ class StripeModel:
         return result
 
     def likelihood(self, colours: UInt8[np.ndarray, "*shape 3"]) -> Float[np.ndarray, "*shape"]:
-        """Probability that pixels of these colours (blue, green, red) belong to the stripe."""
+        """Probability that pixels of these colours (blue, green, red) belong to the stripe.
+
+        Parameters
+        ----------
+        colours
+            Blue, green, red.
+        """
         cell = np.asarray(colours) // CELL
         return self.table[cell[..., 0], cell[..., 1], cell[..., 2]] / 255.0
 
@@ -134,7 +154,22 @@ class StripeModel:
         """True where the pixels directly in front of the points have the stripe's colour.
 
         Looks at a patch of ``depth_px`` behind a ``gap_px`` that the blur needs, over
-        half of the point's width; ``share`` of the pixels must be the stripe.
+        half of the point's width; ``fraction`` of the pixels must be the stripe.
+
+        Parameters
+        ----------
+        image_bgr
+            Colour image (blue, green, red).
+        lines
+            Constraint lines of the contour.
+        position_px
+            Position of the points along the lines [px].
+        gap_px
+            Distance from the point that the blur needs [px].
+        depth_px
+            Depth of the patch behind it [px]; it is half as wide as the point.
+        fraction
+            Of the pixels that must have the stripe's colour.
         """
         _check_colour("StripeModel.clear", image_bgr)
         rows, columns = image_bgr.shape[:2]
@@ -156,7 +191,13 @@ class StripeModel:
         return np.asarray(is_stripe.mean(axis=(1, 2)) >= fraction)
 
     def save(self, path: Path | str) -> None:
-        """Write an NPZ file, whole or not at all."""
+        """Write an NPZ file, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Where to write.
+        """
         with atomic_path(path) as temporary, temporary.open("wb") as file:
             np.savez_compressed(
                 file,
@@ -169,6 +210,11 @@ class StripeModel:
     @classmethod
     def load(cls, path: Path | str) -> StripeModel:
         """Read a file of ``save``; arrays only, nothing in it is executed.
+
+        Parameters
+        ----------
+        path
+            The file.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """Points that are followed from frame to frame (Alt 2016, Sec. 3.5: KLT on floor and object).
 
 The structure tensor G = sum of grad I grad I^T over a window bounds how well a point can be located:
-with noise of standard deviation s in both pictures its variance along an eigenvector
+with noise of standard deviation s in both images its variance along an eigenvector
 is at least 2 s^2 / lambda. Points are chosen by the smaller eigenvalue [Shi, Tomasi 1994]
 and carry this bound; a point is kept while it returns to its start when it is tracked back, its
 window still looks alike, and it stays in the image.
@@ -22,7 +22,7 @@ from ...core.errors import InputError
 
 __all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
 
-#: A picture of labels, or a function that makes it.
+#: An image of labels, or a function that makes it.
 Regions = UInt8[np.ndarray, "rows columns"] | Callable[[], UInt8[np.ndarray, "rows columns"]]
 
 #: Start of the way back beside the point, in both directions [bins]: a few times the distance that is allowed.
@@ -44,7 +44,7 @@ class FlowSettings:
     forward_backward_px: float = 0.4  #: largest distance after tracking there and back
     max_residual_grey: float = 25.0  #: mean absolute difference of a window that is still the same
     refill_fraction: float = 0.7  #: new points are chosen when fewer than this part is left
-    retry_frames: int = 4  #: a region that had no more points to offer is asked again after so many frames
+    retry_frames: int = 4  #: a region that had no more points to offer is searched again after so many frames
 
     def __post_init__(self) -> None:
         if not 1 <= self.binning <= 8:
@@ -74,7 +74,13 @@ class FlowStep:
     tried: dict[int, int] = field(default_factory=dict)  #: points by label that were there before
 
     def of(self, label: int) -> FlowStep:
-        """Only the points of one region."""
+        """Only the points of one region.
+
+        Parameters
+        ----------
+        label
+            Label of the region.
+        """
         keep = self.label == label
         return FlowStep(
             self.ids[keep],
@@ -86,7 +92,13 @@ class FlowStep:
         )
 
     def without(self, wrong: Bool[np.ndarray, "n"]) -> FlowStep:
-        """The points that are not ``wrong``."""
+        """The points that are not ``wrong``.
+
+        Parameters
+        ----------
+        wrong
+            Points to leave out.
+        """
         keep = ~wrong
         return FlowStep(
             self.ids[keep], self.label[keep], self.before_px[keep], self.after_px[keep], self.sigma_px[keep],
@@ -104,8 +116,14 @@ def location_sigma_px(
 
     Parameters
     ----------
+    image
+        Grey image.
     points_px
         Rounded to pixels; windows are cut at the border.
+    window_px
+        Edge of the window around a point [px].
+    noise_grey
+        Standard deviation of the image noise [grey levels].
     """
     half = window_px // 2
     padded = np.pad(image, half + 1, mode="edge").astype(np.float32)
@@ -125,12 +143,12 @@ def location_sigma_px(
 
 
 class PointTracker:
-    """Follows points in regions of a picture and chooses new ones there.
+    """Follows points in regions of an image and chooses new ones there.
 
     Parameters
     ----------
     settings
-        How.
+        How points are chosen and followed.
     rows
         First and last row (exclusive) that matter: nothing outside is looked at. None: all.
 
@@ -166,7 +184,15 @@ class PointTracker:
         self._sigma = np.zeros(0)
 
     def forget(self, label: int, *, outside: UInt8[np.ndarray, "rows columns"] | None = None) -> None:
-        """Drop the points of a region; with ``outside`` only those that are not in it there."""
+        """Drop the points of a region.
+
+        Parameters
+        ----------
+        label
+            Label of the region.
+        outside
+            Labels of the pixels: only points that are not in the region there are dropped.
+        """
         keep = self._label != label
         if outside is not None and len(self._points):
             where = self._binned(outside[slice(*(self._rows or (0, outside.shape[0])))], nearest=True)
@@ -176,14 +202,26 @@ class PointTracker:
         self._chosen.pop(label, None)
 
     def choose(self, regions: UInt8[np.ndarray, "rows columns"]) -> None:
-        """Choose points in the newest picture where regions have become poor."""
+        """Choose points in the newest image where regions have become poor.
+
+        Parameters
+        ----------
+        regions
+            Labels of the pixels, 0 = nowhere.
+        """
         if self._band is not None:
             self._chosen = {}
             rows = slice(*(self._rows or (0, regions.shape[0])))
             self._refill(self._band, self._binned(regions[rows], nearest=True))
 
     def drop(self, ids: Int[np.ndarray, "k"]) -> None:
-        """Forget some points."""
+        """Forget some points.
+
+        Parameters
+        ----------
+        ids
+            Numbers of the tracks; others are ignored.
+        """
         self._keep(~np.isin(self._ids, ids))
 
     def update(
@@ -194,21 +232,25 @@ class PointTracker:
         labels: Sequence[int] | None = None,
         shift_px: dict[int, Float[np.ndarray, "2"]] | None = None,
     ) -> FlowStep:
-        """Follow all points into a new picture, then choose new ones where they have become few.
+        """Follow all points into a new image, then choose new ones where they have become few.
 
         Parameters
         ----------
+        image
+            Grey image of the size of the first.
         regions
-            Where to choose points: 0 nowhere, else a region's label. Points that leave
-            their region are followed on. Or a function that gives them; it is called only when one of
-            the ``labels`` needs points.
+            Where to choose points: 0 nowhere, else a region's label. Points that leave their region are
+            followed on. Or a function that gives them; it is called only when one of the ``labels`` needs
+            points.
+        labels
+            Regions that are needed; all without.
         shift_px
             Expected motion of a region's points; by default they move on as they did.
 
         Raises
         ------
         InputError
-            A picture of another size than before, or not grey.
+            An image of another size than before, or not grey.
         """
         if image.ndim != 2 or image.dtype != np.uint8:
             raise InputError(
@@ -238,7 +280,7 @@ class PointTracker:
             raise InputError(
                 "PointTracker.update",
                 f"found {image.dtype} {image.shape} and regions {regions.shape}, "
-                "expected uint8 pictures of the same size",
+                "expected uint8 images of the same size",
             )
 
     def _is_poor(self, label: int) -> bool:
@@ -347,5 +389,5 @@ class PointTracker:
             self._label = np.concatenate([self._label, np.full(len(new), label)])
             self._ids = np.concatenate([self._ids, self._next_id + np.arange(len(new))])
             self._next_id += len(new)
-            # What could offer some is asked again at once.
+            # What could offer some is searched again at once.
             self._chosen[label] = (have + len(new), s.retry_frames if len(new) else 0)

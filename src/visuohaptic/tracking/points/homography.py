@@ -66,6 +66,13 @@ def apply_homography(
     """Map points; those on or behind the horizon (third coordinate <= 0) give NaN.
 
     The sign is taken with ``H[2, 2] > 0`` or, where that is not so, as given.
+
+    Parameters
+    ----------
+    homography
+        H, defined up to scale.
+    points
+        Points (x, y).
     """
     homography = np.asarray(homography, dtype=np.float64)
     points = np.asarray(points, dtype=np.float64)
@@ -165,7 +172,7 @@ def estimate_homography_robust(
     threshold
         Largest distance in the target at which a correspondence agrees.
     minimum
-        Fewest agreeing correspondences that are believed.
+        Fewest agreeing correspondences that are accepted.
     seed
         Of the sampling: the same seed gives the same result.
     """
@@ -243,6 +250,11 @@ def decompose_homography(homography: Float[np.ndarray, "3 3"]) -> tuple[PlaneMot
     two planes of such vectors contain ``v2`` and ``u = (a v1 +- b v3)`` with
     ``a^2 = (1 - s3^2) / (s1^2 - s3^2)``, ``b^2 = (s1^2 - 1) / (s1^2 - s3^2)``, which fixes
     R on each of them (Ma, Soatto, Kosecka, Sastry, An Invitation to 3-D Vision, 5.3).
+
+    Parameters
+    ----------
+    homography
+        H between points on the planes z = 1 of both cameras.
     """
     matrix = np.asarray(homography, dtype=np.float64)
     if matrix.shape != (3, 3) or not np.isfinite(matrix).all():
@@ -294,6 +306,13 @@ def facing_motions(
     z = 1. Their depth ``-d / (n . ray)`` must be positive, and so must it be after
     the motion. At most two solutions remain in general; knowledge of the normal, or a
     third view, decides between them.
+
+    Parameters
+    ----------
+    motions
+        From :func:`decompose_homography`.
+    rays_source
+        Points of the plane as seen by the source camera, scaled to z = 1.
     """
     rays = np.atleast_2d(np.asarray(rays_source, dtype=np.float64))
     kept = []

@@ -23,6 +23,15 @@ def project_point(x, y, z, lens, pixel, derivative):
     """Pixel (2,) of one point in the camera frame, and its derivative (2, 3) by the point [px/m].
 
     ``lens`` (12,): fx, fy, cx, cy, then OpenCV's k1, k2, p1, p2, k3, k4, k5, k6. False behind the camera.
+
+    Parameters
+    ----------
+    x, y, z
+        Point in the camera frame [m].
+    lens
+        fx, fy, cx, cy, then OpenCV's k1, k2, p1, p2, k3, k4, k5, k6, (12,).
+    pixel, derivative
+        Filled, (2,) and (2, 3).
     """
     if not z > 1e-9:
         return False
@@ -49,7 +58,15 @@ def project_point(x, y, z, lens, pixel, derivative):
 
 @kernel(**_JIT)
 def turn(rotation, rx, ry, rz):
-    """``exp([r]) R``, made orthonormal again: many small steps must not leave the group."""
+    """``exp([r]) R``, made orthonormal again: many small steps must not leave the group.
+
+    Parameters
+    ----------
+    rotation
+        R, changed in place, (3, 3).
+    rx, ry, rz
+        Rotation vector r [rad].
+    """
     angle = np.sqrt(rx * rx + ry * ry + rz * rz)
     sine, versine = 1.0, 0.5
     if angle > 1e-8:
@@ -118,6 +135,21 @@ def refine_pose(points, corners, whiten, lens, rotation, translation, normal):
 
     ``whiten`` (2n, 2n) makes the residuals independent with variance 1. Fills ``normal`` (6, 6), the
     information of the pose. Returns chi^2, infinite when the points come to lie behind the camera.
+
+    Parameters
+    ----------
+    points
+        Points of the body [m], (n, 3).
+    corners
+        Where they are seen [px], (n, 2).
+    whiten
+        Makes the residuals independent with variance 1, (2n, 2n).
+    lens
+        As in :func:`project_point`.
+    rotation, translation
+        Start and result, (3, 3) and (3,) [m].
+    normal
+        Filled with the information of the pose, (6, 6).
     """
     size = 2 * len(points)
     error, jacobian = np.zeros(size), np.zeros((size, 6))

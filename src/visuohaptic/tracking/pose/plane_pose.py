@@ -86,7 +86,13 @@ def estimate_plane_poses(
 
 
 def pose_difference(a: Pose, b: Pose) -> Float[np.ndarray, "6"]:
-    """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance."""
+    """``b - a`` as (x, y, z, rx, ry, rz) [m, rad], in the convention of the covariance.
+
+    Parameters
+    ----------
+    a, b
+        Two poses.
+    """
     return np.concatenate([b.translation_m - a.translation_m, so3_log(b.rotation @ a.rotation.T)])
 
 
@@ -115,7 +121,13 @@ def _from_decomposition(camera: Camera, points: np.ndarray, corners_px: np.ndarr
 
 
 def tilted_back(pose: Pose) -> Pose:
-    """The pose with its tilt mirrored about the line of sight: same picture without perspective."""
+    """The pose with its tilt mirrored about the line of sight: the same image without perspective.
+
+    Parameters
+    ----------
+    pose
+        ``T_camera_plane``.
+    """
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
     # Mirrored in the plane across the line of sight, and the template's own axis turned back.
     rotation = pose.rotation - 2.0 * np.outer(sight, sight @ pose.rotation)
@@ -141,7 +153,13 @@ def _refine(
 
 
 def lens_numbers(camera: Camera) -> Float[np.ndarray, "12"]:
-    """What the kernels know of a camera: fx, fy, cx, cy, and eight coefficients of distortion."""
+    """What the kernels know of a camera: fx, fy, cx, cy, and eight coefficients of distortion.
+
+    Parameters
+    ----------
+    camera
+        Intrinsics and distortion.
+    """
     k, result = camera.matrix, np.zeros(12)
     result[:4] = k[0, 0], k[1, 1], k[0, 2], k[1, 2]
     result[4 : 4 + len(camera.distortion)] = camera.distortion

@@ -11,6 +11,11 @@ def pixels_per_metre(data: bytes) -> tuple[float, float] | None:
     """Horizontal and vertical resolution from a PNG ``pHYs`` chunk or a JPEG JFIF header.
 
     ``None`` when the file states none. Damaged headers state none.
+
+    Parameters
+    ----------
+    data
+        Content of the image file.
     """
     try:
         if data[:8] == b"\x89PNG\r\n\x1a\n":

@@ -88,40 +88,41 @@ def _assemble(xx, xy, yy, vx, vy, light, matrix, vector):
 
 @kernel(**_JIT)
 def gauss_newton_sums(
-    image,
-    template,
-    gradient_x,
-    gradient_y,
-    x,
-    y,
-    rows,
-    offset,
-    h,
-    gain,
-    bias,
-    cut,
-    margin,
-    fraction,
-    unit,
-    cubic,
-    matrix,
-    vector,
-    stats,
-    histogram,
-):
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, gain, bias, cut, margin, fraction, unit,
+    cubic, matrix, vector, stats, histogram,
+):  # fmt: skip
     """One pass over the chosen rows of a template: everything a Gauss-Newton step needs.
 
-    ``image`` (height, width; B-spline coefficients where ``cubic``), ``template``,
-    ``gradient_x``, ``gradient_y`` (R, C) are float32; the gradients are per unit of ``x``,
-    ``y``. ``rows`` are the rows to use. ``offset`` (2, R, C) or (2, 1, 1) is added to the
-    warped position [px]; (2, 1, 1) means none. ``h`` (9,) maps column, row, 1 to the image.
-    ``cut`` and ``margin`` weigh the pixels, see :func:`row_residual`. ``share`` is the part
-    of the gradient that is taken from the warped image (0.5: ESM, 0: template only),
-    ``unit`` the length of one unit of x in columns.
-
-    Fills ``matrix`` (10, 10), ``vector`` (10,), ``histogram`` (256,) of |residual|
-    in half grey levels over every fourth pixel, and ``stats`` (13,):
-    weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT.
+    Parameters
+    ----------
+    image
+        (height, width) float32, B-spline coefficients where ``cubic``.
+    template, gradient_x, gradient_y
+        (R, C) float32; the gradients are per unit of ``x``, ``y``.
+    x, y
+        Centred coordinates of columns (C,) and rows (R,).
+    rows
+        Rows to use.
+    offset
+        (2, R, C), added to the warped position [px]; (2, 1, 1): none.
+    h
+        Column, row, 1 to the image, (9,).
+    gain, bias
+        Image = gain template + bias.
+    cut, margin
+        Weights of the pixels, see :func:`row_residual`.
+    fraction
+        Part of the gradient that is taken from the warped image (0.5: ESM, 0: template only).
+    unit
+        Length of one unit of x in columns.
+    cubic
+        Interpolate by a cubic spline.
+    matrix, vector
+        Filled, (10, 10) and (10,).
+    stats
+        Filled with weighted sums 1, T, TT, r, Tr, rr, energy; then unweighted n, I, T, II, IT, TT, (13,).
+    histogram
+        Filled with counts of the absolute residual in half grey levels over every fourth pixel, (256,).
     """
     height, width = image.shape
     columns = template.shape[1]
@@ -238,7 +239,7 @@ def _product(a, b):
 
 @kernel(**_JIT)
 def _spread(histogram, fraction, sigmas):
-    """Standard deviation of a normal law of which ``share`` lies within ``sigmas``, from the |residual| histogram."""
+    """Standard deviation of a normal law of which ``fraction`` lies within ``sigmas``, from the |residual| histogram."""
     total = histogram.sum()
     if total == 0:
         return 1.0
@@ -272,35 +273,33 @@ def _corner_shift(before, after, x_end, y_end):
 
 @kernel(**_JIT)
 def refine_level(
-    image,
-    template,
-    gradient_x,
-    gradient_y,
-    x,
-    y,
-    rows,
-    offset,
-    h,
-    light,
-    active,
-    fraction,
-    unit,
-    cubic,
-    cut_factor,
-    margin,
-    damping,
-    passes,
-    tolerance,
-    matrix,
-    stats,
-):
+    image, template, gradient_x, gradient_y, x, y, rows, offset, h, light, active, fraction, unit, cubic,
+    cut_factor, margin, damping, passes, tolerance, matrix, stats,
+):  # fmt: skip
     """Gauss-Newton passes on one level of the pyramid, in place on ``h`` and ``light``.
 
-    ``h`` (3, 3) maps centred coordinates to image pixels of the level, ``light`` (5,)
-    is gain, bias, spread of the residual, its spread where nothing but noise is in it, and the
-    part of the squared residual that the last step leaves. Other arguments as in
-    :func:`gauss_newton_sums`. Returns the last motion of the corners [px], infinite
+    Returns the last motion of the corners [px], infinite
     when the system was singular or the template turned inside out.
+
+    Parameters
+    ----------
+    image, template, gradient_x, gradient_y, x, y, rows, offset, fraction, unit, cubic, margin, matrix, stats
+        As in :func:`gauss_newton_sums`.
+    h
+        Centred coordinates to image pixels of the level, changed in place, (3, 3).
+    light
+        Gain, bias, spread of the residual, its spread where nothing but noise is in it, and the part of the
+        squared residual that the last step leaves; changed in place, (5,).
+    active
+        Unknowns that are solved for, (10,).
+    cut_factor
+        Residuals beyond this many standard deviations lose their weight.
+    damping
+        Relative to the diagonal.
+    passes
+        At most.
+    tolerance
+        A pass that moves the corners less is the last [px].
     """
     vector = np.zeros(10)
     step = np.zeros(10)
@@ -338,7 +337,7 @@ def refine_level(
             histogram,
         )
         light[2] = _spread(histogram, 0.5, 0.67449)
-        # Misfit sits on edges: the calmest quarter of the pixels tells the noise alone.
+        # Residuals sit on edges: the calmest quarter of the pixels gives the noise alone.
         light[3] = _spread(histogram, 0.25, 0.31864)
         if not solve_step(matrix, vector, active, damping, step):
             return np.inf

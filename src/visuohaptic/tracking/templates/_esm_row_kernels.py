@@ -29,7 +29,23 @@ _JIT = {"fastmath": True, "error_model": "numpy", "nogil": True}
 
 @kernel(**_JIT)
 def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, fy, inside):
-    """Where one template row falls in the image: cell index, fractions, and 1 inside / 0 outside."""
+    """Where one template row falls in the image: cell index, fractions, and 1 inside / 0 outside.
+
+    Parameters
+    ----------
+    h
+        Column, row, 1 to the image, (9,).
+    y
+        The row.
+    columns
+        Number of columns.
+    width, height
+        Size of the image [px].
+    offset_x, offset_y
+        Added to the positions [px], (C,).
+    index, fx, fy, inside
+        Filled, (C,).
+    """
     h0, h3, h6 = np.float32(h[0]), np.float32(h[3]), np.float32(h[6])
     a = np.float32(h[1] * y + h[2])
     b = np.float32(h[4] * y + h[5])
@@ -53,7 +69,21 @@ def row_positions(h, y, columns, width, height, offset_x, offset_y, index, fx, f
 
 @kernel(**_JIT)
 def row_bilinear(image, width, columns, index, fx, fy, value, energy):
-    """Bilinear samples of one row, and the sum of the squared weights of each."""
+    """Bilinear samples of one row, and the sum of the squared weights of each.
+
+    Parameters
+    ----------
+    image
+        The image, row by row, (height * width,).
+    width
+        Of the image [px].
+    columns
+        Number of columns.
+    index, fx, fy
+        From :func:`row_positions`, (C,).
+    value, energy
+        Filled with samples and the sums of their squared weights, (C,).
+    """
     one, two = np.float32(1.0), np.float32(2.0)
     right, down, both = np.uint32(1), np.uint32(width), np.uint32(width + 1)
     for i in range(columns):
@@ -74,6 +104,21 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energ
     independent with variance 1: ``b^T R b`` with the four B-spline weights b and the
     autocorrelation R of the prefilter ``h[k] = sqrt(3) z^|k|``, ``z = sqrt(3) - 2``, which is
     ``3 z^|k| ((1 + z^2) / (1 - z^2) + |k|)``.
+
+    Parameters
+    ----------
+    coefficients
+        B-spline coefficients, row by row, (height * width,).
+    width
+        Of the image [px].
+    columns
+        Number of columns.
+    index, fx, fy
+        From :func:`row_positions`, (C,).
+    weights
+        Scratch for the spline weights, (2, 4, C).
+    value, energy
+        Filled with samples and their variances, (C,).
     """
     two, three, four, sixth = np.float32(2.0), np.float32(3.0), np.float32(4.0), np.float32(1.0 / 6.0)
     one = np.float32(1.0)
@@ -117,7 +162,17 @@ def row_cubic(coefficients, width, columns, index, fx, fy, weights, value, energ
 
 @kernel(**_JIT)
 def row_correlation(columns, value, template, inside, sums):
-    """Unweighted sums for the correlation: n, I, T, I I, I T, T T."""
+    """Unweighted sums for the correlation: n, I, T, I I, I T, T T.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    value, template, inside
+        Samples of the image, the template, and which count, (C,).
+    sums
+        Added to, (6,).
+    """
     s0 = s1 = s2 = s3 = s4 = s5 = np.float32(0.0)
     for i in range(columns):
         m = inside[i]
@@ -142,6 +197,21 @@ def row_residual(columns, value, template, inside, gain, bias, cut, margin, resi
 
     Pixels that the model puts within ``margin`` of 0 or 255 weigh nothing: their noise is
     cut off on one side. The choice depends on the model alone, so it does not bias.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    value, template, inside
+        Samples of the image, the template, and which count, (C,).
+    gain, bias
+        Image = gain template + bias.
+    cut
+        Residual up to which a pixel has its full weight [grey levels].
+    margin
+        Distance from 0 and 255 within which a pixel weighs nothing [grey levels].
+    residual, weight
+        Filled, (C,).
     """
     a, b, one = np.float32(gain), np.float32(bias), np.float32(1.0)
     scale = np.float32(1.0 / (cut * cut))
@@ -157,7 +227,25 @@ def row_residual(columns, value, template, inside, gain, bias, cut, margin, resi
 
 @kernel(**_JIT)
 def row_gradient(columns, gain, fraction, before, here, after, tx, ty, scale, gx, gy):
-    """Jacobian directions: (1 - share) gain grad T + share grad I of the warped image."""
+    """Jacobian directions: (1 - fraction) gain grad T + fraction grad I of the warped image.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    gain
+        Image = gain template + bias.
+    fraction
+        Part that is taken from the warped image.
+    before, here, after
+        Samples of the image in the rows before, here and after, (C,).
+    tx, ty
+        Gradients of the template, (C,).
+    scale
+        From differences of samples to the unit of the gradients.
+    gx, gy
+        Filled, (C,).
+    """
     a = np.float32((1.0 - fraction) * gain)
     b = np.float32(0.5 * fraction * scale)
     for i in range(columns):
@@ -171,7 +259,19 @@ def row_gradient(columns, gain, fraction, before, here, after, tx, ty, scale, gx
 
 @kernel(**_JIT)
 def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
-    """Sums over one row of w gx gx x^i, w gx gy x^i, w gy gy x^i, i = 0..4."""
+    """Sums over one row of w gx gx x^i, w gx gy x^i, w gy gy x^i, i = 0..4.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    x
+        Centred column coordinates, (C,).
+    gx, gy, w
+        Gradients and weights, (C,).
+    xx, xy, yy
+        Filled, (5,).
+    """
     a0 = a1 = a2 = a3 = a4 = np.float32(0.0)
     b0 = b1 = b2 = b3 = b4 = np.float32(0.0)
     c0 = c1 = c2 = c3 = c4 = np.float32(0.0)
@@ -204,7 +304,19 @@ def row_matrix(columns, x, gx, gy, w, xx, xy, yy):
 
 @kernel(**_JIT)
 def row_vector(columns, x, g, r, t, w, out):
-    """Sums over one row of w g {r, T, 1} x^i, i = 0..2, for one direction of the gradient."""
+    """Sums over one row of w g {r, T, 1} x^i, i = 0..2, for one direction of the gradient.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    x
+        Centred column coordinates, (C,).
+    g, r, t, w
+        Gradient, residual, template and weight, (C,).
+    out
+        Filled, (3, 3).
+    """
     a0 = a1 = a2 = np.float32(0.0)
     b0 = b1 = b2 = np.float32(0.0)
     c0 = c1 = c2 = np.float32(0.0)
@@ -229,7 +341,17 @@ def row_vector(columns, x, g, r, t, w, out):
 
 @kernel(**_JIT)
 def row_light(columns, r, t, w, energy, sums):
-    """Sums of w {1, T, T T, r, T r, r r, energy}."""
+    """Sums of w {1, T, T T, r, T r, r r, energy}.
+
+    Parameters
+    ----------
+    columns
+        Number of columns.
+    r, t, w, energy
+        Residual, template, weight and variance of each sample, (C,).
+    sums
+        Added to, (7,).
+    """
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = np.float32(0.0)
     for i in range(columns):
         c = w[i]

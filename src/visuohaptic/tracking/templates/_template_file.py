@@ -31,5 +31,11 @@ class TemplateFolderFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> TemplateFolderFile:
-        """The file's content; empty when there is no such file."""
+        """The file's content; empty when there is no such file.
+
+        Parameters
+        ----------
+        path
+            The file.
+        """
         return load_yaml_model(path, cls) if path.exists() else cls()

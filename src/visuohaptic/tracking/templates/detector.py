@@ -1,4 +1,4 @@
-"""Finding templates anywhere in an image: tags by their code, pictures by SIFT features.
+"""Finding templates anywhere in an image: tags by their code, images by SIFT features.
 
 Alt 2016, Sec. 2.3.1 and 2.3.3. A match is kept when its descriptor is nearer than 0.8
 times the second nearest (Lowe; the text prints the opposite inequality). What is
@@ -29,12 +29,12 @@ class DetectorSettings:
 
     ratio: float = 0.8  #: nearest over second-nearest descriptor distance of a good match
     threshold_px: float = 4.0  #: distance at which a match agrees with a homography
-    matches_minimum: int = 8  #: agreeing matches that are believed
-    features_maximum: int = 4000  #: in a whole image
-    side_maximum_px: int = 1280  #: larger images are shrunk for the search of features
-    region_features_maximum: int = 600  #: in a region, where the template fills a good part
-    region_side_maximum_px: int = 240  #: of a region; the tracker refines on all its pixels anyway
-    ncc_nearby: float = 0.75  #: correlation at which a picture is believed that has only been shifted
+    min_matches: int = 8  #: agreeing matches that are accepted
+    max_features: int = 4000  #: in a whole image
+    max_side_px: int = 1280  #: larger images are shrunk for the search of features
+    max_region_features: int = 600  #: in a region, where the template fills a good part
+    max_region_side_px: int = 240  #: of a region; the tracker refines on all its pixels anyway
+    ncc_nearby: float = 0.75  #: correlation at which an image that has only been shifted is accepted
     #: the same for a tag; any two of the 587 tags, in any direction, stay below 0.76
     ncc_nearby_tag: float = 0.85
 
@@ -96,14 +96,14 @@ def detect_templates(
                 found |= _shifted(template, image, start, settings)
     left = tuple(template for template in templates if template.name not in found)
     tags = tuple(template for template in left if template.tag_id is not None)
-    pictures = tuple(template for template in left if len(template.descriptors) >= 2)
+    images = tuple(template for template in left if len(template.descriptors) >= 2)
     if tags:
         found |= _tags(tags, image)
-    if pictures:
-        side, features = settings.side_maximum_px, settings.features_maximum
+    if images:
+        side, features = settings.max_side_px, settings.max_features
         if region is not None:
-            side, features = settings.region_side_maximum_px, settings.region_features_maximum
-        found |= _pictures(pictures, image, settings, seed, side, features)
+            side, features = settings.max_region_side_px, settings.max_region_features
+        found |= _tagless(images, image, settings, seed, side, features)
     return {
         name: Detection(name, shift @ detection.homography, detection.support)
         for name, detection in found.items()
@@ -163,7 +163,7 @@ def _shifted(
     return {template.name: Detection(template.name, found.homography, 0)}
 
 
-def _pictures(
+def _tagless(
     templates: tuple[Template, ...],
     image: np.ndarray,
     settings: DetectorSettings,
@@ -171,7 +171,7 @@ def _pictures(
     side: int,
     features: int,
 ) -> dict[str, Detection]:
-    """Pictures by SIFT, ratio test and robust homography."""
+    """Images by SIFT, ratio test and robust homography."""
     import cv2
 
     scale = min(1.0, side / max(image.shape))
@@ -191,7 +191,7 @@ def _pictures(
             best for best, second in (pair for pair in pairs if len(pair) == 2)
             if best.distance < settings.ratio * second.distance
         ]  # fmt: skip
-        if len(good) < settings.matches_minimum:
+        if len(good) < settings.min_matches:
             continue
         source = template.keypoints[[match.queryIdx for match in good]]
         target = place[[match.trainIdx for match in good]]
@@ -199,14 +199,14 @@ def _pictures(
             source,
             target,
             threshold=settings.threshold_px / scale,
-            minimum=settings.matches_minimum,
+            minimum=settings.min_matches,
             seed=seed,
         )
         if not robust.valid or not is_proper(robust.matrix, template.esm.corners):
             continue
         # Agreeing matches must come from different places: repeated ones prove nothing.
         different = len(np.unique(np.round(source[robust.inliers] / 4), axis=0))
-        if different >= settings.matches_minimum and _is_sane(robust.matrix, template):
+        if different >= settings.min_matches and _is_sane(robust.matrix, template):
             result[template.name] = Detection(template.name, robust.matrix, int(robust.inliers.sum()))
     return result
 

@@ -40,7 +40,7 @@ __all__ = ["Alignment", "EsmSettings", "align"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """Where a template is in an image, how sure that is, and whether to believe it."""
+    """Where a template is in an image, how sure that is, and whether to trust it."""
 
     homography: Float[np.ndarray, "3 3"]  #: maps template pixels to image pixels, H[2, 2] = 1
     valid: bool
@@ -48,7 +48,7 @@ class Alignment:
     ncc: float  #: normalised cross-correlation with the template, -1..1
     inside: float  #: fraction of the template that is inside the image, 0..1
     weight: float  #: mean weight of the pixels inside, 0..1: not covered, not saturated
-    noise: float  #: standard deviation of one image pixel as the residual tells it [grey levels]
+    noise: float  #: standard deviation of one image pixel as estimated from the residual [grey levels]
     gain: float  #: image = gain * template + bias
     bias: float
     corners: Float[np.ndarray, "4 2"]  #: the template's corners in the image [px], offset not included
@@ -86,7 +86,7 @@ def align(
         what lens distortion does beyond the homography.
     blur
         How much softer than the template the image is, as the variance of a Gaussian [template px^2]
-        (a usual camera's for sharp prints, none for pictures); see :func:`visuohaptic.tracking.templates.esm_blur.matching_blur`.
+        (a usual camera's for sharp prints, none for images); see :func:`visuohaptic.tracking.templates.esm_blur.matching_blur`.
 
     Returns
     -------
@@ -211,10 +211,10 @@ def _judged(work: Work, shift: float) -> Alignment:
     reason = ""
     if not (np.isfinite(shift) and is_proper(homography, template.corners)):
         reason = "no convergence"
-    elif inside < settings.inside_minimum:
+    elif inside < settings.min_inside:
         reason = f"only {100 * inside:.0f} % of the template are in the image"
-    elif work.ncc < settings.ncc_minimum:
-        reason = f"correlation {work.ncc:.2f} is below {settings.ncc_minimum:g}"
+    elif work.ncc < settings.min_ncc:
+        reason = f"correlation {work.ncc:.2f} is below {settings.min_ncc:g}"
     if reason:
         return _lost(template, homography, reason)
     # What blur and light leave on the edges is the same in every frame, and odd across them: it does not move

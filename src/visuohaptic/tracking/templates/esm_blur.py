@@ -45,13 +45,13 @@ def matching_blur(
     work = Work(template, image, alignment.homography, settings, offset, start)
     if not work.enough:
         return 0.0 if start is None else start
-    # Nothing is cut: where the blur is wrong, the misfit sits on the edges, which would be taken for
+    # Nothing is cut: where the blur is wrong, the residual sits on the edges, which would be taken for
     # outliers. What covers the template fits no blur, so that it changes nothing.
     light = np.array([alignment.gain, alignment.bias, 1e6, 1e6, 1.0])
     spline: np.ndarray | None = None
     misfits: dict[int, float] = {}
 
-    def misfit(blur: int) -> float:
+    def residual(blur: int) -> float:
         """Mean squared residual after the best gain and bias [grey levels^2]."""
         nonlocal spline
         if blur not in misfits:
@@ -73,7 +73,7 @@ def matching_blur(
     best, last = work.blur, len(BLUR_VARIANCES) - 1
     while True:
         near = [blur for blur in (best - 1, best, best + 1) if 0 <= blur <= last]
-        lower = min(near, key=misfit)
+        lower = min(near, key=residual)
         if lower == best:
             return template.variance(work.chain, best)
         best = lower

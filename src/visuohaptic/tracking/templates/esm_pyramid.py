@@ -21,9 +21,9 @@ class EsmSettings:
     levels: int = 4  #: of the pyramid, each half the size of the one before
     search_px: float = 40.0  #: motion of the corners that must be bridged [px of the image]
     cut_sigmas: float = 3.0  #: residuals beyond this many standard deviations lose their weight
-    ncc_minimum: float = 0.6  #: below this correlation the template counts as lost
+    min_ncc: float = 0.6  #: below this correlation the template counts as lost
     ncc_search: float = 0.8  #: below this coarse correlation the translation is searched for
-    inside_minimum: float = 0.4  #: fraction of the template that must be in the image
+    min_inside: float = 0.4  #: fraction of the template that must be in the image
     tolerance_px: float = 0.06  #: a last pass that moves the corners less is not repeated
     cubic: bool = True  #: interpolate by a cubic spline in the last passes
 
@@ -108,7 +108,7 @@ class Work:
         width, height = (template.corners[2] - template.corners[0]).tolist()
         self.scale = float(np.sqrt(abs(ax * by - ay * bx) / (2.0 * width * height)))
         # Not larger than the image's: where the template is the coarser one, image pixels between its samples
-        # tell nothing.
+        # show nothing.
         halves = np.log2(max(self.scale, 1e-6))
         chain = int(np.floor(2.0 * (np.log2(_COARSER) - halves)))
         self.chain = min(max(chain, 0), len(template.chains) - 1)

@@ -14,7 +14,7 @@ __all__ = ["BLUR_VARIANCES", "MIN_SIDE_PX", "EsmTemplate", "Level"]
 #: Templates smaller than this on a side have too few pixels for eight unknowns.
 MIN_SIDE_PX = 16
 
-#: Blurs that a template can be given to look like the camera's picture: variances of a Gaussian
+#: Blurs that a template can be given to look like the camera's image: variances of a Gaussian
 #: [px^2 of the level]. Steps of about 15 % of the variance that pixel and lens have together.
 BLUR_VARIANCES = (0.0, 0.1, 0.2, 0.32, 0.45, 0.6, 0.8, 1.0, 1.3, 1.6, 2.0, 2.6, 3.4, 4.5, 6.0)
 #: Of a usual lens [px^2].
@@ -107,7 +107,14 @@ class EsmTemplate:
     def from_image(
         cls, image: UInt8[np.ndarray, "R C"] | Float[np.ndarray, "R C"], *, sharp: bool = False
     ) -> EsmTemplate:
-        """Precompute pyramid and gradients of a grey image; ``sharp``: made of steps, as tags are.
+        """Precompute pyramid and gradients of a grey image.
+
+        Parameters
+        ----------
+        image
+            The template.
+        sharp
+            Made of steps, as tags are.
 
         Raises
         ------
@@ -143,21 +150,50 @@ class EsmTemplate:
         """Blur of a chain with an index of ``BLUR_VARIANCES`` against the whole template [template px^2].
 
         Means of blocks of b pixels blur by (b^2 - 1) / 12 already.
+
+        Parameters
+        ----------
+        chain
+            Index of the chain of levels.
+        blur
+            Index of ``BLUR_VARIANCES``.
         """
         bx, by = self.blocks[chain]
         return BLUR_VARIANCES[blur] * bx * by + (bx * by - 1) / 12
 
     def blur_index(self, chain: int, variance: float) -> int:
-        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2]."""
+        """The index of ``BLUR_VARIANCES`` that comes closest to a blur [template px^2].
+
+        Parameters
+        ----------
+        chain
+            Index of the chain of levels.
+        variance
+            Blur against the whole template [template px^2].
+        """
         off = [abs(self.variance(chain, blur) - variance) for blur in range(len(BLUR_VARIANCES))]
         return int(np.argmin(off))
 
     def first_blur(self, chain: int) -> int:
-        """The blur to begin with: that of a usual lens, half a pixel of variance, for sharp prints."""
+        """Index of the blur to start with: that of a usual lens, half a pixel of variance, for sharp prints.
+
+        Parameters
+        ----------
+        chain
+            Index of the chain of levels.
+        """
         return BLUR_VARIANCES.index(_LENS) if self.sharp else 0
 
     def finest(self, chain: int, blur: int) -> Level:
-        """First level of a chain as a camera with this much blur sees it; an index of ``BLUR_VARIANCES``."""
+        """First level of a chain as a camera with a given blur sees it.
+
+        Parameters
+        ----------
+        chain
+            Index of the chain of levels.
+        blur
+            Index of ``BLUR_VARIANCES``.
+        """
         if blur <= 0:
             return self.chains[chain][0]
         key = (chain, min(blur, len(BLUR_VARIANCES) - 1))

@@ -13,12 +13,18 @@ __all__ = ["template_outlines"]
 
 
 def template_outlines(poses: Iterable[TemplatePose]) -> list[Float[np.ndarray, "6 2"]]:
-    """Closed outline in pixels of every template that is seen, with a tick at its first corner."""
+    """Closed outline in pixels of every template that is seen, with a tick at its first corner.
+
+    Parameters
+    ----------
+    poses
+        Poses of one frame; those that are not valid are left out.
+    """
     found = []
     for pose in poses:
         if pose.valid and pose.alignment is not None:
             corners = pose.alignment.corners
-            # The tick tells which way is up.
+            # The tick shows which way is up.
             tick = corners[0] + 0.25 * (corners.mean(axis=0) - corners[0])
             found.append(np.vstack([corners, corners[:1], tick]))
     return found

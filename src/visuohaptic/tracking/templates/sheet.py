@@ -1,7 +1,7 @@
-"""Sheets to print: pictures and tags at their exact size, with a bar to check the printer's scale.
+"""Sheets to print: images and tags at their exact size, with a bar to check the printer's scale.
 
-A PDF places every picture at its size in units of length, whatever its pixels; a PNG rounds it to
-whole dots, and the size that results is told.
+A PDF places every image at its size in units of length, whatever its pixels; a PNG rounds it to
+whole dots, and the resulting size is reported.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ _INCH_M = 0.0254
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SheetItem:
-    """One picture to print."""
+    """One image to print."""
 
     label: str
     image: UInt8[np.ndarray, "R C"]
-    width_m: float  #: of the whole picture in print
+    width_m: float  #: of the whole image in print
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedItem:
-    """A picture with its place on the paper."""
+    """An image with its place on the paper."""
 
     item: SheetItem
     left_m: float  #: from the left edge of the paper
@@ -55,7 +55,15 @@ class PlacedItem:
 
 
 def tag_item(tag_id: int, size_m: float) -> SheetItem:
-    """An AprilTag 36h11 with its white border of one cell; ``size_m`` is the black border's side."""
+    """An AprilTag 36h11 with its white border of one cell.
+
+    Parameters
+    ----------
+    tag_id
+        Number of the tag, 0 to 586.
+    size_m
+        Side of its black border [m].
+    """
     import cv2
 
     if not 0 <= tag_id < 587:
@@ -68,7 +76,14 @@ def tag_item(tag_id: int, size_m: float) -> SheetItem:
 
 
 def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, ...]:
-    """Place pictures in rows from the upper left.
+    """Place images in rows from the upper left.
+
+    Parameters
+    ----------
+    items
+        Images with their sizes.
+    paper
+        Name of the paper, of ``PAPERS_M``.
 
     Raises
     ------
@@ -103,7 +118,7 @@ def lay_out(items: Sequence[SheetItem], paper: str = "A4") -> tuple[PlacedItem, 
 def save_sheet(
     path: Path | str, items: Sequence[SheetItem], *, paper: str = "A4", dpi: float = 300.0
 ) -> dict[str, float]:
-    """Write a print-ready PDF or PNG; returns the printed width of each picture [m] by its label.
+    """Write a print-ready PDF or PNG; returns the printed width of each image [m] by its label.
 
     Parameters
     ----------
@@ -170,7 +185,7 @@ def _text(page: np.ndarray, text: str, x: int, y: int, dots: float) -> None:
 
 
 def _pdf(placed: tuple[PlacedItem, ...], paper_m: tuple[float, float]) -> bytes:
-    """One page; every picture is a compressed grey image, placed in points of 1/72 inch."""
+    """One page; every image is a compressed grey image, placed in points of 1/72 inch."""
     point = 72 / _INCH_M
     width, height = paper_m[0] * point, paper_m[1] * point
     drawing = []

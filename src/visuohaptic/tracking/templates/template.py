@@ -1,6 +1,6 @@
 """Templates: images of a known size that are found and tracked, and how good they are at it.
 
-Frame of a template: origin in the centre of the picture, x to its right, y down, z into
+Frame of a template: origin in the centre of the image, x to its right, y down, z into
 the paper. A template that faces the camera upright has the identity rotation.
 """
 
@@ -40,24 +40,30 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
-    """A planar picture of known size, ready to be found and tracked."""
+    """A planar image of known size, ready to be found and tracked."""
 
     name: str
     image: UInt8[np.ndarray, "R C"] = field(repr=False)  #: grey, at most 400 px on the longer side
     pixel_m: float  #: printed size of one pixel of ``image``
-    tag_id: int | None  #: number in the AprilTag family 36h11; None for a picture
+    tag_id: int | None  #: number in the AprilTag family 36h11; None for an image
     esm: EsmTemplate = field(repr=False)
     keypoints: Float[np.ndarray, "n 2"] = field(repr=False)  #: SIFT features (column, row); none for a tag
     descriptors: Float32[np.ndarray, "n 128"] = field(repr=False)
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Printed width and height of the whole picture [m]."""
+        """Printed width and height of the whole image [m]."""
         rows, columns = self.image.shape
         return columns * self.pixel_m, rows * self.pixel_m
 
     def points_m(self, pixels: Float[np.ndarray, "*batch 2"]) -> Float[np.ndarray, "*batch 3"]:
-        """Points in the frame of the template [m] of its pixels (column, row)."""
+        """Points in the frame of the template [m] of its pixels (column, row).
+
+        Parameters
+        ----------
+        pixels
+            Pixels (column, row) of the template.
+        """
         rows, columns = self.image.shape
         pixels = np.asarray(pixels, dtype=np.float64)
         centre = np.array([(columns - 1) / 2, (rows - 1) / 2])
@@ -72,7 +78,17 @@ class Template:
 
     @classmethod
     def from_image(cls, name: str, image: UInt8[np.ndarray, "R C"], *, width_m: float) -> Template:
-        """Template from a grey image whose printed width is known [m]."""
+        """Template from a grey image whose printed width is known [m].
+
+        Parameters
+        ----------
+        name
+            Name of the template.
+        image
+            Grey image.
+        width_m
+            Printed width [m].
+        """
         import cv2
 
         image = np.asarray(image)
@@ -105,6 +121,13 @@ class Template:
     def from_file(cls, path: Path | str, *, width_m: float | None = None) -> Template:
         """Template from an image file; its size from ``width_m`` or the file's resolution (dpi).
 
+        Parameters
+        ----------
+        path
+            Image file; its name without ending is that of the template.
+        width_m
+            Printed width [m]; from the file's resolution without.
+
         Raises
         ------
         InputError
@@ -133,9 +156,18 @@ class Template:
 
     @classmethod
     def from_tag(cls, tag_id: int, *, size_m: float, name: str | None = None) -> Template:
-        """An AprilTag 36h11 as a template; ``size_m`` is the side of its black border [m].
+        """An AprilTag 36h11 as a template.
 
-        The picture has half a cell of white around it, which must be there in print.
+        The image has half a cell of white around it, which must be there in print.
+
+        Parameters
+        ----------
+        tag_id
+            Number of the tag, 0 to 586.
+        size_m
+            Side of its black border [m].
+        name
+            Name of the template; made from the number without.
         """
         import cv2
 
@@ -166,6 +198,11 @@ def load_templates(folder: Path | str) -> tuple[Template, ...]:
 
     ``tags.yaml`` maps names to ``{id: 7, size_m: 0.04}``; optional ``widths_m`` in the same
     file gives the printed width of images that state no dpi.
+
+    Parameters
+    ----------
+    folder
+        Folder of images and, for tags, ``tags.yaml``.
 
     Raises
     ------
@@ -208,10 +245,15 @@ class TemplateQuality:
 
 
 def template_quality(template: Template) -> TemplateQuality:
-    """Predict tracking noise, risk of a wrong lock, and chance of detection from the picture alone.
+    """Predict tracking noise, risk of a wrong lock, and chance of detection from the image alone.
 
     The noise is the Cramer-Rao bound of the eight parameters of a homography from all
-    pixels; the risk is the autocorrelation of the picture away from zero shift.
+    pixels; the risk is the autocorrelation of the image away from zero shift.
+
+    Parameters
+    ----------
+    template
+        The template.
     """
     import cv2
 
@@ -254,15 +296,15 @@ def template_quality(template: Template) -> TemplateQuality:
         )
     if parts["ambiguity"] < 0.5:
         problems.append(
-            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use a picture without pattern"
+            f"it repeats itself (correlation {ambiguity:.2f} when shifted); use an image without pattern"
         )
     if parts["features"] < 0.5:
-        problems.append(f"only {features} SIFT features, 60 wanted; add corners and blobs, or use a tag")
+        problems.append(f"only {features} SIFT features, 60 expected; add corners and blobs, or use a tag")
     return TemplateQuality(min(parts.values()), sigma, ambiguity, features, tuple(problems))
 
 
 def _resemblance(image: Float32[np.ndarray, "R C"]) -> float:
-    """How well the four quarters of a picture fit elsewhere in it: mean of the best correlations, 0..1."""
+    """How well the four quarters of an image fit elsewhere in it: mean of the best correlations, 0..1."""
     import cv2
 
     rows, columns = image.shape[0] // 2, image.shape[1] // 2

@@ -60,7 +60,7 @@ class TemplatePose:
     #: of (x, y, z, rx, ry, rz) [m, rad], rotation about the camera's axes; NaN when not valid
     covariance: Float[np.ndarray, "6 6"]
     ambiguous: bool  #: a second tilt explains the view as well; the covariance spans both
-    #: misfit of the pose with 2 degrees of freedom; a large one says that the calibration of the
+    #: chi^2 of the pose with 2 degrees of freedom; a large one says that the calibration of the
     #: camera or the flatness of the print is worse than the noise of the image
     chi2: float
     alignment: Alignment | None  #: homography, correlation, noise; None when there was nothing to align
@@ -134,6 +134,11 @@ class TemplateTracker(Closing):
         """Poses of all templates in a frame, in the order in which they were given.
 
         Frames that are not newer than the one before give ``Reason.STALE``.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
         """
         if not frame.t_s > self._last_t_s:
             return tuple(

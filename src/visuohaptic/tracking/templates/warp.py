@@ -9,7 +9,13 @@ __all__ = ["is_proper", "motion_jacobian", "velocity_fields"]
 
 
 def velocity_fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 8"]:
-    """The eight velocity fields of a small homography at centred points."""
+    """The eight velocity fields of a small homography at centred points.
+
+    Parameters
+    ----------
+    points
+        Centred points (x, y).
+    """
     x, y = points[:, 0], points[:, 1]
     result = np.zeros((len(points), 2, 8))
     for axis in range(2):
@@ -22,7 +28,15 @@ def velocity_fields(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2 
 
 
 def motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"]) -> np.ndarray:
-    """d(image point) / d(eight parameters) for ``h exp(A)`` at centred points, (n, 2, 8)."""
+    """Derivative of the image points by the eight parameters A of ``h exp(A)``, (n, 2, 8).
+
+    Parameters
+    ----------
+    h
+        Homography from centred coordinates to pixels.
+    points
+        Centred points (x, y).
+    """
     mapped = points @ h[:, :2].T + h[:, 2]
     depth = mapped[:, 2:]
     image = mapped[:, :2] / depth
@@ -32,9 +46,16 @@ def motion_jacobian(h: Float[np.ndarray, "3 3"], points: Float[np.ndarray, "n 2"
 
 
 def is_proper(homography: Float[np.ndarray, "3 3"], corners: Float[np.ndarray, "4 2"]) -> bool:
-    """The quadrilateral is convex, keeps its orientation and stays in front of the horizon.
+    """Whether the image of a quadrilateral is convex, keeps its orientation and stays in front of the horizon.
 
     Plain numbers: this runs several times per frame, and arrays of four cost ten times more.
+
+    Parameters
+    ----------
+    homography
+        Template pixels to image pixels.
+    corners
+        The quadrilateral (x, y).
     """
     (a, b, c), (d, e, f), (g, h, i) = homography.tolist()
     quad = []

@@ -62,10 +62,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
-    from ....sensing.foam.finger import load_sensor
+    from ....sensing.foam.finger import load_foam_sensor
 
     zero_frames(args)
-    sensor = load_sensor(args.config)
+    sensor = load_foam_sensor(args.config)
     with opened_frames(args, sensor.setup.camera) as source:
         return _zero(args, sensor, source) if args.zero else _measure(args, sensor, source)
 

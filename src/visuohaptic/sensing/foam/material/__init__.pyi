@@ -2,8 +2,8 @@ from .boundary import BOUNDARIES as BOUNDARIES
 from .boundary import Boundary as Boundary
 from .boundary import calibrate_tension as calibrate_tension
 from .boundary import contour_force as contour_force
-from .calibration import CurveFit as CurveFit
 from .calibration import FoamCalibration as FoamCalibration
+from .calibration import StressCurveFit as StressCurveFit
 from .calibration import calibrate_foam as calibrate_foam
 from .calibration import fit_curve as fit_curve
 from .calibration import plateau as plateau

@@ -43,10 +43,24 @@ BOUNDARIES: tuple[Boundary, ...] = ("local", "enlarged", "tension")  #: index = 
 def contour_force(
     s_m: Float[np.ndarray, "k"], delta_m: Float[np.ndarray, "k"], material: FoamMaterial
 ) -> tuple[float, float]:
-    """Force of one whole impression: (enlarged law [N], what unit kappa takes away from it [N]).
+    """Force of one whole impression by the enlarged law, and what unit kappa takes away from it.
 
     The force of the tension law is ``first - kappa * second``. Trapezoid rule on
     the real spacing of the points.
+
+    Parameters
+    ----------
+    s_m
+        Increasing positions along the strip [m].
+    delta_m
+        Deflection at them [m].
+    material
+        Calibrated foam.
+
+    Returns
+    -------
+    tuple of float
+        Force of the enlarged law, and the part of it that kappa = 1 takes away [N].
     """
     strain = np.maximum(delta_m, 0.0) / material.width_m
     spacing = np.diff(s_m)
@@ -68,13 +82,24 @@ def calibrate_tension(
 
     The contours are sampled as sparsely as the camera will sample them (mean over
     eight phases), because the slope of a plate's flank depends on the spacing. The
-    standard deviation is the misfit over the depths, and never less than a fifth of
+    standard deviation is the scatter of the residuals over the depths, and never less than a fifth of
     kappa, which is how much other bodies differ.
+
+    Parameters
+    ----------
+    records
+        Contours at several depths, with the force on the body.
+    material
+        Calibrated foam.
+    spacing_m
+        Distance between the points of the sensor [m].
+    where
+        What error messages name.
 
     Raises
     ------
     CalibrationError
-        The plate covers the whole record, or its forces don't fit the material.
+        The plate covers the whole record, or its forces do not fit the material.
     """
     taken, enlarged, relief = [], [], []
     for record in records:
@@ -114,8 +139,8 @@ def calibrate_tension(
     if weight < 1e-6:
         raise CalibrationError(where, "the contours have no flanks", remedy="use a narrower plate")
     kappa = float(effect @ excess) / weight
-    misfit = excess - kappa * effect
-    sigma = float(np.sqrt(misfit @ misfit / (len(force) - 1) / weight * len(force)))
+    residual = excess - kappa * effect
+    sigma = float(np.sqrt(residual @ residual / (len(force) - 1) / weight * len(force)))
     if not -2 * sigma <= kappa <= 2.0:
         raise CalibrationError(
             where,

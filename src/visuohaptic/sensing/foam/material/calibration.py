@@ -16,29 +16,20 @@ from jaxtyping import Float
 from ....core.errors import CalibrationError
 from .foam_material import FoamMaterial
 from .hysteresis import identify_hysteresis
+from .press_checks import MAX_RESIDUAL, MIN_STRAINS, REQUIRED_RANGE, refuse_bad_points, refuse_unsuitable
 from .records import StrainStress
 from .stress_curve import CurveKind, StressCurve
 from .tension import Tension
 
-__all__ = ["CurveFit", "FoamCalibration", "calibrate_foam", "fit_curve", "plateau"]
+__all__ = ["FoamCalibration", "StressCurveFit", "calibrate_foam", "fit_curve", "plateau"]
 
-#: Fewest different strains on the loading branch.
-MIN_STRAINS = 10
-#: The calibration must begin at or below the first and reach the second strain.
-REQUIRED_RANGE = (0.1, 0.3)
-#: Widest gap between neighbouring strains.
-MAX_GAP = 0.15
-#: Largest accepted residual, as a fraction of the highest stress.
-MAX_RESIDUAL = 0.05
-#: A foam whose lowest slope is below this fraction of its mean slope cannot tell stresses apart.
-MIN_SLOPE_RATIO = 0.02
 #: The plateau ends where the slope reaches this multiple of its minimum, densification begins at the other.
 PLATEAU_SLOPE, DENSIFICATION_SLOPE = 2.0, 3.0
 INTERIOR_KNOTS = (1, 2, 3, 4, 6, 8, 10)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CurveFit:
+class StressCurveFit:
     """A fitted curve and how well it fits."""
 
     curve: StressCurve
@@ -67,6 +58,16 @@ def plateau(curve: StressCurve) -> tuple[tuple[float, float], float]:
     below twice its minimum; there the foam is most sensitive. The densification
     begins where the slope reaches three times its minimum, or where the
     calibration ends.
+
+    Parameters
+    ----------
+    curve
+        Monotone loading curve.
+
+    Returns
+    -------
+    tuple
+        Strains (low, high) of the plateau, and the strain at which densification begins.
     """
     strain = np.linspace(0.0, curve.max_strain, 601)
     slope = curve.slope(strain)
@@ -109,9 +110,9 @@ def calibrate_foam(
         The foam is unsuitable or the data are bad; one line says which and where.
     """
     strain, stress = data.loading
-    _refuse_bad_points(data.where, strain, stress)
+    refuse_bad_points(data.where, strain, stress)
     spline = fit_curve(strain, stress, kind="spline", where=data.where)
-    _refuse_unsuitable(data.where, strain, stress, spline)
+    refuse_unsuitable(data.where, strain, stress, spline.curve)
     notes: list[str] = []
     cubic_residual, cubic_monotone = np.nan, False
     try:
@@ -166,11 +167,22 @@ def fit_curve(
     *,
     kind: CurveKind = "spline",
     where: str = "strain and stress",
-) -> CurveFit:
+) -> StressCurveFit:
     """Least-squares fit of a curve through the origin, with the covariance of its parameters.
 
     Neighbouring residuals of one run are rarely independent; the covariance is
     multiplied by (1 + r) / (1 - r) with their correlation r.
+
+    Parameters
+    ----------
+    strain
+        Compressive strains, 0 to less than 1.
+    stress_Pa
+        Stress at them [Pa].
+    kind
+        ``spline``: monotone, knots by cross-validation; ``cubic``: as published, Eq. (3.2).
+    where
+        What error messages name.
     """
     end = float(strain.max())
     if kind == "cubic":
@@ -191,8 +203,8 @@ def fit_curve(
             break
     if not fits:
         raise CalibrationError(where, f"found {distinct} different strains, expected {MIN_STRAINS} or more")
-    # The smallest model that predicts as well as the best. A wider tolerance would save knots, but a misfit
-    # of half the noise moves the score by a tenth only, and the covariance knows nothing of a misfit.
+    # The smallest model that predicts as well as the best. A wider tolerance would save knots, but a model error
+    # of half the noise moves the score by a tenth only, and the covariance knows nothing of a model error.
     best = next(i for i, score in enumerate(scores) if score <= 1.002 * min(scores) + 1e-12)
     return _solve(fits[best], strain, stress_Pa, monotone=True, where=where)
 
@@ -250,7 +262,7 @@ def _solve(
     *,
     monotone: bool,
     where: str,
-) -> CurveFit:
+) -> StressCurveFit:
     design, steps = _design(curve, strain, monotone=monotone)
     found = _increments(design, stress, monotone=monotone)
     residual = stress - design @ found
@@ -270,106 +282,11 @@ def _solve(
     fitted = replace(curve, parameters=steps @ found, covariance=0.5 * (covariance + covariance.T))
     if not np.all(np.isfinite(fitted.parameters)):
         raise CalibrationError(where, "the fit did not give finite numbers", remedy="check the data")
-    return CurveFit(fitted, float(np.sqrt(variance)), correlation, len(stress))
-
-
-def _refuse_bad_points(where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"]) -> None:
-    if not (np.all(np.isfinite(strain)) and np.all(np.isfinite(stress))):
-        raise CalibrationError(where, "found NaN or infinity, expected finite numbers")
-    distinct = len(np.unique(np.round(strain, 6)))
-    if distinct < MIN_STRAINS:
-        raise CalibrationError(
-            where, f"found {distinct} different strains of loading, expected {MIN_STRAINS} or more"
-        )
-    # Runs without noise may repeat each other; a frozen logger repeats the row before.
-    repeated = int(np.count_nonzero((np.diff(strain) == 0) & (np.diff(stress) == 0)))
-    if repeated > len(strain) // 2:
-        raise CalibrationError(
-            where, f"found {repeated} of {len(strain)} rows repeated exactly", remedy="is the logger frozen?"
-        )
-    low, high = float(strain.min()), float(strain.max())
-    if high >= 1.0 or low < -0.01:
-        raise CalibrationError(
-            where,
-            f"found strains {low:.2f} to {high:.2f}, expected compression between 0 and 1",
-            remedy="tension of a rubber is not a foam calibration",
-        )
-    if low > REQUIRED_RANGE[0] or high < REQUIRED_RANGE[1]:
-        raise CalibrationError(
-            where,
-            f"found strains {low:.2f} to {high:.2f}, expected a range from "
-            f"{REQUIRED_RANGE[0]} or less to {REQUIRED_RANGE[1]} or more",
-            remedy="press deeper and begin before the contact",
-        )
-    ordered = np.unique(strain)
-    gap = int(np.argmax(np.diff(ordered)))
-    if ordered[gap + 1] - ordered[gap] > MAX_GAP:
-        raise CalibrationError(
-            where, f"no points between strain {ordered[gap]:.2f} and {ordered[gap + 1]:.2f}"
-        )
-    top = float(stress.max())
-    if top <= 0:
-        raise CalibrationError(where, f"the highest stress is {top:g} Pa, expected compression positive")
-    if float(stress.min()) < -MAX_RESIDUAL * top:
-        worst = int(np.argmin(stress))
-        raise CalibrationError(
-            where,
-            f"found stress {stress[worst]:.0f} Pa at strain {strain[worst]:.2f}, expected 0 or more",
-            remedy="compression counts positive",
-        )
-    if np.ptp(stress) < 0.05 * top:
-        raise CalibrationError(where, f"the stress stays at {top:g} Pa whatever the strain")
-
-
-def _refuse_unsuitable(
-    where: str, strain: Float[np.ndarray, "n"], stress: Float[np.ndarray, "n"], spline: CurveFit
-) -> None:
-    """Refuse falling foams (Fig. 3.2d), flat foams, and outliers."""
-    order = np.argsort(strain, kind="stable")
-    x, y = strain[order], stress[order]
-    top = float(y.max())
-    residual = y - spline.curve.stress(x)
-    spread = 1.4826 * float(np.median(np.abs(residual - np.median(residual))))
-    groups = np.array_split(np.arange(len(x)), min(20, len(x) // 2))
-    means = np.array([y[g].mean() for g in groups])
-    centres = np.array([x[g].mean() for g in groups])
-    # Medians tell a falling curve from one wild point.
-    middles = np.array([np.median(y[g]) for g in groups])
-    highest = np.maximum.accumulate(middles)
-    drop = highest - middles
-    noise = 3.0 * spread * np.sqrt(2.0 * len(groups) / len(x))
-    worst = int(np.argmax(drop))
-    single = np.abs(residual) > max(6.0 * spread, 0.04 * top)
-    isolated = 0 < np.count_nonzero(single) <= max(3, len(x) // 50)
-    if drop[worst] > max(noise, 0.01 * top) and not isolated:
-        peak = int(np.argmax(means[: worst + 1]))
-        raise CalibrationError(
-            where,
-            f"the stress falls by {drop[worst]:.0f} Pa between strain {centres[peak]:.2f} and "
-            f"{centres[worst]:.2f}, expected a rising curve",
-            remedy="this foam is unsuitable: one stress belongs to several strains",
-        )
-    if isolated:
-        i = int(np.argmax(np.abs(residual)))
-        raise CalibrationError(
-            where,
-            f"found {np.count_nonzero(single)} outliers, the worst {y[i]:.0f} Pa at strain {x[i]:.3f}, "
-            f"expected about {spline.curve.stress(x[i]):.0f} Pa",
-            remedy="remove them or repeat the test",
-        )
-    at, slope = spline.curve.minimum_slope()
-    mean = float(spline.curve.stress(np.array(spline.curve.max_strain))) / spline.curve.max_strain
-    if slope < MIN_SLOPE_RATIO * mean:
-        raise CalibrationError(
-            where,
-            f"the curve is flat at strain {at:.2f} (slope {slope:.0f} Pa), "
-            f"expected {MIN_SLOPE_RATIO * mean:.0f} Pa or more",
-            remedy="this foam is unsuitable: its strain does not tell the stress",
-        )
+    return StressCurveFit(fitted, float(np.sqrt(variance)), correlation, len(stress))
 
 
 def _unloading(
-    data: StrainStress, loading: CurveFit, notes: list[str]
+    data: StrainStress, loading: StressCurveFit, notes: list[str]
 ) -> tuple[StressCurve | None, float, float]:
     strain, stress = data.unloading
     if len(strain) == 0:

@@ -76,15 +76,33 @@ class FoamMaterial:
         return self.loading.covariance
 
     def stress(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Loading stress [Pa]."""
+        """Loading stress [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compressive strain delta / w.
+        """
         return self.loading.stress(strain)
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Derivative of the loading stress by the strain [Pa]."""
+        """Derivative of the loading stress by the strain [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compressive strain delta / w.
+        """
         return self.loading.slope(strain)
 
     def stress_sigma(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Standard deviation of the loading stress from the calibration [Pa]."""
+        """Standard deviation of the loading stress from the calibration [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compressive strain delta / w.
+        """
         return self.loading.stress_sigma(strain)
 
     @cached_property
@@ -98,7 +116,13 @@ class FoamMaterial:
         return min(1.2 * self.loading.max_strain, 0.95)
 
     def save(self, path: Path | str) -> None:
-        """Write ``foam.yaml``."""
+        """Write ``foam.yaml``.
+
+        Parameters
+        ----------
+        path
+            Where to write.
+        """
         from ....core.files import save_yaml
 
         data: dict[str, Any] = {
@@ -131,6 +155,11 @@ class FoamMaterial:
     @classmethod
     def load(cls, path: Path | str) -> FoamMaterial:
         """Read ``foam.yaml``.
+
+        Parameters
+        ----------
+        path
+            The file.
 
         Raises
         ------

@@ -10,7 +10,7 @@ element that has turned takes its part away,
 
 Large and small loops, reloading and ringing are all paths of the same law; it is
 continuous everywhere, and a reloading meets the loading curve where it left it.
-One loop cannot tell whether its loss grows with the stress (r_j) or not (a_j):
+One loop cannot show whether its loss grows with the stress (r_j) or not (a_j):
 both are identified together, and where the data do not decide the ridge shares
 the loss out between them.
 """
@@ -66,7 +66,7 @@ class HysteresisLaw:
         elif not (np.isfinite(e).all() and e[0] > 0 and bool(np.all(np.diff(e) > 0))):
             problems.append("yield_strain must be positive and rise")
         if not (np.isfinite(r).all() and np.isfinite(a).all() and min(r.min(), a.min()) >= 0):
-            problems.append("share and stress_Pa must be >= 0")
+            problems.append("fraction and stress_Pa must be >= 0")
         if not 0 <= self.relative_sigma <= 1:
             problems.append(f"relative_sigma is {self.relative_sigma}, expected 0 to 1")
         if problems:
@@ -75,11 +75,18 @@ class HysteresisLaw:
     def reduction(
         self, loading_Pa: Float[np.ndarray, "K"], xi: Float[np.ndarray, "K J"]
     ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"]]:
-        """What is missing of the loading stress at every point, and its standard deviation [Pa].
+        """Part of the loading stress that is missing at every point, and its standard deviation [Pa].
 
         The first element stands for all that are faster than the steps of the
         calibration: half way through its turn they may be anywhere between
         half way and done.
+
+        Parameters
+        ----------
+        loading_Pa
+            Stress of the loading curve at the strain of each point [Pa].
+        xi
+            States of the elements, -1 to 1.
         """
         turned = 1.0 - xi
         part = np.minimum(loading_Pa * (turned @ self.fraction) + turned @ self.stress_Pa, loading_Pa)
@@ -104,7 +111,13 @@ class HysteresisState:
 
     @classmethod
     def at_rest(cls, points: int) -> HysteresisState:
-        """Memory of a strip of K points that nothing has touched yet."""
+        """Memory of a strip of K points that nothing has touched yet.
+
+        Parameters
+        ----------
+        points
+            K, points along the strip.
+        """
         return cls(np.zeros(points))
 
     def update(
@@ -116,7 +129,7 @@ class HysteresisState:
         *,
         noise_sigma: Float[np.ndarray, "K"] | None = None,
     ) -> Bool[np.ndarray, "K"]:
-        """Take one frame in; returns which points are unloading. Invalid points keep their memory.
+        """Take one frame in; invalid points keep their memory.
 
         ``noise_sigma`` is the part of ``strain_sigma`` that changes from frame to frame, default all of it: the
         elements follow changes, and what is wrong by the same in every frame is none.
@@ -126,6 +139,22 @@ class HysteresisState:
         elements move with the mean change of a point's neighbourhood, as a body
         moves it, and slowly with the point's own: a held contact must not creep
         down its branch by noise that goes to and fro.
+
+        Parameters
+        ----------
+        strain, strain_sigma
+            Strain of each point and its standard deviation.
+        valid
+            Points that were seen.
+        law
+            Elements of the foam; None: only the peak is followed.
+        noise_sigma
+            Part of ``strain_sigma`` that changes from frame to frame; all of it without.
+
+        Returns
+        -------
+        ndarray of bool, shape (K,)
+            Points that are unloading.
         """
         if strain.shape != self.peak_strain.shape:
             raise InputError(
@@ -169,12 +198,12 @@ class HysteresisState:
         low, high = OWN_SIGMAS
         unlike = np.abs(change - common) / np.maximum(sigma, 1e-12)
         own = np.minimum(sigma**2, around(pressed.astype(np.float64)) / whole)
-        # A point in doubt, at a kink, follows its own difference the more slowly: one outlier must not turn it.
+        # A point of large uncertainty, at a kink, follows its own difference the more slowly: one outlier must not turn it.
         slow = OWN_GAIN * np.sqrt(own) / np.maximum(sigma, 1e-12)
         gain = slow + (1.0 - slow) * np.clip((unlike - low) / (high - low), 0.0, 1.0)
         step = common + gain * (change - common)
         self.smooth = self.smooth + np.where(pressed, step, change)
-        # Noise that is left: of the mean, and of the slow filter; a point in doubt is as calm as its neighbours.
+        # Noise that is left: of the mean, and of the slow filter; a point of large uncertainty is as calm as its neighbours.
         left = around(weight, 2) / whole**2 + OWN_GAIN / (2.0 - OWN_GAIN) * own
         play = PLAY_SIGMAS * np.minimum(np.sqrt(left), sigma)
         ahead = self.smooth - self.followed
@@ -187,7 +216,20 @@ class HysteresisState:
 def stop_path(
     strain: Float[np.ndarray, "n"], yield_strain: Float[np.ndarray, "J"]
 ) -> Float[np.ndarray, "n J"]:
-    """States xi_j along a path that begins at rest; a released foam forgets."""
+    """States xi_j along a path that begins at rest; a released foam forgets.
+
+    Parameters
+    ----------
+    strain
+        Strains of the path, in order.
+    yield_strain
+        e_j of the elements.
+
+    Returns
+    -------
+    ndarray, shape (n, J)
+        xi_j after each step.
+    """
     xi, state, before = np.ones((len(strain), len(yield_strain))), np.ones(len(yield_strain)), 0.0
     for i, now in enumerate(strain):
         state = np.clip(state + (now - before) / yield_strain, -1.0, 1.0)
@@ -228,11 +270,11 @@ def identify_hysteresis(
     yields = np.geomspace(min(shortest, 0.1 * peak), peak, ELEMENTS)
     turned = 1.0 - stop_path(path, yields)
     m, top = loading.stress(path), float(loading.stress(np.array(peak)))
-    told = (turned.max(axis=1) > 0) & (path > 0.02)
-    design = np.hstack([turned * m[:, None], turned * top])[told]
-    missing = (m - stress)[told]
+    turned_far = (turned.max(axis=1) > 0) & (path > 0.02)
+    design = np.hstack([turned * m[:, None], turned * top])[turned_far]
+    missing = (m - stress)[turned_far]
     # Between absolute and relative errors: the low part of the branch counts, but not for everything.
-    weight = 1.0 / (0.1 * top + m[told])
+    weight = 1.0 / (0.1 * top + m[turned_far])
     weighted = design * weight[:, None]
     ridge = RIDGE * float(np.sqrt(np.mean(weighted**2) * len(missing)))
     size = design.shape[1]

@@ -20,7 +20,15 @@ LOADING, UNLOADING, CURVE = "#e07b00", "#2c6fbb", "#b3122a"
 
 
 def draw_strain_stress(axes: Any, calibration: FoamCalibration) -> None:
-    """Points by direction, fitted curve with its two-sigma band, working range."""
+    """Draw calibration points by direction, the fitted curve with its two-sigma band, and the working range.
+
+    Parameters
+    ----------
+    axes
+        Axes of matplotlib.
+    calibration
+        What was fitted, with its data.
+    """
     material, data = calibration.material, calibration.data
     up, down = data.loading, data.unloading
     size = float(np.clip(4000 / max(len(up[0]), 1), 4, 24))
@@ -47,7 +55,15 @@ def draw_strain_stress(axes: Any, calibration: FoamCalibration) -> None:
 
 
 def draw_sensitivity(axes: Any, calibration: FoamCalibration) -> None:
-    """Change of pressure per pixel for the three cross sections at d = 0.3 m, gamma = 70 deg, f = 1800 px."""
+    """Draw the change of pressure per pixel of three cross sections at d = 0.3 m, gamma = 70 deg, f = 1800 px.
+
+    Parameters
+    ----------
+    axes
+        Axes of matplotlib.
+    calibration
+        What was fitted.
+    """
     sections: tuple[Section, ...] = ("rectangle", "trapezoid", "triangle")
     material = calibration.material
     if material.section != "rectangle":
@@ -68,7 +84,15 @@ def draw_sensitivity(axes: Any, calibration: FoamCalibration) -> None:
 
 
 def save_calibration_plot(calibration: FoamCalibration, path: Path | str) -> None:
-    """Write both plots side by side; the format follows the file's ending."""
+    """Write both plots side by side; the format follows the file's ending.
+
+    Parameters
+    ----------
+    calibration
+        What was fitted, with its data.
+    path
+        Where to write; its ending gives the format.
+    """
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -88,5 +112,5 @@ def save_calibration_plot(calibration: FoamCalibration, path: Path | str) -> Non
             from ....core.errors import InputError
 
             raise InputError(
-                path, f"cannot be written as a picture ({error})", remedy="end it in .png"
+                path, f"cannot be written as an image ({error})", remedy="end it in .png"
             ) from error

@@ -61,7 +61,17 @@ def direction_from_order(strain: Float[np.ndarray, "n"]) -> Int[np.ndarray, "n"]
     """Derive the direction of loading from the order of the points.
 
     The record is split at its turning points; wiggles smaller than 5 % of the
-    strain range are noise and don't turn the direction.
+    strain range are noise and do not turn the direction.
+
+    Parameters
+    ----------
+    strain
+        Strains in the order of measurement.
+
+    Returns
+    -------
+    ndarray of int, shape (n,)
+        +1 loading, -1 unloading.
     """
     threshold = 0.05 * float(np.ptp(strain))
     direction = np.ones(len(strain), dtype=np.int64)
@@ -81,6 +91,11 @@ def read_strain_stress(path: Path | str) -> StrainStress:
     The unit is in the column's name: ``strain`` (1) or ``strain_percent``, and
     ``stress_Pa`` (or ``stress``), ``stress_kPa`` or ``stress_MPa``. The direction is ``loading`` or
     ``unloading``; without that column it follows from the order of the strain.
+
+    Parameters
+    ----------
+    path
+        The CSV file.
 
     Raises
     ------
@@ -132,6 +147,11 @@ def read_strain_stress(path: Path | str) -> StrainStress:
 
 def read_plate(path: Path | str) -> tuple[PlateRecord, ...]:
     """Read contours under a body: ``depth_m, force_N, s_m, delta_m`` in long format.
+
+    Parameters
+    ----------
+    path
+        The CSV file.
 
     Raises
     ------

@@ -35,7 +35,17 @@ FRONT_RATIO: dict[Section, float] = {"rectangle": 1.0, "triangle": 0.02, "trapez
 def section_height(
     section: Section, y_relative: Float[np.ndarray, "n"], front_ratio: float | None = None
 ) -> Float[np.ndarray, "n"]:
-    """Height of the section relative to its back; ``y_relative`` is 0 at the back, 1 at the front."""
+    """Height of a cross section relative to its back.
+
+    Parameters
+    ----------
+    section
+        Shape of the cross section.
+    y_relative
+        Position through the width, 0 at the back, 1 at the front.
+    front_ratio
+        Height of the front by that of the back, more than 0 to 1; that of the shape without.
+    """
     if section not in FRONT_RATIO:
         raise InputError("section", f"found {section!r}, expected one of {', '.join(FRONT_RATIO)}")
     front = FRONT_RATIO[section] if front_ratio is None else front_ratio
@@ -50,9 +60,20 @@ def section_stress(
     """Strain of the rod and its stress related to the full height [Pa].
 
     The table ends where the front slab reaches the end of the base material's
-    calibration; a rod can't be read beyond it. For the triangle, whose sharp front
+    calibration; a rod cannot be read beyond it. For the triangle, whose sharp front
     is crushed at any load, slabs go on along the tangent of the curve, at most
     to a strain of 0.9, and the table ends when half of the rod is beyond.
+
+    Parameters
+    ----------
+    curve
+        Loading curve of the foam itself.
+    section
+        Shape of the cross section.
+    front_ratio
+        Height of the front by that of the back; that of the shape without.
+    slabs
+        Number of slabs in series.
     """
     y = (np.arange(slabs) + 0.5) / slabs
     height = section_height(section, y, front_ratio)
@@ -80,6 +101,15 @@ def section_material(
     The covariance is carried over by finite differences of the parameters. The rod
     has no unloading curve of its own and keeps the tension ratio; both are better
     calibrated on the rod itself.
+
+    Parameters
+    ----------
+    material
+        Foam calibrated as a rectangle.
+    section
+        Shape of the cross section.
+    front_ratio
+        Height of the front by that of the back; that of the shape without.
     """
     if section == "rectangle":
         return replace(material, section=section)
@@ -133,6 +163,19 @@ def sensitivity(
     """Change of pressure per pixel, Eq. (3.9): ``dm/d delta * d / (f sin gamma)`` [Pa/px].
 
     The defaults are those of Fig. 3.4. Printed as sin^-1; 1 / sin is meant.
+
+    Parameters
+    ----------
+    material
+        Calibrated foam.
+    strain
+        Compressive strain.
+    distance_m
+        d, from the camera to the strip [m].
+    gamma_rad
+        Angle between the line of sight and the deflection, more than 0 to pi / 2 [rad].
+    focal_px
+        f, focal length [px].
     """
     if not (distance_m > 0 and focal_px > 0 and 0 < gamma_rad <= np.pi / 2):
         raise InputError(
@@ -149,5 +192,18 @@ def force_sigma(
     """Standard deviation of the force of N equal contact points, Eq. (3.10) [N].
 
     The factor sqrt 2 stands for the two contours, front and reference.
+
+    Parameters
+    ----------
+    sensitivity_Pa_px
+        Change of pressure per pixel [Pa/px].
+    points
+        N, points in contact.
+    spacing_m
+        Distance between them [m].
+    height_m
+        Height of the strip across the contour [m].
+    sigma_px
+        Standard deviation of a contour point [px].
     """
     return float(np.sqrt(2.0 * points) * height_m * spacing_m * sensitivity_Pa_px * sigma_px)

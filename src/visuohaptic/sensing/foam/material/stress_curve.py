@@ -98,7 +98,13 @@ class StressCurve:
         return np.ascontiguousarray(np.einsum("npk,p->nk", self.basis_pieces, self.parameters))
 
     def basis(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "... p"]:
-        """Basis functions at the strains: the derivative of the stress by each parameter."""
+        """Basis functions at the strains: the derivative of the stress by each parameter.
+
+        Parameters
+        ----------
+        strain
+            Compressive strain.
+        """
         strain = np.asarray(strain, dtype=np.float64)
         clipped = np.clip(strain, 0.0, self.max_strain)
         piece = self._piece(clipped)
@@ -110,7 +116,13 @@ class StressCurve:
         return value + slope * beyond
 
     def stress(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Nominal stress [Pa]."""
+        """Nominal stress [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compressive strain; negative ones carry no stress.
+        """
         strain = np.asarray(strain, dtype=np.float64)
         clipped = np.clip(strain, 0.0, self.max_strain)
         piece = self._piece(clipped)
@@ -120,7 +132,13 @@ class StressCurve:
         return value + self.slope(clipped) * np.maximum(strain - self.max_strain, 0.0)
 
     def slope(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Derivative of the stress by the strain [Pa]; that of zero strain below it."""
+        """Derivative of the stress by the strain [Pa]; that of zero strain below it.
+
+        Parameters
+        ----------
+        strain
+            Compressive strain.
+        """
         clipped = np.clip(np.asarray(strain, dtype=np.float64), 0.0, self.max_strain)
         piece = self._piece(clipped)
         x = clipped - self.knots[piece]
@@ -128,7 +146,13 @@ class StressCurve:
         return c[..., 1] + x * (2 * c[..., 2] + 3 * x * c[..., 3])
 
     def stress_sigma(self, strain: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """Standard deviation of the stress from the fit's covariance [Pa]."""
+        """Standard deviation of the stress from the fit's covariance [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compressive strain.
+        """
         basis = self.basis(strain)
         variance = np.einsum("...p,pq,...q->...", basis, self.covariance, basis)
         return np.sqrt(np.maximum(variance, 0.0))

@@ -1,4 +1,4 @@
-"""The reference contour as one rigid thing: how the base has moved in the image."""
+"""The reference contour as one rigid body: how the base has moved in the image."""
 
 from __future__ import annotations
 
@@ -25,7 +25,13 @@ class ImageMotion:
 
     @classmethod
     def none(cls, count: int) -> ImageMotion:
-        """The base has not moved."""
+        """The base has not moved.
+
+        Parameters
+        ----------
+        count
+            K, points of the contour.
+        """
         return cls(np.zeros(4), np.zeros((4, 4)), np.ones(count, dtype=bool), 0.0)
 
 
@@ -35,7 +41,19 @@ def motion_basis(
     centre_px: Float[np.ndarray, "2"],
     length_px: float,
 ) -> Float[np.ndarray, "K 4"]:
-    """How far each point moves along its line for a unit of each motion parameter."""
+    """How far each point moves along its line for a unit of each motion parameter.
+
+    Parameters
+    ----------
+    points_px
+        Points of the contour (x, y) [px].
+    direction_px
+        Unit directions of their lines.
+    centre_px
+        Centre of rotation and scale [px].
+    length_px
+        Half length of the contour [px].
+    """
     offset = (points_px - centre_px) / length_px
     return np.column_stack(
         [
@@ -57,6 +75,17 @@ def fit_motion(
 
     Tukey's weights from a start at the median shift: a base that is covered on up to a
     third of its length is still found.
+
+    Parameters
+    ----------
+    basis
+        From :func:`motion_basis`.
+    shift_px
+        Motion of each point along its line [px].
+    sigma_px
+        Its standard deviation [px].
+    usable
+        Points that were seen.
     """
     usable = usable & np.isfinite(shift_px) & (sigma_px > 0)
     if usable.sum() < 6:

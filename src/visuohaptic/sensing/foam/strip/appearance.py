@@ -29,7 +29,19 @@ _TOGETHER, _TOLERANCE_TOGETHER, _SIGMAS_TOGETHER = 5, 0.045, 6.0
 
 @kernel
 def interior_grey(image, origin_px, direction_px, extent_px):
-    """Mean grey level along each line between 20 % and 80 % of its extent; NaN outside the image."""
+    """Mean grey level along each line between 20 % and 80 % of its extent; NaN outside the image.
+
+    Parameters
+    ----------
+    image
+        Grey image.
+    origin_px
+        Origins of K lines (x, y) [px].
+    direction_px
+        Their unit directions.
+    extent_px
+        Their lengths [px].
+    """
     rows, columns = image.shape
     count = origin_px.shape[0]
     result = np.empty(count)
@@ -53,6 +65,17 @@ def front_grey(image, front_px, direction_px, extent_px):
     """Mean grey level of the last foam before the front's edge; NaN where there is none.
 
     At most the last third of ``extent_px``, the visible foam.
+
+    Parameters
+    ----------
+    image
+        Grey image.
+    front_px
+        Points of the front (x, y) [px].
+    direction_px
+        Unit directions of the lines, from the base to the front.
+    extent_px
+        Visible foam before each point [px].
     """
     rows, columns = image.shape
     count = front_px.shape[0]
@@ -128,6 +151,13 @@ def covered_points(
     The light may change by a factor that varies slowly along the strip (a straight line in s,
     fitted robustly); a local difference means that something covers the foam. Neighbours that
     differ alike are judged together.
+
+    Parameters
+    ----------
+    grey, zero_grey
+        Mean grey level of the foam on each line, now and at rest.
+    s
+        Position of the points along the strip [m].
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = grey / zero_grey

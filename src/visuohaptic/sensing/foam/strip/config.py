@@ -38,6 +38,13 @@ class StripSection(Section):
         return self
 
     def geometry(self, width_m: float) -> StripGeometry:
+        """Back contour, front contour and points of the strip.
+
+        Parameters
+        ----------
+        width_m
+            Width of the foam along the compression [m].
+        """
         if self.points_m is not None:
             return StripGeometry.along(np.array(self.points_m), width_m, self.spacing_m)
         assert self.length_m is not None
@@ -73,7 +80,7 @@ class FingerSection(Section):
     #: Maps tag coordinates (x right, y down, z into the tag) to F; without it no tag is looked for.
     T_foam_tag: PoseSection | None = None
     tag_every: Annotated[int, Field(ge=1)] = 30  #: frames between comparisons of contour and tag
-    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is believed, not the contour
+    tag_tolerance_m: Positive = 0.001  #: beyond this difference the tag is used, not the contour
 
     @model_validator(mode="after")
     def _direction(self) -> FingerSection:
@@ -102,6 +109,11 @@ class FoamSensorConfig(Section):
     def load(cls, path: Path | str) -> FoamSetup:
         """Read the file and all that it names.
 
+        Parameters
+        ----------
+        path
+            ``sensor.yaml``.
+
         Raises
         ------
         InputError
@@ -120,7 +132,25 @@ class FoamSensorConfig(Section):
 
 
 class FoamSetup:
-    """A configuration with everything that it names, read and checked."""
+    """A configuration with everything that it names, read and checked.
+
+    Parameters
+    ----------
+    config
+        The file.
+    camera
+        Intrinsics and distortion.
+    material
+        Calibrated foam.
+    geometry
+        Points of the strip.
+    T_camera_foam
+        Pose of frame F in the camera.
+    zero_path
+        Where the zero reference is, or will be.
+    folder
+        Folder of the configuration.
+    """
 
     def __init__(
         self,

@@ -63,6 +63,11 @@ class FingerOptics(StripOptics):
     contour is tracked, and the lines are laid again when it is off by more than half a
     pixel. What remains after the motion along the axis is motion of the camera. The tag
     gives the first position, the position after a loss, and a check once in a while.
+
+    Parameters
+    ----------
+    setup
+        Configuration with a section ``finger``, and all that it names.
     """
 
     def __init__(self, setup: FoamSetup) -> None:
@@ -109,11 +114,25 @@ class FingerOptics(StripOptics):
         self._held_m = None
 
     def pose_at(self, position_m: float) -> Pose:
-        """``T_camera_foam`` with the finger at a position along its axis."""
+        """``T_camera_foam`` with the finger at a position along its axis.
+
+        Parameters
+        ----------
+        position_m
+            Position of the finger along its axis [m].
+        """
         return _moved(self._setup.T_camera_foam, position_m * self._axis)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Find the finger, then track the front; ``None`` when the finger cannot be found."""
+        """Find the finger, then track the front; ``None`` when the finger cannot be found.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        zero
+            The strip at rest, if it is known.
+        """
         grey = frame.grey
         found = self._follow(grey, frame.t_s, zero) or self._acquire(grey, frame.t_s, zero)
         if found is None:
@@ -238,7 +257,7 @@ class FingerOptics(StripOptics):
         place = np.einsum("kd,kd->k", points[0], outward) + self._laid_m * along
         late = front.position_px * direction[:, 1] * row_delay  # than the reference point [s]
         free = self._speed * along
-        speed, doubt = free, np.abs(self._speed_sigma * along)
+        speed, uncertainty = free, np.abs(self._speed_sigma * along)
         mean, last = free, self._front
         if last is not None and t_s > last.t_s:
             measured = (place - last.place_m) / (t_s - last.t_s)
@@ -247,14 +266,22 @@ class FingerOptics(StripOptics):
             mean = np.where(seen, measured, free)
             change = 0.5 * (mean - last.speed_m_s)
             speed = np.where(seen, mean + change, free)
-            doubt = np.where(seen, np.abs(change), doubt)
+            uncertainty = np.where(seen, np.abs(change), uncertainty)
         self._front = _FrontMemory(t_s, np.where(front.valid, place, np.nan), mean)
         scale = late / np.where(np.abs(m_per_px) > 1e-9, m_per_px, np.inf)
-        return speed * scale, doubt * np.abs(scale)
+        return speed * scale, uncertainty * np.abs(scale)
 
 
 def finger_pose(setup: FoamSetup, frame: Frame) -> Pose:
-    """``T_camera_foam`` in an image: by the tag on the finger, or as the configuration has it."""
+    """``T_camera_foam`` in an image: by the tag on the finger, or as the configuration has it.
+
+    Parameters
+    ----------
+    setup
+        Configuration of the sensor.
+    frame
+        The image.
+    """
     view = _tag_view(setup)
     fix = view.locate(frame.grey) if view is not None else None
     if view is None or fix is None:

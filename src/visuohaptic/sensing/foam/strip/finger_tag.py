@@ -68,14 +68,22 @@ class TagView:
         self._tag_id = tag_id
 
     def project(self, position_m: float) -> Float[np.ndarray, "4 2"]:
-        """Pixels of the corners with the finger at a position."""
-        return self._camera.project(self._corners_camera + position_m * self._axis_camera)
-
-    def locate(self, grey: np.ndarray, near_m: float | None = None) -> TagFix | None:
-        """The position, or ``None`` when the tag is not seen.
+        """Pixels of the corners with the finger at a position.
 
         Parameters
         ----------
+        position_m
+            Position of the finger along its axis [m].
+        """
+        return self._camera.project(self._corners_camera + position_m * self._axis_camera)
+
+    def locate(self, grey: np.ndarray, near_m: float | None = None) -> TagFix | None:
+        """Position of the finger along its axis [m]; ``None`` when the tag is not seen.
+
+        Parameters
+        ----------
+        grey
+            Grey image.
         near_m
             Expected position; only the surroundings of the tag there are searched first.
         """

@@ -30,7 +30,17 @@ class StripGeometry:
 
     @classmethod
     def straight(cls, length_m: float, width_m: float, spacing_m: float = 0.003) -> StripGeometry:
-        """A straight strip, centred on the origin of F."""
+        """A straight strip, centred on the origin of F.
+
+        Parameters
+        ----------
+        length_m
+            Length of the strip [m].
+        width_m
+            Width along the compression [m].
+        spacing_m
+            Distance between points, about [m].
+        """
         s = _centred(length_m, width_m, spacing_m)
         back = np.column_stack([np.zeros_like(s), s])
         return cls(s, back, np.tile([1.0, 0.0], (len(s), 1)), width_m)
@@ -47,6 +57,10 @@ class StripGeometry:
             Length of the back contour.
         radius_m
             Radius of the back contour; its centre is at x = -radius_m.
+        width_m
+            Width along the compression [m].
+        spacing_m
+            Distance between points on the back contour, about [m].
         """
         if not (np.isfinite(radius_m) and radius_m > width_m):
             raise InputError(
@@ -68,7 +82,17 @@ class StripGeometry:
     def along(
         cls, points_m: Float[np.ndarray, "n 2"], width_m: float, spacing_m: float = 0.003
     ) -> StripGeometry:
-        """A strip along any smooth curve through at least four points, in order of rising y."""
+        """A strip along any smooth curve through at least four points, in order of rising y.
+
+        Parameters
+        ----------
+        points_m
+            Points of the back contour, frame F [m].
+        width_m
+            Width along the compression [m].
+        spacing_m
+            Distance between points on the back contour, about [m].
+        """
         from scipy.interpolate import CubicSpline
 
         points = np.asarray(points_m, dtype=np.float64)

@@ -28,13 +28,13 @@ _SEARCH_FROM = 0.12
 #: ... to this fraction of it (foam never gets thicker than at rest, but the model may be off).
 _SEARCH_TO = 1.12
 
-#: Motion of the base tells a change of distance no better than with a lever of this length.
+#: Motion of the base shows a change of distance no better than with a lever of this length.
 _SHORTEST_LEVER_PX = 30.0
 
 #: A shaking camera moves within a frame up to this many times faster than from frame to frame.
 _SHAKE_FACTOR = 3.0
 
-_DOUBTFUL = (PointReason.POOR_FIT, PointReason.JUMP)
+_LOW_CONFIDENCE = (PointReason.POOR_FIT, PointReason.JUMP)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +55,7 @@ class ObservedStrip:
     foam_grey: Float[np.ndarray, "K"]  #: mean grey level between both contours
     front_grey: Float[np.ndarray, "K"]  #: mean grey level just before the front
     usable: Bool[np.ndarray, "K"]
-    doubtful: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
+    low_confidence: Bool[np.ndarray, "K"]  #: seen, but not as one clean step: kinks, texture at the edge
     motion: ImageMotion  #: of the base in the image since the zero reference was taken
     moved_px: float  #: largest shift of a reference point by that motion
     common_sigma_m: float  #: what motion of camera or finger may have changed all widths by
@@ -74,7 +74,19 @@ class BaseView:
 
 
 class StripOptics:
-    """Tracks both contours of a strip that is seen under a known pose."""
+    """Tracks both contours of a strip that is seen under a known pose.
+
+    Parameters
+    ----------
+    geometry
+        Points of the strip.
+    tracking
+        How the contours look and how far they are searched.
+    plane
+        The top plane of the foam as the camera sees it.
+    stripe
+        View of a colour stripe along the front; None: the front's own edge is tracked.
+    """
 
     def __init__(
         self,
@@ -108,7 +120,13 @@ class StripOptics:
         self._last_velocity: np.ndarray | None = None
 
     def place(self, plane: PlaneView) -> None:
-        """Lay the lines of the geometric model into the image."""
+        """Lay the lines of the geometric model into the image.
+
+        Parameters
+        ----------
+        plane
+            The top plane of the foam as the camera sees it.
+        """
         geometry = self.geometry
         width = self.rest_width_m
         self.plane = plane
@@ -135,13 +153,29 @@ class StripOptics:
         self._basis = motion_basis(origin, self._direction_px, *self._basis_scale)
 
     def observe(self, frame: Frame, zero: ZeroReference | None) -> ObservedStrip | None:
-        """Track both contours; ``None`` when the reference contour cannot be found."""
+        """Track both contours; ``None`` when the reference contour cannot be found.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        zero
+            The strip at rest, if it is known.
+        """
         grey = frame.grey
         base = self.find_base(grey, zero)
         return None if base is None else self.find_front(frame, grey, base)
 
     def find_base(self, grey: np.ndarray, zero: ZeroReference | None) -> BaseView | None:
-        """Track the reference contour; ``None`` when it cannot be found."""
+        """Track the reference contour; ``None`` when it cannot be found.
+
+        Parameters
+        ----------
+        grey
+            Grey image.
+        zero
+            The strip at rest, if it is known.
+        """
         search = self.tracking.reference_search_px
         expected = zero.reference_px if zero is not None else np.zeros(len(self._origin_px))
         lines = ConstraintLines(
@@ -163,7 +197,17 @@ class StripOptics:
         return BaseView(reference, position, sigma, motion, float(np.abs(moved).max()))
 
     def find_front(self, frame: Frame, grey: np.ndarray, base: BaseView) -> ObservedStrip:
-        """Track the front contour, seen from the reference contour of the same image."""
+        """Track the front contour, seen from the reference contour of the same image.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        grey
+            The same frame in grey.
+        base
+            The reference contour in the same image.
+        """
         base_px = self._origin_px + base.position_px[:, None] * self._direction_px
         # The visible width ends where the geometric model's front is, seen from the moved reference.
         length = self._length_px - base.position_px
@@ -203,7 +247,7 @@ class StripOptics:
             interior_grey(grey, base_px, self._direction_px, extent),
             front_grey(grey, np.nan_to_num(front_px, nan=-1.0), self._direction_px, extent),
             front.valid & finite,
-            ~front.valid & finite & np.isin(front.reason, _DOUBTFUL),
+            ~front.valid & finite & np.isin(front.reason, _LOW_CONFIDENCE),
             base.motion,
             base.moved_px,
             float(np.hypot(self.rest_width_m * base.moved_px / self._depth_lever_px, common)),
@@ -211,7 +255,15 @@ class StripOptics:
         )
 
     def rest_px(self, strip: ObservedStrip, width_m: Float[np.ndarray, "K"]) -> Float[np.ndarray, "K"]:
-        """Where a front that lies ``width_m`` [m] before the back is on each line, from its origin [px]."""
+        """Where a front of given width is on each line, from its origin [px].
+
+        Parameters
+        ----------
+        strip
+            What one image shows.
+        width_m
+            Distance of the front from the back [m].
+        """
         base_px = strip.reference_points_px
         back_m = self.plane.cast(base_px)[:, :2]
         front_px = self.plane.project(back_m + width_m[:, None] * self.geometry.outward)
@@ -227,6 +279,11 @@ class StripOptics:
 
         NaN where the back or an edge is not found at half of the points: what the strip measures when
         it is not as wide as declared.
+
+        Parameters
+        ----------
+        frame
+            A frame of the untouched strip.
         """
         grey = frame.grey
         base = self.find_base(grey, None)

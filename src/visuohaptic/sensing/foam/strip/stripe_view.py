@@ -19,7 +19,7 @@ __all__ = ["StripeView", "stripe_masks", "train_stripe"]
 
 #: Pixels next to the stripe's edges in which colours mix: not used for training.
 _MIXED_PX = 3
-#: Pixels on either side of the edge that tell its levels: a deeply pressed stripe is not much wider.
+#: Pixels on either side of the edge that give its levels: a deeply pressed stripe is not much wider.
 _PLATEAU_PX = 5.0
 
 
@@ -44,6 +44,11 @@ class StripeView:
     def of(cls, setup: FoamSetup) -> StripeView | None:
         """As ``sensor.yaml`` describes it; ``None`` without a stripe.
 
+        Parameters
+        ----------
+        setup
+            Configuration of the sensor.
+
         Raises
         ------
         InputError
@@ -64,6 +69,13 @@ class StripeView:
 
         The colour is looked up in front of the edge that was found, not in front of where it
         is expected: a finger that closes fast moves it by more than the stripe is wide.
+
+        Parameters
+        ----------
+        frame
+            The next frame in order of time.
+        lines
+            One constraint line per point.
 
         Raises
         ------
@@ -93,6 +105,13 @@ def stripe_masks(
 
     More than half of the latter are foam: the edge image is made for the edge between
     stripe and foam.
+
+    Parameters
+    ----------
+    setup
+        Configuration with a section ``stripe``.
+    plane
+        The top plane of the foam as the camera sees it.
     """
     import cv2
 
@@ -134,13 +153,19 @@ def train_stripe(
 
     Parameters
     ----------
+    setup
+        Configuration with a section ``stripe``.
+    image_bgr
+        Colour image (blue, green, red) of the untouched strip.
     plane
         Where the strip is in the image.
+    rng
+        Source of the random samples.
 
     Raises
     ------
     CalibrationError
-        The stripe is not where the model says, or its colour cannot be told from the rest.
+        The stripe is not where the model says, or its colour cannot be distinguished from the rest.
     """
     if image_bgr.shape[:2] != (setup.camera.height, setup.camera.width):
         raise InputError(

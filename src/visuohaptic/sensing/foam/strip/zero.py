@@ -19,9 +19,9 @@ __all__ = ["DriftSettings", "ZeroReference", "ZeroWatch", "check_width"]
 #: Zeroing may measure another width than declared by this fraction: ruler, pose and texture of the edge.
 _WIDTH_TOLERANCE = 0.10
 
-#: Up to this share of the points, no two of them neighbours, may be missing: a line of the floor that meets
+#: Up to this fraction of the points, no two of them neighbours, may be missing: a line of the floor that meets
 #: the edge just there. They get the width of their neighbours, with this standard deviation by the width.
-_UNSEEN_SHARE, _UNSEEN_SIGMA = 0.04, 0.01
+_UNSEEN_FRACTION, _UNSEEN_SIGMA = 0.04, 0.01
 
 #: Arrays of the file.
 _REQUIRED = ("reference_px", "width_m", "width_sigma_m", "foam_grey")
@@ -74,10 +74,20 @@ class ZeroReference:
 
         Parameters
         ----------
+        t_s
+            Time of the last frame [s].
+        reference_px
+            Reference contour along the lines [px].
+        width_m
+            Distance from back to front [m].
+        foam_grey
+            Mean grey level of the foam along each line.
         uncertainty_m
             What each width may be wrong by in all frames alike, for example by texture at its edge.
         front_grey, contrast
             Grey level just before the front, and the step there.
+        where
+            What error messages name.
 
         Raises
         ------
@@ -86,7 +96,7 @@ class ZeroReference:
         """
         seen = np.isfinite(width_m).sum(axis=0)
         missing = np.flatnonzero(seen < max(1, len(width_m) // 2))
-        if len(missing) > _UNSEEN_SHARE * width_m.shape[1] or (np.diff(missing) == 1).any():
+        if len(missing) > _UNSEEN_FRACTION * width_m.shape[1] or (np.diff(missing) == 1).any():
             raise CalibrationError(
                 where,
                 f"{len(missing)} of {width_m.shape[1]} contour points were seen in fewer than half of the "
@@ -128,7 +138,13 @@ class ZeroReference:
         )
 
     def save(self, path: Path | str) -> None:
-        """Write as YAML, whole or not at all."""
+        """Write as YAML, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Where to write.
+        """
         save_yaml(
             path,
             {
@@ -145,7 +161,15 @@ class ZeroReference:
 
     @classmethod
     def load(cls, path: Path | str, count: int) -> ZeroReference:
-        """Read a file of :meth:`save`; ``count`` is the number of contour points of the sensor."""
+        """Read a file of :meth:`save`.
+
+        Parameters
+        ----------
+        path
+            The file.
+        count
+            Number of contour points of the sensor.
+        """
         data = load_yaml_model(path, _ZeroFile)
         arrays = {}
         for name in (*_REQUIRED, *(name for name in _OPTIONAL if getattr(data, name) is not None)):
@@ -225,7 +249,15 @@ class DriftSettings:
 
 
 class ZeroWatch:
-    """Follows the zero reference while the sensor is at rest and tells when it has drifted away."""
+    """Follows the zero reference while the sensor is at rest and reports when it has drifted away.
+
+    Parameters
+    ----------
+    zero
+        The zero reference as it was taken.
+    settings
+        How the zero follows slow changes; the defaults without.
+    """
 
     def __init__(self, zero: ZeroReference, settings: DriftSettings | None = None) -> None:
         self.settings = settings or DriftSettings()
@@ -252,7 +284,19 @@ class ZeroWatch:
     def update(
         self, t_s: float, width_m: Float[np.ndarray, "K"], *, touched: bool, usable: np.ndarray
     ) -> None:
-        """Look at one frame; adapts only after a time without any contact."""
+        """Take in one frame; adapts only after a time without any contact.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        width_m
+            Distance from back to front [m].
+        touched
+            Whether anything touches the strip.
+        usable
+            Points whose width was seen, (K,) bool.
+        """
         elapsed = 0.0 if self._last_t is None else max(0.0, t_s - self._last_t)
         self._last_t = t_s
         if touched:

@@ -1,3 +1,4 @@
+from .edge_at_rest import EdgeLines as EdgeLines
 from .edge_at_rest import resting_edge as resting_edge
 from .flank import DECAY_PER_WIDTH as DECAY_PER_WIDTH
 from .flank import stepped_points as stepped_points

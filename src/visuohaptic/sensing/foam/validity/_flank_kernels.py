@@ -19,6 +19,21 @@ def below_chord(s, delta, sigma, start, end, decay, tolerance, bulge, bulge_reac
     decay)``. ``tolerance`` is taken off as a fraction of the higher end, ``bulge`` as one of the deepest
     point within ``bulge_reach``, ``sigmas`` as standard deviations. Beyond the ends of the strip at ``start`` and ``end`` its mirror image goes on: a free
     end has no slope. Returns the largest excess of each point, and the side of the higher neighbour.
+
+    Parameters
+    ----------
+    s, delta, sigma
+        Position, deflection and its standard deviation of n points [m].
+    start, end
+        Ends of the strip [m]; beyond them its mirror image goes on.
+    decay
+        Decay length of free foam [m].
+    tolerance
+        Fraction of the higher end that is taken off.
+    bulge, bulge_reach
+        Fraction of the deepest point within that distance [m] that is taken off.
+    sigmas
+        Standard deviations that are taken off.
     """
     n = len(s)
     excess = np.full(n, -1.0)

@@ -76,7 +76,7 @@ def stepped_points(
     rules = DECAY_PER_WIDTH * width_m, _CHORD, _BULGE, _BULGE_REACH * width_m, _SIGMAS
     excess, side = below_chord(at, delta, sigma, *ends, *rules)
     if (excess > margin).any():
-        # Texture of the object at the edge shifts points beyond their sigma: their neighbours tell.
+        # Texture of the object at the edge shifts points beyond their sigma: their neighbours decide.
         rough = np.maximum(local_roughness(delta, sigma), roughness(delta, sigma, sigma > 0.0))
         sigma = sigma * np.where(rough > _ROUGH, rough, 1.0)
         excess, side = below_chord(at, delta, sigma, *ends, *rules)

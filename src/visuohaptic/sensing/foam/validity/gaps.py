@@ -16,8 +16,8 @@ _FREE_END_M = 5e-4
 
 #: So many poor fits in a row are used if they lie between their good neighbours, with a margin of this
 #: part of the difference between these.
-_DOUBTFUL_POINTS = 4
-_DOUBTFUL_MARGIN = 0.15
+_LOW_CONFIDENCE_POINTS = 4
+_LOW_CONFIDENCE_MARGIN = 0.15
 
 #: A flank is free foam where the next point beyond its upper end rises on by this part of its rise ...
 _RISES_ON = 0.3
@@ -30,25 +30,36 @@ def plausible(
     delta: Float[np.ndarray, "K"],
     sigma: Float[np.ndarray, "K"],
     good: Bool[np.ndarray, "K"],
-    doubtful: Bool[np.ndarray, "K"],
+    low_confidence: Bool[np.ndarray, "K"],
 ) -> Bool[np.ndarray, "K"]:
-    """Doubtful points that lie between their good neighbours, up to a few in a row.
+    """Points of low confidence that lie between their good neighbours, up to a few in a row.
 
     At the edge of a plate the front is a kink, which is no blurred step; its fit is
     still ten times closer than a line between the neighbours. What lies outside of
     its neighbours is something else, and is not used. The tip of an edge is above both: between flanks
     that rise towards each other a point may lie as high as where these would meet.
+
+    Parameters
+    ----------
+    s
+        Position of the points along the strip [m].
+    delta, sigma
+        Deflection and its standard deviation [m].
+    good
+        Points that were seen as one clean step.
+    low_confidence
+        Points that were seen, but not as one clean step.
     """
     usable = np.zeros_like(good)
     known = np.flatnonzero(good)
     tips = _tips(s, delta, known)
-    for k in np.flatnonzero(doubtful & ~good & np.isfinite(delta)):
+    for k in np.flatnonzero(low_confidence & ~good & np.isfinite(delta)):
         after = int(np.searchsorted(known, k))
-        if after == 0 or after == len(known) or known[after] - known[after - 1] > _DOUBTFUL_POINTS + 1:
+        if after == 0 or after == len(known) or known[after] - known[after - 1] > _LOW_CONFIDENCE_POINTS + 1:
             continue
         ends = delta[known[after - 1 : after + 1]]
         top = max(float(ends.max()), float(tips[k]))
-        margin = _DOUBTFUL_MARGIN * (top - float(ends.min())) + 5.0 * float(sigma[k])
+        margin = _LOW_CONFIDENCE_MARGIN * (top - float(ends.min())) + 5.0 * float(sigma[k])
         usable[k] = ends.min() - margin <= delta[k] <= top + margin
     return usable
 
@@ -85,11 +96,20 @@ def bridged(
 ) -> tuple[Float[np.ndarray, "K"], Float[np.ndarray, "K"], Float[np.ndarray, "K"], bool]:
     """Fill gaps of a few points from their neighbours, with what that may be wrong by.
 
+    Parameters
+    ----------
+    s
+        Position of the points along the strip [m].
+    value, sigma
+        Deflection and its standard deviation [m].
+    seen
+        Points that can be used.
+
     Returns
     -------
     value, sigma
         With bridged points; NaN inside longer gaps.
-    doubt
+    uncertainty
         Systematic error of the bridged points; 0 for the others.
     gap
         Whether a gap is left that could hide a contact.
@@ -111,15 +131,15 @@ def bridged(
     # between the straight line and the tip: half way for a circle, at the tip for an edge.
     bulge = 0.5 * np.maximum(_tips(s, value, known)[missing] - filled[missing], 0.0)
     filled[missing] += bulge
-    doubt = np.zeros_like(sigma)
-    doubt[missing] = np.hypot(2.0 * filled_sigma[missing], 0.5 * np.abs(value[b] - value[a]))
-    doubt[missing] = np.hypot(doubt[missing], bulge)
+    uncertainty = np.zeros_like(sigma)
+    uncertainty[missing] = np.hypot(2.0 * filled_sigma[missing], 0.5 * np.abs(value[b] - value[a]))
+    uncertainty[missing] = np.hypot(uncertainty[missing], bulge)
     for k, first, last in zip(missing, a, b, strict=True):
         if first < k < last and _on_flank(value, first, last):
             # Free foam beside a contact falls off exponentially; a straight line is far above it.
             part = (s[k] - s[first]) / (s[last] - s[first])
             line, filled[k] = filled[k], value[first] ** (1.0 - part) * value[last] ** part
-            doubt[k] = np.hypot(2.0 * filled_sigma[k], 0.5 * (line - filled[k]))
+            uncertainty[k] = np.hypot(2.0 * filled_sigma[k], 0.5 * (line - filled[k]))
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (~seen).astype(np.int8), [0]])))
     long = [
         (a, b)
@@ -129,8 +149,8 @@ def bridged(
     for a, b in long:
         filled[a:b] = np.nan
         filled_sigma[a:b] = np.nan
-        doubt[a:b] = 0.0
-    return filled, filled_sigma, doubt, bool(long)
+        uncertainty[a:b] = 0.0
+    return filled, filled_sigma, uncertainty, bool(long)
 
 
 def _on_flank(value: Float[np.ndarray, "K"], first: int, last: int) -> bool:

@@ -9,7 +9,7 @@ from ....tracking.contours.contour import PIXEL_PX
 from ..strip.appearance import covered_points, other_surface
 from ..strip.optics import ObservedStrip, StripOptics
 from ..strip.zero import ZeroReference
-from .edge_at_rest import resting_edge
+from .edge_at_rest import EdgeLines, resting_edge
 from .plausibility import thicker_than_at_rest
 
 __all__ = ["hidden_points"]
@@ -40,13 +40,18 @@ def hidden_points(
     hidden = covered_points(strip.foam_grey, zero.foam_grey, optics.geometry.s_m)
     hidden |= _other_surface(strip, zero)
     hidden |= thicker_than_at_rest(delta_m, sigma_m, optics.geometry.width_m, deepest_m)
-    deflected = (strip.usable | strip.doubtful) & (delta_m > _SIGMAS * sigma_m)
+    deflected = (strip.usable | strip.low_confidence) & (delta_m > _SIGMAS * sigma_m)
     if deflected.any():
-        hidden |= resting_edge(
-            strip.grey, strip.reference_points_px, optics.direction_px, strip.front.position_px,
-            optics.rest_px(strip, zero.width_m), float(np.hypot(strip.blur_px, PIXEL_PX)),
-            strip.front.noise_grey, deflected, zero,
-        )  # fmt: skip
+        lines = EdgeLines(
+            strip.grey,
+            strip.reference_points_px,
+            optics.direction_px,
+            strip.front.position_px,
+            optics.rest_px(strip, zero.width_m),
+            float(np.hypot(strip.blur_px, PIXEL_PX)),
+            strip.front.noise_grey,
+        )
+        hidden |= resting_edge(lines, deflected, zero)
     return hidden
 
 
@@ -59,5 +64,5 @@ def _other_surface(strip: ObservedStrip, zero: ZeroReference) -> Bool[np.ndarray
         light = strip.foam_grey / zero.foam_grey
         # Ten pixels or fewer, and the noise of the line that they are compared with.
         noise = strip.front.noise_grey / strip.foam_grey / np.sqrt(6.0)
-    seen = strip.usable | strip.doubtful
+    seen = strip.usable | strip.low_confidence
     return other_surface(near, zero.front_ratio, strip.front.contrast, light * zero.contrast, seen, noise)

@@ -1,9 +1,9 @@
-"""Force that a picture alone does not prove: of a contact that is too new, and beside a dent in one.
+"""Force that an image alone does not prove: of a contact that is too new, and beside a dent in one.
 
 What hangs before the foam and comes in as slowly as a push, from one contact to the next or to the end
 of the strip, looks like a wide body; what is as grey as foam and lies over a contact looks like a
-dent in the body. Neither can be told from the real thing in one frame. So their force is
-no reason to refuse the frame, but it carries a doubt until later frames agree.
+dent in the body. Neither can be distinguished from a real contact in one frame. So their force is
+no reason to refuse the frame, but it carries an uncertainty until later frames agree.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..profile import FoamReading
 
 __all__ = ["NewContact", "unverified_force", "with_unverified", "without_dents"]
 
-#: Standard deviation of the force in doubt, by itself: all of it may be wrong, which then is four sigmas.
+#: Standard deviation of the unverified force, by itself: all of it may be wrong, which then is four sigmas.
 _OF_FORCE = 0.25
 #: A contact is new for so long [s]: three frames of a usual camera ...
 _NEW_S = 0.1
@@ -51,6 +51,13 @@ class NewContact:
         """What each point had before its contact was new; ``delta_m`` itself where it is not new [m].
 
         Call it once per frame; NaN in ``delta_m`` are points that were not seen.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        delta_m
+            Deflection of each point [m].
         """
         while self._past and t_s - self._past[0][0] > _NEW_S + 1e-6:
             self._past.popleft()
@@ -151,13 +158,26 @@ def with_unverified(
     """The reading with :func:`unverified_force` in the budget of each contact, and their sum in the whole.
 
     Their sum, as one hand may reach over all of them.
+
+    Parameters
+    ----------
+    reading
+        Contacts of the frame.
+    s_m
+        Position of the points along the strip [m].
+    before_m
+        From :meth:`NewContact.before` [m].
+    delta_m, sigma_m
+        Deflection and its standard deviation [m].
+    material
+        Calibrated foam.
     """
     contacts, whole = [], 0.0
     for contact in reading.contacts:
         part = slice(contact.first, contact.last + 1)
-        doubt = unverified_force(material, s_m[part], before_m[part], delta_m[part], sigma_m[part])
-        contacts.append(replace(contact, budget=_with_model(contact.budget, doubt)))
-        whole += doubt
+        uncertainty = unverified_force(material, s_m[part], before_m[part], delta_m[part], sigma_m[part])
+        contacts.append(replace(contact, budget=_with_model(contact.budget, uncertainty)))
+        whole += uncertainty
     return replace(reading, contacts=tuple(contacts), budget=_with_model(reading.budget, whole))
 
 

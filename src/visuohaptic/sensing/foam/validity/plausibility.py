@@ -16,7 +16,7 @@ __all__ = [
 
 #: Beside its noise a deflection may change by this much without a question [m].
 _MARGIN_M = 5e-4
-#: Fourth differences around a point that tell the scatter there, an odd number.
+#: Fourth differences around a point that give the scatter there, an odd number.
 _AROUND = 21
 #: Largest bulge of free foam by the deflection that it comes from: what swings back furthest is a beam on an
 #: elastic foundation that is pressed at its free end, exp(-x) cos(x), down to -exp(-3 pi / 4) / sqrt(2). Foam,
@@ -52,7 +52,13 @@ class OnsetWatch:
         self._last_s = np.full(points, np.nan)
 
     def start(self, t_s: float) -> None:
-        """All points were free at this time: what is pressed later has come since."""
+        """All points were free at this time: what is pressed later has come since.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         self._trusted_m[:], self._since_s[:] = 0.0, t_s
         self._last_m[:], self._last_s[:] = 0.0, t_s
 
@@ -67,6 +73,17 @@ class OnsetWatch:
         """Suspect points of one frame; what is not suspect is what the next frame is compared with.
 
         ``stepped`` are points that something else than their speed speaks against.
+
+        Parameters
+        ----------
+        t_s
+            Time of the frame [s].
+        delta_m, sigma_m
+            Deflection and its standard deviation [m].
+        seen
+            Points that can be used.
+        stepped
+            Points that are suspect for another reason than their speed.
         """
         # A contact may also come from the side: what a neighbour had is no surprise.
         before = _largest_of_three(self._trusted_m)
@@ -93,13 +110,19 @@ class OnsetWatch:
 
 
 class FocusWatch:
-    """Tells while the blur of the edges changes: positions lag behind until the fit has followed."""
+    """Detects while the blur of the edges changes: positions lag behind until the fit has followed."""
 
     def __init__(self) -> None:
         self._last_px = float("nan")
 
     def changing(self, blur_px: float) -> bool:
-        """Whether the median blur of a contour, pixel included, differs from the last frame's."""
+        """Whether the median blur of a contour, pixel included, differs from the last frame's.
+
+        Parameters
+        ----------
+        blur_px
+            Median blur of the contour, pixel included [px].
+        """
         last = self._last_px
         if np.isfinite(blur_px):
             self._last_px = blur_px
@@ -112,7 +135,14 @@ def roughness(
     """Scatter from point to point in declared standard deviations; about 1 when these are true.
 
     The median of fourth differences: a contact's curve, even of 2 cm radius, changes
-    them by less than the noise, and its few kinks don't move the median.
+    them by less than the noise, and its few kinks do not move the median.
+
+    Parameters
+    ----------
+    delta_m, sigma_m
+        Deflection and its standard deviation [m].
+    seen
+        Points that can be used.
     """
     if len(delta_m) < 12:
         return 1.0
@@ -132,6 +162,11 @@ def local_roughness(
     """:func:`roughness` around each of K points that were seen.
 
     Over 21 points, of which a step or a kink changes the fourth differences of eight at most.
+
+    Parameters
+    ----------
+    delta_m, sigma_m
+        Deflection of seen points and its standard deviation [m].
     """
     windows = np.lib.stride_tricks.sliding_window_view
     if len(delta_m) < _AROUND + 4:
@@ -150,6 +185,15 @@ def thicker_than_at_rest(
     """Points further out than foam can be: that edge is another one.
 
     Foam bulges beside a contact, by a part of the deepest deflection ``deepest_m`` [m] of the strip.
+
+    Parameters
+    ----------
+    delta_m, sigma_m
+        Deflection and its standard deviation [m].
+    width_m
+        Width of the strip at rest [m].
+    deepest_m
+        Deepest deflection of the strip [m].
     """
     return delta_m < -(0.02 * width_m + _MAX_BULGE * max(deepest_m, 0.0) + 5.0 * sigma_m)
 
@@ -161,6 +205,13 @@ def rest_offset(
 
     It is zero while a fifth of the strip is free, unless foam, camera or zero reference have
     changed. Where everything is deflected it is an upper bound: a wide plate looks the same.
+
+    Parameters
+    ----------
+    delta_m, sigma_m
+        Deflection and its standard deviation [m].
+    seen
+        Points that can be used.
     """
     if seen.sum() < 10:
         return 0.0

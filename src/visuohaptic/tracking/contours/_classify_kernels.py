@@ -1,0 +1,107 @@
+"""Compiled classification of the fitted points of one contour: noise, declared sigma and reason."""
+
+# mypy: disable-error-code="no-untyped-def"
+from __future__ import annotations
+
+import math
+
+from ...core.kernels import kernel
+from ._fit_kernels import (
+    BLUR,
+    BORDER,
+    CHI2,
+    COUNT,
+    CURVE,
+    FLAT,
+    HIGH,
+    LOW,
+    SLOPE,
+    SPREAD,
+    STATUS,
+    TEXTURE,
+    VAR,
+    T,
+)
+
+
+@kernel(nogil=True)
+def classify_points(state, found, half, start, stop, noise_var, polarity, min_contrast, max_chi2, max_move, jump_px,
+          occlusion, foam_step, seen_clear, noise, sigma, reason):  # fmt: skip
+    """Noise, declared sigma and reason code of every point; codes as in ``contour.PointReason``.
+
+    Parameters
+    ----------
+    state
+        (n, STATES), from :func:`~visuohaptic.tracking.contours._refine_kernels.refine`.
+    found
+        Positions from which the fit started [px], (n,).
+    half
+        Half width of each window along the edge [px], (n,).
+    start, stop
+        Range of each line [px], (n,).
+    noise_var
+        Variance of one pixel [grey levels^2].
+    polarity
+        +1 brighter at larger t, -1 darker, 0 either.
+    min_contrast
+        Smallest usable step [grey levels].
+    max_chi2
+        Largest mean squared residual [noise variances].
+    max_move
+        Largest distance between fit and start at slope 0 [px].
+    jump_px
+        Largest distance from both neighbours [px].
+    occlusion
+        Edge inside the foam that counts as an occluder, in parts of the contrast.
+    foam_step
+        From :func:`~visuohaptic.tracking.contours._search_kernels.foam_edge`, (n,).
+    seen_clear
+        False where something is known to hide the contour, (n,).
+    noise, sigma, reason
+        Filled, (n,) [px, px, code].
+    """
+    n = state.shape[0]
+    for k in range(n):
+        s = state[k]
+        height = s[HIGH] - s[LOW]
+        chi = s[CHI2] / noise_var
+        var = s[VAR] * noise_var
+        noise[k] = math.sqrt(max(var, 0.0))
+        if s[COUNT] > 8.0 and chi > 1.0 + 3.0 * math.sqrt(2.0 / s[COUNT]):
+            var *= chi
+        ratio = s[SPREAD] / noise_var
+        if ratio > 2.2:
+            var = max(var, s[VAR] * noise_var * ratio)
+        # Uneven levels close to the edge look like a shift of it: sqrt(pi) b per unit of contrast.
+        # One plateau has few patches: a calm one beside an uneven one is luck.
+        near = state[max(k - 3, 0) : min(k + 4, n), TEXTURE]
+        uneven = max(s[TEXTURE], near.mean())
+        var += math.pi * s[BLUR] ** 2 * uneven / max(height * height, 1.0) * (1.0 + s[SLOPE] ** 2)
+        # A curve is no parabola: a tenth of the correction is uncertain, more where the curvature changes.
+        uncertainty = 0.1 * abs(s[CURVE])
+        if 0 < k < n - 1:
+            uncertainty += 0.15 * abs(2.0 * s[CURVE] - state[k - 1, CURVE] - state[k + 1, CURVE])
+        var += (uncertainty * half[k] * half[k] / 6.0) ** 2
+        sigma[k] = math.sqrt(max(var, 0.0))
+        code = 0
+        if s[STATUS] == BORDER:
+            code = 3
+        elif s[STATUS] == FLAT or abs(height) < min_contrast:
+            code = 1
+        elif polarity * height < 0.0:
+            code = 4
+        elif abs(s[T] - found[k]) > max_move * (1.0 + abs(s[SLOPE])) or not (sigma[k] < 1.0):
+            code = 1
+        elif s[T] < start[k] or s[T] > stop[k]:
+            code = 3
+        elif s[CHI2] > max_chi2 * noise_var + (0.06 * height) ** 2:
+            code = 5
+        elif not seen_clear[k] or foam_step[k] > max(occlusion * abs(height), 3.5 * math.sqrt(noise_var)):
+            code = 2
+        reason[k] = code
+    for k in range(n):
+        if reason[k] == 0 and n > 2:
+            a, b = (1, 2) if k == 0 else ((n - 2, n - 3) if k == n - 1 else (k - 1, k + 1))
+            left, right = state[k, T] - state[a, T], state[k, T] - state[b, T]
+            if left * right > 0.0 and min(abs(left), abs(right)) > jump_px:
+                reason[k] = 6
