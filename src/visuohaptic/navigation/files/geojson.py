@@ -159,6 +159,11 @@ def _write(path: Path | str, features: list[dict[str, Any]], more: dict[str, Any
 def load_route_graph(path: Path | str) -> RouteGraph:
     """Read a graph of the Nav2 route server: our own, one drawn by hand, or another program's.
 
+    Parameters
+    ----------
+    path
+        File name.
+
     Raises
     ------
     InputError
@@ -183,6 +188,11 @@ def load_route_graph(path: Path | str) -> RouteGraph:
 
 def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     """Read what :func:`save_graph` has written; the map has the grid's place, all cells unknown.
+
+    Parameters
+    ----------
+    path
+        File name.
 
     Raises
     ------

@@ -28,11 +28,24 @@ def gather_junctions(
     resolution_m: float,
     speeds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Leader of each slot, the next slot on the way there (-1 for leaders), and that way's measures.
+    """Leader of each slot, the next slot on the path to it (-1 for leaders), and that path's measures.
 
     From the cell with the largest key on, a node takes the junction cells that are linked to
     it through others, as far as its own clearance (at least the cells that touch it).
     Measures (slots, 3): length [m], cost [s], clearance [m].
+
+    Parameters
+    ----------
+    cell, masks, keys, links
+        The slots: flat cell, linked neighbours, clearance and links; see the module.
+    order
+        Slots in use by ascending cell.
+    columns
+        Number of columns of the map.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     owner = np.full(len(cell), -1, np.int32)
     parent = np.full(len(cell), -1, np.int32)
@@ -117,6 +130,27 @@ def join_lines(
 
     A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
     the slots of a ring are -1. The order does not depend on the numbers of slots and lines.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    cell, masks, keys, links
+        The slots: flat cell, linked neighbours, clearance and links; see the module.
+    order
+        Slots in use by ascending cell.
+    owner, parent, way
+        From :func:`gather_junctions`.
+    table
+        The lines, see the module.
+    table, measured
+        The lines: first and last cell and place in ``path``; length, cost and clearance.
+    used
+        Number of lines in ``table``.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     rings = np.empty(256, np.int32)
     ring_cells = np.empty(256, np.int32)
@@ -210,6 +244,19 @@ def edge_paths(
 
     Edge e is made of the half-edges ``ways[edge_ways[e] : edge_ways[e + 1]]`` of the raw graph, 2 r for piece r
     as it is, 2 r + 1 for piece r backwards.
+
+    Parameters
+    ----------
+    edge_ways, ways
+        Half-edges of each edge in CSR form.
+    pieces
+        Edges of the raw graph, from :func:`join_lines`.
+    cell
+        Flat cell of each slot.
+    parent
+        From :func:`gather_junctions`.
+    path
+        Cells (flat) of all lines, one after the other.
     """
     count = len(edge_ways) - 1
     start = np.zeros(count + 1, np.int32)
@@ -255,7 +302,19 @@ def edge_paths(
 def measure_paths(
     path_start: np.ndarray, path: np.ndarray, distance: np.ndarray, resolution_m: float, speeds: np.ndarray
 ) -> np.ndarray:
-    """Length [m], cost [s] and clearance [m] of each path, (m, 3)."""
+    """Length [m], cost [s] and clearance [m] of each path, (m, 3).
+
+    Parameters
+    ----------
+    path_start, path
+        Cells (flat) of each path in CSR form.
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
+    """
     measures = np.empty((len(path_start) - 1, 3))
     for k in range(len(path_start) - 1):
         length, seconds, clearance = measure(

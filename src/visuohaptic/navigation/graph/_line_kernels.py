@@ -52,6 +52,21 @@ def forget_lines(
 
     Returns cells that may be on new lines, cells of ends whose links have to be looked at (both some
     twice), and how many path cells the lines had that are gone.
+
+    Parameters
+    ----------
+    mark
+        Marks of the skeleton, (rows, columns) uint8; bit 0 is set on it.
+    place
+        Line or slot of each cell, (rows, columns) int32.
+    cell
+        Flat cell of each slot.
+    table
+        The lines, see the module.
+    path
+        Cells (flat) of all lines, one after the other.
+    touched
+        Cells (flat) that an edit has touched.
     """
     rows, columns = place.shape
     flat = place.ravel()
@@ -125,6 +140,23 @@ def find_ends(
 
     ``order`` are the slots in use by ascending cell. Returns the slots' four arrays (longer, where there
     was no room), the new ``order``, and the slots whose links have to be looked at, by ascending cell.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    mark
+        Marks of the skeleton, (rows, columns) uint8; bit 0 is set on it.
+    place
+        Line or slot of each cell, (rows, columns) int32.
+    cell, masks, keys, links
+        The slots: flat cell, linked neighbours, clearance and links; see the module.
+    order
+        Slots in use by ascending cell.
+    maybe
+        Cells (flat) that may have become ends or parts of lines.
+    near
+        Cells (flat) of ends whose links have to be updated.
     """
     columns = place.shape[1]
     flat = place.ravel()
@@ -295,6 +327,35 @@ def find_lines(
 
     ``maybe`` (flat) are cells that may be on a new ring. Returns ``table``, ``measured``, ``path``, how
     many lines and how many path cells are used. Lines that are gone leave their number to new ones.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    mark
+        Marks of the skeleton, (rows, columns) uint8; bit 0 is set on it.
+    place
+        Line or slot of each cell, (rows, columns) int32.
+    cell, masks, links
+        The slots, see the module.
+    look
+        Slots whose links have to be updated, by ascending cell.
+    maybe
+        Cells (flat) that may have become ends or parts of lines.
+    table
+        The lines, see the module.
+    table, measured
+        The lines: first and last cell and place in ``path``; length, cost and clearance.
+    path
+        Cells (flat) of all lines, one after the other.
+    used
+        Number of lines in ``table``.
+    size
+        Number of cells in ``path`` that are used.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     columns = mark.shape[1]
     flat = place.ravel()
@@ -351,7 +412,19 @@ def find_lines(
 
 @kernel(error_model="numpy", boundscheck=False)
 def gather_paths(table: np.ndarray, path: np.ndarray, used: int, size: int) -> tuple[np.ndarray, int]:
-    """A new array with the paths of the lines that are left; graphs of before keep the old one."""
+    """A new array with the paths of the lines that are left; graphs of before keep the old one.
+
+    Parameters
+    ----------
+    table
+        The lines, see the module.
+    path
+        Cells (flat) of all lines, one after the other.
+    used
+        Number of lines in ``table``.
+    size
+        Number of cells of the lines that are left.
+    """
     out = np.empty(2 * size + 4096, np.int32)
     total = 0
     for line in range(used):

@@ -13,7 +13,13 @@ __all__ = ["RawGraph", "SkeletonLines", "speeds"]
 
 
 def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
-    """Radius [m], and one by the smallest and by the largest speed [s/m], for the kernels."""
+    """Radius [m], and the reciprocals of the minimum and maximum speed [s/m], as kernels take them.
+
+    Parameters
+    ----------
+    layers
+        Of the map.
+    """
     limits = layers.limits
     return np.array([limits.radius_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
 
@@ -37,7 +43,13 @@ class RawGraph:
     def paths(
         self, edge_ways: Int32[np.ndarray, "e+1"], ways: Int32[np.ndarray, "w"]
     ) -> tuple[Int32[np.ndarray, "e+1"], Int32[np.ndarray, "p"]]:
-        """Cells (flat) of edges that are made of half-edges of this graph, in CSR form."""
+        """Cells (flat) of edges that are made of half-edges of this graph, in CSR form.
+
+        Parameters
+        ----------
+        edge_ways, ways
+            Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for it backwards.
+        """
         from ._junction_kernels import edge_paths
 
         start, cells = edge_paths(edge_ways, ways, self.pieces, self.slot_cell, self.slot_parent, self.path)
@@ -48,6 +60,11 @@ class SkeletonLines:
     """Lines between the cells of a skeleton where lines meet or end.
 
     A whole build and an edit take the same way: forget what touched cells are on, walk what is missing.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the map.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -69,8 +86,15 @@ class SkeletonLines:
     ) -> RawGraph:
         """Bring the lines up to date and return their graph.
 
-        ``touched`` (flat, some twice) are all cells whose mark or distance changed, and those beside a
-        changed mark; before the first call, all cells of the skeleton.
+        Parameters
+        ----------
+        layers
+            Of the map as it is now.
+        mark
+            Marks of its skeleton.
+        touched
+            All cells (flat, some twice) whose mark or distance changed, and those beside a changed mark; before the
+            first call, all cells of the skeleton.
         """
         from ._junction_kernels import gather_junctions, join_lines
         from ._line_kernels import find_ends, find_lines, forget_lines, gather_paths

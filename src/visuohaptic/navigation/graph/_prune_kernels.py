@@ -29,6 +29,17 @@ def prune(
     dead goes if it is shorter than ``stub_length_m``; where that is negative, if it reaches
     less than the clearance of its other end beyond the disc of that clearance, each of its
     own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
+
+    Parameters
+    ----------
+    clearance
+        Of the nodes (n,) [m].
+    ends
+        Nodes of each edge, (m, 2).
+    lengths
+        Of the edges [m].
+    stub_length_m
+        Minimum length of a dead end [m]; negative for the rule by clearance.
     """
     count = len(clearance)
     start, half = half_edges(count, ends)
@@ -156,6 +167,19 @@ def keep_edges(
 
     A ring of such nodes keeps its widest. Edges run from the smaller node to the larger. Returns cells of the
     nodes, ends and measures of the edges, and of which half-edges of the raw graph each is made (CSR form).
+
+    Parameters
+    ----------
+    cells
+        Of the nodes (n,), flat.
+    clearance
+        Of the nodes (n,) [m].
+    ends
+        Nodes of each edge, (m, 2).
+    measures
+        Length [m], cost [s] and clearance [m] of each edge, (m, 3).
+    alive, stays, degree
+        Which edges and nodes are left, and the degree of each node; from :func:`prune`.
     """
     count = len(cells)
     start, half = half_edges(count, ends)
@@ -247,7 +271,15 @@ def keep_edges(
 
 @kernel(error_model="numpy", boundscheck=False)
 def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
-    """Component of each node, numbered by their smallest nodes, and how many there are."""
+    """Connected component of each node, numbered by their smallest nodes, and how many there are.
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    ends
+        Nodes of each edge, (m, 2).
+    """
     root = np.arange(count).astype(np.int32)
     for edge in range(len(ends)):
         a, b = ends[edge, 0], ends[edge, 1]

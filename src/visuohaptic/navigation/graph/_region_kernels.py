@@ -23,7 +23,13 @@ UNREACHED = np.int32(2**31 - 1)
 
 @kernel(error_model="numpy", boundscheck=False, inline="always")
 def diagonal(step: int) -> int:
-    """A diagonal step [units]: sqrt(2) of a straight one, rounded."""
+    """A diagonal step [units]: sqrt(2) of a straight one, rounded.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step [units].
+    """
     return (step * 92682 + 32768) >> 16
 
 
@@ -44,6 +50,23 @@ def spread(
     ``slowest`` and ``fastest`` bound the steps of reachable cells. The map is worked on in squares of
     ``side`` cells, which stay in the cache; what crosses a border waits until its square's turn.
     ``queued`` (rows * columns,) uint8 is used in between: all 0 before and after.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    cells
+        To start from (flat).
+    slowest, fastest
+        Largest and smallest step of the reachable cells [units].
+    side
+        Edge length of the squares that are worked on [cells].
+    queued
+        Buffer (rows * columns,) uint8, all 0 before and after.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -218,7 +241,19 @@ def _longer(array: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int) -> np.ndarray:
-    """Cells (flat) from ``cell`` to its node, each the cheapest way's next; ties by the smallest index."""
+    """Cells (flat) from ``cell`` to its node, each the next of the cheapest path; ties by the smallest index.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    cell
+        Flat index.
+    """
     rows, columns = step.shape
     flat_potential = potential.ravel()
     flat_seed = seed.ravel()

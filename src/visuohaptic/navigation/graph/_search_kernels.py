@@ -14,7 +14,15 @@ __all__ = ["all_costs", "graph_search", "grid_search", "half_edges", "straighten
 
 @kernel(error_model="numpy", boundscheck=False)
 def half_edges(count: int, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Half-edges of each node in CSR form: 2 e leaves the first end of edge e, 2 e + 1 the second."""
+    """Half-edges of each node in CSR form: 2 e leaves the first end of edge e, 2 e + 1 the second.
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    ends
+        Nodes of each edge, (m, 2).
+    """
     start = np.zeros(count + 1, np.int32)
     for edge in range(len(ends)):
         start[ends[edge, 0] + 1] += 1
@@ -81,10 +89,29 @@ def graph_search(
     source: int,
     goal: int,
 ) -> tuple[np.ndarray, float]:
-    """Cheapest way from ``source`` to ``goal``: its half-edges and its cost, infinite if there is none.
+    """Cheapest path from ``source`` to ``goal`` by A*: its half-edges and its cost, infinite if there is none.
 
-    What is left to go is at least the way as the crow flies times ``pace`` [s/m], and at least the
-    difference of the costs to any landmark, ``marks`` (landmarks, nodes).
+    The heuristic is admissible: at least the straight distance times ``pace``, and at least the
+    difference of the costs to any landmark.
+
+    Parameters
+    ----------
+    start, half
+        Half-edges of each node in CSR form, from :func:`half_edges`.
+    ends
+        Nodes of each edge, (m, 2).
+    costs
+        Of the edges [s].
+    place_m
+        Of the nodes, (n, 2) [m].
+    pace
+        Minimum cost per distance [s/m].
+    marks
+        Costs from landmarks to every node, (landmarks, nodes) [s].
+    source
+        Node, or flat cell, to start from.
+    goal
+        Node, or flat cell, to reach.
     """
     count = len(start) - 1
     cost = np.full(count, np.inf)
@@ -143,7 +170,19 @@ def graph_search(
 def all_costs(
     start: np.ndarray, half: np.ndarray, ends: np.ndarray, costs: np.ndarray, source: int
 ) -> np.ndarray:
-    """Cost of the cheapest way from ``source`` to every node."""
+    """Cost of the cheapest path from ``source`` to every node, by Dijkstra [s].
+
+    Parameters
+    ----------
+    start, half
+        Half-edges of each node in CSR form, from :func:`half_edges`.
+    ends
+        Nodes of each edge, (m, 2).
+    costs
+        Of the edges [s].
+    source
+        Node, or flat cell, to start from.
+    """
     count = len(start) - 1
     cost = np.full(count, np.inf)
     done = np.zeros(count, np.bool_)
@@ -188,11 +227,26 @@ def grid_search(
     seed: np.ndarray,
     allowed: np.ndarray,
 ) -> tuple[np.ndarray, int, int]:
-    """Cheapest cell path (flat), its cost [half units], -1 if there is none, and cells looked at.
+    """Cheapest path over the cells (flat), its cost [half units], -1 if there is none, and the number of cells expanded.
 
-    A* with the way on an empty grid as bound; the queue has bands of estimated cost, inside
+    A* whose heuristic is the path on an empty grid; the queue has bands of estimated cost, inside
     which cells may be improved more than once, so the result is exact. With a table
     ``allowed`` that is not empty only cells whose ``seed`` it allows are entered.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    source
+        Node, or flat cell, to start from.
+    goal
+        Node, or flat cell, to reach.
+    fastest, slowest
+        Smallest and largest step of the reachable cells [units].
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns).
+    allowed
+        By flat cell of a node, whether its region may be entered; empty for all.
     """
     rows, columns = step.shape
     flat = step.ravel()
@@ -347,10 +401,17 @@ def _line_cost(step: np.ndarray, row0: int, column0: int, row1: int, column1: in
 
 @kernel(error_model="numpy", boundscheck=False)
 def straighten(step: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, float]:
-    """Positions of the path's cells that stay when straight lines replace what they do not cost more than.
+    """String pulling: positions of the path's cells that stay when straight lines replace what they do not cost more than.
 
     Returns them and the cost of the lines [half units]. Dynamic programming over the positions,
     looking back as long as the line is free, at most 200 cells.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    path
+        Cells (flat).
     """
     columns = step.shape[1]
     count = len(path)

@@ -28,7 +28,19 @@ _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 @kernel(error_model="numpy", boundscheck=False)
 def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> None:
-    """Note the tiles of cells (flat), and those up to ``around`` tiles away."""
+    """Note the tiles of cells (flat), and those up to ``around`` tiles away.
+
+    Parameters
+    ----------
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
+    cells
+        Flat indices.
+    columns
+        Number of columns of the map.
+    around
+        How many tiles around are noted too.
+    """
     high, wide = tiles.shape
     for cell in cells:
         row = cell // columns
@@ -213,6 +225,17 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.n
     ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``; ``tiles`` uint8,
     one per ``TILE`` x ``TILE`` cells, 1 where noted, all 0 afterwards. Returns the cells (flat) of the tiles
     and of the ring round them whose ways onward have to be looked at still.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
     """
     columns = step.shape[1]
     here = np.empty(columns + 2, np.int64)

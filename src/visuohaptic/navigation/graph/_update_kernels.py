@@ -28,7 +28,15 @@ _FORGOTTEN = np.uint8(8)
 def footprint(
     polygon: np.ndarray, first_row: int, last_row: int, first_column: int, last_column: int
 ) -> np.ndarray:
-    """Which cells of a window a polygon touches; ``polygon`` (k, 2) in cells (x along columns, y along rows)."""
+    """Which cells of a window a polygon touches.
+
+    Parameters
+    ----------
+    polygon
+        Corners (k, 2) [cells], x along columns, y along rows.
+    first_row, last_row, first_column, last_column
+        The window, both ends included.
+    """
     found = np.zeros((last_row - first_row + 1, last_column - first_column + 1), np.bool_)
     corners = len(polygon)
     for row in range(first_row, last_row + 1):
@@ -93,6 +101,15 @@ def distance_window(
 
     Distances are those before the edit. On the straight line from a cell that feels the
     edit to where it was made all cells feel it, so the window may grow ring by ring.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell before the edit [m].
+    resolution_m
+        Edge length of a cell [m].
+    first_row, last_row, first_column, last_column
+        Box of the edit, both ends included.
     """
     rows, columns = distance.shape
     top, bottom, right, left = last_row, first_row, last_column, first_column
@@ -136,7 +153,15 @@ def distance_window(
 
 @kernel(error_model="numpy", boundscheck=False)
 def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
-    """Queue cells (flat) and their neighbours for thinning; returns them, each once."""
+    """Queue cells (flat) and their neighbours for thinning; returns them, each once.
+
+    Parameters
+    ----------
+    changed
+        Cells (flat).
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    """
     rows, columns = mark.shape
     flat = mark.ravel()
     near = np.empty(9 * len(changed), np.int32)
@@ -156,7 +181,13 @@ def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is in ``old`` only and what is in ``new`` only; both ascending."""
+    """What is in ``old`` only and what is in ``new`` only; both ascending.
+
+    Parameters
+    ----------
+    old, new
+        Ascending numbers.
+    """
     removed, added = np.empty_like(old), np.empty_like(new)
     gone, come, i, j = 0, 0, 0, 0
     while i < len(old) or j < len(new):
@@ -193,6 +224,17 @@ def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: n
     """Take back the values of all cells that belong to ``nodes`` (flat cells), and note their tiles.
 
     A region hangs together: its window is complete when no strip beside it has a cell of it.
+
+    Parameters
+    ----------
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    nodes
+        Flat cells of the nodes.
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
     """
     rows, columns = seed.shape
     for node in nodes:
@@ -243,6 +285,23 @@ def forget(
 
     Their tiles are noted; ``mark`` is used in between. Returns whether there were at most
     ``limit``; if not, nothing is changed.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    roots
+        Cells (flat).
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
+    limit
+        Maximum number of cells.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -302,7 +361,15 @@ def forget(
 
 @kernel(error_model="numpy", boundscheck=False)
 def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
-    """Those of some cells (flat) that are on the skeleton."""
+    """Those of some cells (flat) that are on the skeleton.
+
+    Parameters
+    ----------
+    cells
+        Flat indices.
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    """
     flat = mark.ravel()
     found = np.empty(len(cells), np.int32)
     count = 0
@@ -315,7 +382,15 @@ def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Cells (flat) and those round them, some more than once."""
+    """Cells (flat) and their eight neighbours, some more than once.
+
+    Parameters
+    ----------
+    cells
+        Flat indices.
+    rows, columns
+        Shape of the map.
+    """
     found = np.empty(9 * len(cells), np.int32)
     count = 0
     for cell in cells:

@@ -27,7 +27,15 @@ _GROW = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
-    """Cells (row, column) of a map that a polygon (x, y) [m] in the map frame touches."""
+    """Cells (row, column) of a map that a polygon (x, y) [m] in the map frame touches.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    polygon_m
+        Corners x, y [m], map frame.
+    """
     from ._update_kernels import footprint
 
     polygon_m = np.asarray(polygon_m, dtype=np.float64)
@@ -137,12 +145,26 @@ class NavigationMap:
         self._place(name, self._flat(footprint_cells(self.map, polygon_m)))
 
     def move_obstacle(self, name: str, polygon_m: Float[np.ndarray, "k 2"]) -> None:
-        """Move an obstacle that is on the map."""
+        """Move an obstacle that is on the map.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        polygon_m
+            Corners x, y [m], map frame.
+        """
         self._known(name)
         self.set_obstacle(name, polygon_m)
 
     def remove_obstacle(self, name: str) -> None:
-        """Take an obstacle off the map; what the map showed below it comes back."""
+        """Take an obstacle off the map; what the map showed below it comes back.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        """
         self._known(name)
         self._place(name, np.empty(0, np.int64))
         del self._obstacles[name]
@@ -151,6 +173,13 @@ class NavigationMap:
         """Change what the map itself shows: occupancy -1 to 100 of cells (row, column).
 
         Under an obstacle that is set, a cell stays occupied until that leaves.
+
+        Parameters
+        ----------
+        cells
+            (row, column).
+        values
+            Occupancy -1 to 100, one for all or one each.
         """
         cells = np.asarray(cells, dtype=np.int64).reshape(-1, 2)
         wanted = np.broadcast_to(np.asarray(values), (len(cells),))

@@ -84,11 +84,23 @@ class NavigationGraph:
         return np.bincount(self.edges.ravel(), minlength=self.nodes)
 
     def edge_path(self, edge: int) -> Int32[np.ndarray, "k 2"]:
-        """Cells (row, column) of an edge, from its first node to its second."""
+        """Cells (row, column) of an edge, from its first node to its second.
+
+        Parameters
+        ----------
+        edge
+            Index.
+        """
         return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
 
     def nearest_node(self, point_m: Float[np.ndarray, "2"]) -> int:
-        """The node nearest as the crow flies; walls are not considered, see ``Regions`` for that."""
+        """The node at the smallest Euclidean distance; walls are not considered, see ``Regions`` for that.
+
+        Parameters
+        ----------
+        point_m
+            x, y [m], map frame.
+        """
         if self.nodes == 0:
             raise InputError("NavigationGraph", "has no nodes: the robot fits nowhere on this map")
         return int(np.argmin(((self.node_m - np.asarray(point_m)) ** 2).sum(axis=1)))

@@ -87,7 +87,17 @@ def shortest_path(
 def costs_from(
     graph: NavigationGraph, node: int, costs: Float[np.ndarray, "m"] | None = None
 ) -> Float[np.ndarray, "n"]:
-    """Cost of the cheapest way from a node to every other [s], infinite where there is none."""
+    """Cost of the cheapest path from a node to every other [s], infinite where there is none.
+
+    Parameters
+    ----------
+    graph
+        Navigation graph.
+    node
+        Index of the node.
+    costs
+        Of the edges [s], in place of the graph's own.
+    """
     from ._search_kernels import all_costs
 
     if not 0 <= node < graph.nodes:
@@ -143,9 +153,16 @@ def _searching(
 def plan_on_grid(
     layers: GridLayers, start_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]
 ) -> GridPath:
-    """The cheapest way over the cells, exactly: A* on the 8-neighbour grid.
+    """The cheapest path over the cells, exactly: A* on the 8-neighbour grid.
 
     Costs are those of Eq. (4.1) rounded to whole units (1/4096 of the fastest step).
+
+    Parameters
+    ----------
+    layers
+        Costmap: clearance and cost of each cell.
+    start_m, goal_m
+        x, y [m], map frame.
 
     Raises
     ------
@@ -201,10 +218,19 @@ def plan_path(
     *,
     slack: float = 0.25,
 ) -> GridPath:
-    """From point to point: a route through the graph, pulled taut over the cells.
+    """Any-angle path from point to point: a route through the graph, shortened over the cells by string pulling.
 
-    The way may use the regions of all nodes through which a route costs at most ``1 + slack`` times the
+    The path may use the regions of all nodes through which a route costs at most ``1 + slack`` times the
     cheapest, because edges lead through the middle and are in general overestimated.
+
+    Parameters
+    ----------
+    regions
+        From :func:`visuohaptic.navigation.graph.regions.assign_regions`.
+    start_m, goal_m
+        x, y [m], map frame.
+    slack
+        Fraction by which a route may cost more than the cheapest.
 
     Raises
     ------

@@ -59,7 +59,13 @@ class SpeedLimits:
             )
 
     def cost_s_per_m(self, distance_m: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Seconds per metre at a distance from the nearest obstacle [m], Eq. (4.1)."""
+        """Travel cost at a clearance [s/m], Eq. (4.1).
+
+        Parameters
+        ----------
+        distance_m
+            Clearance: distance to the nearest obstacle [m].
+        """
         distance_m = np.asarray(distance_m, dtype=np.float64)
         fraction = np.clip((distance_m / self.radius_m - 1.0) / 2.0, 0.0, 1.0)
         cost = 1.0 / self.v_min_m_s + fraction * (1.0 / self.v_max_m_s - 1.0 / self.v_min_m_s)
@@ -70,6 +76,11 @@ class SpeedLimits:
 
         Whole numbers, so that sums do not depend on their order: potentials of an updated
         and of a rebuilt map are equal, not only near. 0 stands for a cell that cannot be reached.
+
+        Parameters
+        ----------
+        resolution_m
+            Edge length of a cell [m].
         """
         fast_s = resolution_m / self.v_max_m_s
         fast = min(float(_FAST_STEP), 65535.0 * self.v_min_m_s / self.v_max_m_s)
@@ -131,7 +142,13 @@ class GridLayers:
         return self.limits.cost_s_per_m(self.distance_m).astype(np.float32)
 
     def cost_at(self, cells: np.ndarray) -> Float[np.ndarray, "*batch"]:
-        """Cost of driving [s/m] on cells (row, column)."""
+        """Travel cost on cells [s/m].
+
+        Parameters
+        ----------
+        cells
+            (row, column).
+        """
         cells = np.asarray(cells)
         return self.limits.cost_s_per_m(self.distance_m[cells[..., 0], cells[..., 1]])
 

@@ -102,7 +102,15 @@ def find_footprints(
 def changed_cells(
     before: OccupancyMap, after: OccupancyMap, *, apart_m: float = 0.1
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls."""
+    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls.
+
+    Parameters
+    ----------
+    before, after
+        Two maps of one place on the same grid.
+    apart_m
+        Minimum distance from the walls of ``before`` [m].
+    """
     from scipy import ndimage
 
     rows, columns = np.indices(after.shape)

@@ -85,7 +85,13 @@ def distance_cells(free: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray
 
 
 def free_space(grid: OccupancyMap) -> DoorSpace:
-    """Free space with walls only."""
+    """Free space with walls only.
+
+    Parameters
+    ----------
+    grid
+        Occupancy map.
+    """
     from scipy import ndimage
 
     r, around = grid.resolution_m, np.ones((3, 3))
@@ -126,7 +132,15 @@ def _wall_directions(
 
 
 def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
-    """Cells (row, column) in the middle of the narrow places, the narrowest first."""
+    """Cells (row, column) in the middle of the narrow places, the narrowest first.
+
+    Parameters
+    ----------
+    space
+        Free space with walls only.
+    widest_m
+        Maximum width of an opening [m].
+    """
     import cv2
     from scipy import ndimage
     from skimage.morphology import h_maxima
@@ -178,7 +192,14 @@ def measure(
 ) -> Opening | None:
     """Jambs and measures of the narrow place at a free cell; None where there is no pair of jambs.
 
-    ``free`` is that of ``space``, or less where other doors are closed.
+    Parameters
+    ----------
+    space
+        Free space with walls only.
+    free
+        The free cells of ``space``, or fewer where other doors are closed.
+    place
+        Free cell (row, column) in the middle of a narrow place.
     """
     r = space.resolution_m
     jambs = _jambs(free, place, r)

@@ -64,6 +64,11 @@ class OccupancyMapper:
 
     The map's frame is that of the first odometry pose.
 
+    Parameters
+    ----------
+    settings
+        Grid, sensor model and odometry.
+
     Examples
     --------
     >>> import numpy as np
@@ -281,7 +286,15 @@ class OccupancyMapper:
 def build_map(
     scans: Iterable[tuple[LaserScan, tuple[float, float, float]]], settings: MapperSettings | None = None
 ) -> OccupancyMapper:
-    """Map a whole recording of scans and odometry poses."""
+    """Map a whole recording.
+
+    Parameters
+    ----------
+    scans
+        Laser scans with the odometry pose of each: x, y [m], yaw [rad].
+    settings
+        Grid, sensor model and odometry.
+    """
     mapper = OccupancyMapper(settings)
     for scan, odometry in scans:
         mapper.add(scan, odometry)

@@ -80,7 +80,7 @@ def match_scan(
     t_s: float,
     settings: MatchSettings | None = None,
 ) -> ScanMatch:
-    """Lay a scan on a map.
+    """Match a scan to a map.
 
     Parameters
     ----------
@@ -92,6 +92,8 @@ def match_scan(
         Pose by odometry (x, y, yaw) [m, rad] and its covariance.
     t_s
         Time of the scan.
+    settings
+        Search window and tolerances.
 
     Returns
     -------

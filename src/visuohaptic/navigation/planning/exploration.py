@@ -25,7 +25,18 @@ def via_exploration(
 ) -> Plan:
     """A plan to the goal that touches one object on its way, without relying on what is found.
 
-    The contact is the one that is reached cheapest without pushing anything.
+    The contact is the one that is reached at the lowest cost without pushing anything.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    obj
+        The object to touch.
+    costs
+        What a push costs.
+    limits
+        How long to search.
     """
     costs = costs or PushCosts()
     domain = build_search_domain(problem, costs)

@@ -54,10 +54,22 @@ class NodeType(Protocol):
         """Whether the map shows it as occupied cells (an object), or not at all (glass)."""
 
     def task_s(self, robot: RobotModel) -> float:
-        """Time of its task; infinite when the way is not to be taken."""
+        """Time of its task [s]; infinite when the passage is not to be taken.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that the task fails."""
+        """Probability that the task fails.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +113,11 @@ class JointGraph:
     def node(self, id: str) -> JointNode:
         """The added node of an object.
 
+        Parameters
+        ----------
+        id
+            Id of the object.
+
         Raises
         ------
         InputError
@@ -113,16 +130,34 @@ class JointGraph:
         raise InputError("JointGraph", f"has no node '{id}', there are: {names}")
 
     def without(self, id: str) -> JointGraph:
-        """The graph without a node: an obstacle that was not confirmed, a region that has gone."""
+        """The graph without a node, for instance of an obstacle that was not confirmed.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         self.node(id)
         return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch={})
 
     def failed(self, id: str) -> JointGraph:
-        """After a failure: the node's edges cost infinitely much."""
+        """The graph after a failure: the edges of the node cost infinitely much.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         return self._with_task(id, float("inf"))
 
     def cleared(self, id: str) -> JointGraph:
-        """After success: the node becomes one of navigation, its edges lose half the task each."""
+        """The graph after a success: the node becomes one of navigation, its edges lose half the task each.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         return self._with_task(id, 0.0)
 
     def _worth(
@@ -158,7 +193,15 @@ class JointGraph:
         return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
 
     def shortest(self, start: int, goal: int, *, visual_only: bool = False) -> JointPath:
-        """Cheapest way between two nodes by Dijkstra; cost infinite and no nodes when there is none."""
+        """Cheapest path between two nodes by Dijkstra; infinite cost and no nodes when there is none.
+
+        Parameters
+        ----------
+        start, goal
+            Indices of the nodes.
+        visual_only
+            Whether added nodes are left out.
+        """
         from heapq import heappop, heappush
 
         first, ends, edges, costs = self._csr(visual_only)
@@ -192,9 +235,14 @@ class JointGraph:
         return self._scratch[visual_only]
 
     def benefit_s(self, id: str) -> float:
-        """Eq. (4.2), corrected: by how much the node shortens the way between any two of its neighbours.
+        """By how much a node shortens the path between any two of its neighbours [s]: Eq. (4.2), corrected.
 
         Infinite when it connects what was separate.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
         """
         node = self.node(id)
         best = 0.0
@@ -207,7 +255,15 @@ class JointGraph:
         return best
 
     def exploration_order(self, robot_m: Float[np.ndarray, "2"], ids: Iterable[str]) -> list[str]:
-        """Objects to explore one by one: the benefit per way to go, nearest of equals first (Sec. 4.4)."""
+        """Objects to explore one by one: the benefit per path length, nearest of equals first (Sec. 4.4).
+
+        Parameters
+        ----------
+        robot_m
+            Where the robot is: x, y [m], map frame.
+        ids
+            Ids of the objects.
+        """
         left = {id: (self.benefit_s(id), self.node(id).kind.outline_m.mean(axis=0)) for id in ids}
         at = np.asarray(robot_m, dtype=np.float64)
         order: list[str] = []
@@ -256,7 +312,15 @@ def extend_graph(
 
 
 def with_regions(plan: Plan, regions: Regions) -> Plan:
-    """The plan with, for each task, the nodes whose regions its way crosses, in order."""
+    """The plan with, for each task, the nodes whose regions its path crosses, in order.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    regions
+        Regions of the navigation graph of the same map.
+    """
     grid = regions.layers.map
     tasks = []
     for task in plan.tasks:

@@ -41,7 +41,13 @@ class FollowLimits:
             raise InputError("FollowLimits", f"found {self}, expected numbers > 0 and v_max >= v_min")
 
     def speed_m_s(self, clearance_m: float) -> float:
-        """Possible speed at a distance from obstacles: inverse of the cost of Eq. (4.1)."""
+        """Allowed speed [m/s] at a clearance: the inverse of the travel cost of Eq. (4.1).
+
+        Parameters
+        ----------
+        clearance_m
+            Distance to the nearest obstacle [m].
+        """
         fraction = min(1.0, max(0.0, (clearance_m / self.radius_m - 1.0) / 2.0))
         slow, fast = 1.0 / self.v_min_m_s, 1.0 / self.v_max_m_s
         return 1.0 / (slow + fraction * (fast - slow))
@@ -96,7 +102,13 @@ class PathFollower:
         return self._path[-1]
 
     def command(self, state: BaseState) -> tuple[float, float]:
-        """Speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done."""
+        """Forward speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done.
+
+        Parameters
+        ----------
+        state
+            Pose and speed by odometry.
+        """
         if self.done:
             return 0.0, 0.0
         place = np.array([state.x_m, state.y_m])
@@ -199,6 +211,10 @@ def drive_path(
         Called with the period [s] after every command: sleeps, or lets simulated time pass.
     timeout_s
         By the base's clock and by the periods waited.
+    follower
+        The control law, with its path.
+    period_s
+        Control period [s].
 
     Raises
     ------

@@ -59,7 +59,21 @@ def assemble(
     *,
     name: str = "cheapest",
 ) -> Plan:
-    """Tasks of a search result: driving pulled taut, pushes with contact, goal and risk."""
+    """Tasks of a search result: driving along string-pulled paths, pushes with contact, goal and risk.
+
+    Parameters
+    ----------
+    problem
+        Start and goal.
+    domain
+        What was searched.
+    result
+        Pushes in order.
+    costs
+        What the seconds of the tasks are computed with.
+    name
+        Side condition, for the plan's label.
+    """
     notes = _notes(domain)
     if not result.found:
         return Plan(

@@ -63,7 +63,15 @@ def make_plan(
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
-    """The cheapest plan that leaves everything where it is."""
+    """The cheapest plan that leaves every object where it is: the detour.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    limits
+        How long to search.
+    """
     return plan_in_domain(
         problem, build_search_domain(problem, pushes=False), None, limits, name="no pushing"
     )
@@ -72,7 +80,21 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
 def alternatives(
     problem: PlanningProblem, costs: PushCosts | None = None, limits: SearchLimits | None = None
 ) -> dict[str, Plan]:
-    """Plans under side conditions: cheapest, most reliable, no pushing, most information."""
+    """Plans under side conditions: cheapest, most reliable, no pushing, most information.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    costs
+        What a push costs.
+    limits
+        How long to search.
+
+    Returns
+    -------
+    Plans by name.
+    """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     reliable = _planned(
         problem, replace(costs, risk_s=RELIABLE_RISK_S), limits, unknown=True, report_costs=costs

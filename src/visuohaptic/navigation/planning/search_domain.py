@@ -75,7 +75,15 @@ class SearchDomain:
     def clearance_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out."""
+        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out.
+
+        Parameters
+        ----------
+        shifts
+            Of the bodies from where the map has them [cells].
+        without
+            Index of the body left out; -1 for none.
+        """
         layer = self.clearance.copy()
         for index in range(len(self.bodies)):
             if index != without:
@@ -85,7 +93,15 @@ class SearchDomain:
         return layer
 
     def clearance_of(self, index: int, shift: Float[np.ndarray, "2"]) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with one body alone."""
+        """Distance to the nearest obstacle [cells] with one body alone.
+
+        Parameters
+        ----------
+        index
+            Of the body.
+        shift
+            From where the map has it [cells].
+        """
         layer = self.clearance.copy()
         patch, row, column = self._patch(index, shift)
         part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
@@ -106,14 +122,28 @@ class SearchDomain:
         return self.patches[key]
 
     def seconds(self, cells_at_full_speed: float) -> float:
-        """Cost in seconds of a cost in cells at full speed."""
+        """Cost [s] of a cost in cells at full speed.
+
+        Parameters
+        ----------
+        cells_at_full_speed
+            Cost in the unit of the grid search [cells].
+        """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
 
 
 def grid_from_world(
     map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Grid coordinates [cells] of points in the map frame."""
+    """Grid coordinates [cells] of points in the map frame.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points_m
+        x, y in the map frame [m].
+    """
     x, y, yaw = map.origin
     c, s = np.cos(yaw), np.sin(yaw)
     return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ np.array([[c, -s], [s, c]]) / map.resolution_m
@@ -122,7 +152,15 @@ def grid_from_world(
 def world_from_grid(
     map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Points in the map frame [m] of grid coordinates."""
+    """Points in the map frame [m] of grid coordinates.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points
+        x along the columns, y along the rows [cells].
+    """
     x, y, yaw = map.origin
     c, s = np.cos(yaw), np.sin(yaw)
     return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
@@ -302,7 +340,15 @@ def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> 
 
 
 def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Free an object's cells in place: those it covers, and crumbs beside it that belong to nothing else."""
+    """Free an object's cells in place: those it covers, and spurious components beside it.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
     from ._joint_kernels import free_object
 
     window = _window(occupied.shape, outline, 4.0)
@@ -313,7 +359,15 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
 
 
 def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Occupy the cells that an object covers, in place."""
+    """Occupy the cells that an object covers, in place.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
     window = _window(occupied.shape, outline, 1.0)
     if occupied[window].size:
         occupied[window] |= _touched(outline, window)

@@ -14,7 +14,17 @@ __all__ = ["plot_plan"]
 
 
 def plot_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
-    """Draw map, objects, way (green) and pushes (red) into a PNG."""
+    """Draw map, objects, path (green) and pushes (red) into a PNG.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, start and goal.
+    plan
+        What to draw.
+    path
+        File name of the picture.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Polygon

@@ -56,6 +56,11 @@ MAX_OBJECTS = 10_000
 def load_robot(path: Path | str) -> RobotModel:
     """Read ``robot.yaml``.
 
+    Parameters
+    ----------
+    path
+        File name.
+
     Raises
     ------
     InputError
@@ -70,6 +75,11 @@ def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
     A tag's field that is missing or null was not observed; an object without
     a ``haptic_tag`` is unknown.
 
+    Parameters
+    ----------
+    path
+        File name.
+
     Raises
     ------
     InputError
@@ -79,7 +89,20 @@ def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
 
 
 def robot_from_data(data: Any, *, where: str = "robot") -> RobotModel:
-    """A robot from plain data; only ``radius_m`` has no default."""
+    """A robot from plain data; only ``radius_m`` has no default.
+
+    Parameters
+    ----------
+    data
+        Mappings, lists and numbers, as a YAML file holds them.
+    where
+        Name of the source, for error messages.
+
+    Raises
+    ------
+    InputError
+        Names the field, what was found and what was expected.
+    """
     fields = _mapping(data, where, "")
     _only(fields, _ROBOT_FIELDS, where, "")
     if fields.get("radius_m") is None:
@@ -92,7 +115,20 @@ def robot_from_data(data: Any, *, where: str = "robot") -> RobotModel:
 
 
 def objects_from_data(data: Any, *, where: str = "objects") -> tuple[MovableObject, ...]:
-    """Objects from plain data."""
+    """Objects from plain data, as in ``objects.yaml``.
+
+    Parameters
+    ----------
+    data
+        Mappings, lists and numbers, as a YAML file holds them.
+    where
+        Name of the source, for error messages.
+
+    Raises
+    ------
+    InputError
+        Names the object and the field, what was found and what was expected.
+    """
     top = _mapping(data, where, "")
     _only(top, ("objects",), where, "")
     if "objects" not in top:

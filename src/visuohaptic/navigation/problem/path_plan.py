@@ -113,6 +113,13 @@ class Plan:
 def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
     """Read what :meth:`Plan.to_json` wrote.
 
+    Parameters
+    ----------
+    data
+        Plain data, as ``json.load`` returns them.
+    where
+        Name of the source, for error messages.
+
     Raises
     ------
     InputError

@@ -78,7 +78,19 @@ class PushCost:
 def manipulability(
     tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None
 ) -> Manipulability:
-    """Component (b): the events "fixed" and "falls", the force, and the push length that drift allows."""
+    """Whether, and how far, an object may be pushed: component (b) of ``t_mani``.
+
+    The events "fixed" and "falls", the force, and the push length that drift and rotation allow.
+
+    Parameters
+    ----------
+    tag
+        From former pushes; ``None`` for an object that was never touched.
+    robot
+        The platform.
+    costs
+        Limits and priors.
+    """
     costs = costs or PushCosts()
     longest_m = costs.longest_push_m
     if tag is None:
@@ -110,7 +122,19 @@ def manipulability(
 
 
 def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None) -> float:
-    """Component (c): full speed while the effort is easy, then linearly slower to the largest force."""
+    """Speed of a push [m/s]: component (c) of ``t_mani``.
+
+    Full speed while the effort is low, then linearly slower to the maximum force.
+
+    Parameters
+    ----------
+    tag
+        From former pushes; ``None`` for an object that was never touched.
+    robot
+        The platform.
+    costs
+        Limits and priors.
+    """
     costs = costs or PushCosts()
     force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N
     fraction = costs.unknown_force_fraction if force is None else force.value / robot.push_force_max_N

@@ -34,14 +34,24 @@ class PushContact:
 def push_contacts(
     outline: Float[np.ndarray, "p 2"], centre: Float[np.ndarray, "2"], radius: float, *, oblique: bool = False
 ) -> tuple[PushContact, ...]:
-    """Stable pushes of an outline by a disc, sorted by direction.
+    """Contacts from which a disc pushes an outline straight and stably, sorted by direction.
 
     The line of the push goes through the centre, and the normal at the contact
     differs from it by at most ``STABLE_RAD``. Candidates are the
     perpendiculars of the hull's faces through the centre - a disc that bridges
     a dent touches twice, which is stable too - and, for round outlines, a fan
-    of directions. With ``oblique``, pushes that slant against
-    a face come on top. Any unit of length will do, the same for all arguments.
+    of directions.
+
+    Parameters
+    ----------
+    outline
+        Corners; any unit of length will do, the same for all arguments.
+    centre
+        Centre of friction that the line of the push goes through.
+    radius
+        Of the disc that pushes.
+    oblique
+        Whether pushes oblique to a face, which hold by friction only, are added.
     """
     from shapely import Point, Polygon
 

@@ -72,9 +72,16 @@ class PushMonitor:
         self._lateral = np.zeros(2)
 
     def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
-        """Tell where the platform is and where its rim is touched (map frame); ``None`` without contact.
+        """Add an observation; returns whether the estimate is new.
 
-        Returns whether the estimate is new: readings nearer than a step to the last one are left out.
+        Readings nearer than a step to the last one are left out.
+
+        Parameters
+        ----------
+        platform_m
+            Pose of the platform: x, y [m], heading [rad], map frame.
+        contact_m
+            Where its rim is touched: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
@@ -107,7 +114,7 @@ class PushMonitor:
 
     def corrected(
         self,
-        rest_path_m: Float[np.ndarray, "k 3"],
+        remaining_path_m: Float[np.ndarray, "k 3"],
         rng: np.random.Generator,
         *,
         allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None = None,
@@ -115,34 +122,38 @@ class PushMonitor:
         samples: int = 8,
         fraction: float = 0.8,
     ) -> Float[np.ndarray, "k 3"] | None:
-        """The rest of the path with the smallest side step of its end that still drops the object.
+        """The remaining path with the smallest lateral shift of its end that still releases the object.
 
         Parameters
         ----------
-        rest_path_m
-            What is left of the plan, from the platform's present pose.
+        remaining_path_m
+            What is left of the plan, from the platform's present pose: x, y [m], heading [rad].
+        rng
+            Of the sampled models.
         allowed
-            Says whether path and motion of the object meet no obstacle.
+            Tells whether path and motion of the object are free of collisions.
         reserve_m
-            The drop point has to lie so far before the end.
-        samples, share
-            Drawn models, and the share of them that has to succeed.
+            Minimum distance of the release from the end [m].
+        samples
+            Number of sampled models.
+        fraction
+            Of the sampled models that has to succeed.
 
         Returns
         -------
         The path, or ``None``: the manipulation has failed, plan anew.
         """
-        begin, end = rest_path_m[0], rest_path_m[-1]
+        begin, end = remaining_path_m[0], remaining_path_m[-1]
         way = end[:2] - begin[:2]
         length = float(np.hypot(*way))
         if length < 2 * STEP_M:
-            return rest_path_m
+            return remaining_path_m
         aside = np.array([-way[1], way[0]]) / length
         draws = [self._value]
         root = np.linalg.cholesky(self._covariance + 1e-12 * np.eye(4))
         draws += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
         for step in ASIDE_M:
-            path = rest_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
+            path = remaining_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
             won = [self._drops(value, path, allowed, reserve_m) for value in draws]
             if won[0] and sum(won) >= fraction * len(won):
                 return path
