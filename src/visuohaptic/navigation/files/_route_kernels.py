@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
-from ..graph._path_kernels import cost
+from ..graph.tracing._path_kernels import cost
 from ..pushing._outline_kernels import segment_distance
 
 __all__ = ["chord_clearance", "chord_measures", "split_path"]

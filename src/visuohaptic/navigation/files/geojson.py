@@ -199,7 +199,7 @@ def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     InputError
         Names the file and the feature, with what was found and what was expected.
     """
-    from ..graph._prune_kernels import label_components
+    from ..graph.tracing._prune_kernels import label_components
 
     nodes, edges, data = _read(path)
     grid: Any = data.get("grid")

@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
+from .tracing._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["UNREACHED", "descend", "diagonal", "spread"]
 

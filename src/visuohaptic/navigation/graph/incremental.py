@@ -8,10 +8,10 @@ from jaxtyping import Float, Int, Int32
 from ...core.errors import InputError
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
-from ._lines import SkeletonLines
 from .navigation_graph import Decisions, NavigationGraph, decisions_from_lines, graph_from_decisions
 from .regions import SQUARE, Regions, assign_regions, step_bounds
-from .skeletonize import skeleton_marks
+from .tracing._lines import SkeletonLines
+from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["NavigationMap", "footprint_cells"]
 
@@ -36,7 +36,7 @@ def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> I
     polygon_m
         Corners x, y [m], map frame.
     """
-    from ._update_kernels import footprint
+    from ._footprint_kernels import footprint
 
     polygon_m = np.asarray(polygon_m, dtype=np.float64)
     if polygon_m.ndim != 2 or polygon_m.shape[1:] != (2,) or len(polygon_m) < 3:
@@ -256,8 +256,8 @@ class NavigationMap:
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
-        from ._skeleton_kernels import refine
         from ._update_kernels import on_skeleton, with_neighbours
+        from .tracing._skeleton_kernels import refine
 
         # Small distances first: few cells are then looked at more than once.
         order = near[np.argsort(self.layers.distance_m.ravel()[near])]

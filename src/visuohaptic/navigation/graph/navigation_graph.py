@@ -13,8 +13,8 @@ from jaxtyping import Float, Int, Int32, UInt8
 
 from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
-from ._lines import RawGraph, SkeletonLines, speeds
-from .skeletonize import skeleton_marks
+from .tracing._lines import RawGraph, SkeletonLines, speeds
+from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["EdgePaths", "NavigationGraph", "build_graph"]
 
@@ -156,7 +156,7 @@ def decisions_from_lines(
     layers: GridLayers, raw: RawGraph, stub_length_m: float | None, spacing_m: float | None
 ) -> Decisions:
     """Remove stubs and merge what is no decision."""
-    from ._prune_kernels import keep_edges, prune
+    from .tracing._prune_kernels import keep_edges, prune
 
     left = prune(
         raw.clearance_m,
@@ -173,7 +173,7 @@ def decisions_from_lines(
 
 def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGraph:
     """The graph of what :func:`decisions_from_lines` has left."""
-    from ._prune_kernels import label_components
+    from .tracing._prune_kernels import label_components
 
     columns = layers.shape[1]
 
@@ -198,7 +198,7 @@ def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGrap
 
 def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decisions:
     """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
-    from ._junction_kernels import measure_paths
+    from .tracing._junction_kernels import measure_paths
 
     path_start, path = before.paths()
     columns = layers.shape[1]

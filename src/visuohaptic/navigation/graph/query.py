@@ -276,7 +276,7 @@ def _on_cells(
     seed: Int32[np.ndarray, "rows columns"],
     allowed: UInt8[np.ndarray, "cells"],
 ) -> GridPath:
-    from ._search_kernels import grid_search, straighten
+    from ._grid_search_kernels import grid_search, straighten
 
     slowest, fastest = step_bounds(layers)
     path, cost, looked = grid_search(layers.step, start, goal, fastest, slowest, seed, allowed)

@@ -7,7 +7,7 @@ import numpy as np
 from ...core.kernels import kernel
 from ..grid._distance_kernels import distance_rows, vertical_cells
 from ._joint_kernels import border_costs, bounded_ways, free_object, place_node, region_of_node
-from ._travel_kernels import FAR, travel_field
+from .search._travel_kernels import FAR, travel_field
 
 __all__ = ["node_in_window", "useful_neighbours"]
 

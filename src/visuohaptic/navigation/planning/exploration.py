@@ -10,9 +10,9 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
 from .planner import plan_in_domain, pull_string
-from .push_states import SearchLimits
-from .push_successors import STAND_OFF
-from .search_domain import build_search_domain, grid_from_world, world_from_grid
+from .search.push_states import SearchLimits
+from .search.push_successors import STAND_OFF
+from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["via_exploration"]
 

@@ -8,9 +8,9 @@ from jaxtyping import Float, Float32
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
-from .push_search import search_pushes
-from .push_states import PushStep, SearchLimits, SearchResult, seed_cells
-from .search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.push_search import search_pushes
+from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
+from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
 __all__ = ["assemble", "plan_in_domain"]
 
@@ -36,7 +36,7 @@ def plan_in_domain(
     problem
         Start and goal; its map and objects are those that ``domain`` was made from.
     domain
-        From :func:`~visuohaptic.navigation.planning.search_domain.build_search_domain`.
+        From :func:`~visuohaptic.navigation.planning.search.search_domain.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
     name
@@ -122,7 +122,7 @@ def pull_string(
     -------
     corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is no way
     """
-    from ._travel_kernels import FAR, UNITS, string_pull, travel_field
+    from .search._travel_kernels import FAR, UNITS, string_pull, travel_field
 
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0

@@ -11,11 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ..grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
-from ..problem.planning_problem import MovableObject, PlanningProblem, RobotModel
-from ..problem.push_costs import Manipulability, PushCosts, manipulability
-from ..pushing.contact_candidates import PushContact, push_contacts
+from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ...grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
+from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
+from ...problem.push_costs import Manipulability, PushCosts, manipulability
+from ...pushing.contact_candidates import PushContact, push_contacts
 
 __all__ = [
     "Body",
@@ -111,7 +111,7 @@ class SearchDomain:
     def _patch(
         self, index: int, shift: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
-        from ..pushing._outline_kernels import distance_patch
+        from ...pushing._outline_kernels import distance_patch
 
         key = (index, float(shift[0]), float(shift[1]))
         if key not in self.patches:
@@ -271,7 +271,7 @@ def lower_clearance(
     clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
 ) -> None:
     """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
-    from ..pushing._outline_kernels import distance_patch
+    from ...pushing._outline_kernels import distance_patch
 
     patch, row, column = distance_patch(*clearance.shape, outline, reach)
     part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
@@ -349,7 +349,7 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
     outline
         Corners in grid coordinates [cells].
     """
-    from ._joint_kernels import free_object
+    from .._joint_kernels import free_object
 
     window = _window(occupied.shape, outline, 4.0)
     part = np.ascontiguousarray(occupied[window])

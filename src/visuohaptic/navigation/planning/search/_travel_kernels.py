@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ..pushing._outline_kernels import polygon_distance
+from ....core.kernels import kernel
+from ...pushing._outline_kernels import polygon_distance
 
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
 UNITS = 256

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
+from ....core.kernels import kernel
 
 __all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
 

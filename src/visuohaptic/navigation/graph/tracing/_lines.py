@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
-from ..grid.cost_grid import GridLayers
+from ...grid.cost_grid import GridLayers
 
 __all__ = ["RawGraph", "SkeletonLines", "speeds"]
 
@@ -97,7 +97,8 @@ class SkeletonLines:
             first call, all cells of the skeleton.
         """
         from ._junction_kernels import gather_junctions, join_lines
-        from ._line_kernels import find_ends, find_lines, forget_lines, gather_paths
+        from ._line_end_kernels import find_ends, forget_lines
+        from ._line_kernels import find_lines, gather_paths
 
         scale = (layers.map.resolution_m, speeds(layers))
         distance = layers.distance_m

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
+from ....core.kernels import kernel
 
 __all__ = ["cost", "longer", "measure"]
 

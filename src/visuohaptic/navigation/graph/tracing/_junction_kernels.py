@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ._line_kernels import BITS
+from ....core.kernels import kernel
+from ._line_end_kernels import BITS
 from ._path_kernels import cost, longer, measure
 
 __all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ._search_kernels import half_edges
+from ....core.kernels import kernel
+from .._search_kernels import half_edges
 
 __all__ = ["keep_edges", "label_components", "prune"]
 

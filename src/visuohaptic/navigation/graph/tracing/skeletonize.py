@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from ..grid.cost_grid import GridLayers
+from ...grid.cost_grid import GridLayers
 
 __all__ = ["skeleton", "skeleton_marks"]
 

@@ -3,7 +3,7 @@
 A state is where every body stands and where the robot is. A successor drives to a
 stable contact and pushes straight by a whole number of cells; the last step
 drives to the goal. The heuristic is the admissible lower bound of
-:mod:`~visuohaptic.navigation.planning.push_heuristic`, so that the first solution
+:mod:`~visuohaptic.navigation.planning.search.push_heuristic`, so that the first solution
 taken from the queue is the cheapest of the model. A push that frees no cell
 beside the goal's component needs another one after it, and is charged for that
 at once.
@@ -31,7 +31,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
-from ..problem.push_costs import PushCosts
+from ...problem.push_costs import PushCosts
 from .push_heuristic import PushHeuristic
 from .push_states import (
     SearchLimits,
