@@ -14,11 +14,11 @@ __all__ = ["chord_clearance", "chord_measures", "split_path"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def _interval(at: float, way: float, centre: float, low: float, high: float) -> tuple[float, float]:
+def _interval(at: float, extent: float, centre: float, low: float, high: float) -> tuple[float, float]:
     """The part of ``low..high`` of a segment that lies within half a cell of a centre, along one axis."""
-    if way == 0.0:
+    if extent == 0.0:
         return (low, high) if abs(at - centre) <= 0.5 else (1.0, 0.0)
-    first, second = (centre - 0.5 - at) / way, (centre + 0.5 - at) / way
+    first, second = (centre - 0.5 - at) / extent, (centre + 0.5 - at) / extent
     return max(low, min(first, second)), min(high, max(first, second))
 
 

@@ -37,13 +37,13 @@ def footprint(
                 low, high = 0.0, 1.0
                 for axis in range(2):
                     a = x0 if axis == 0 else y0
-                    way = (x1 - x0) if axis == 0 else (y1 - y0)
+                    extent = (x1 - x0) if axis == 0 else (y1 - y0)
                     edge = float(column) if axis == 0 else float(row)
-                    if way == 0.0:
+                    if extent == 0.0:
                         if a <= edge or a >= edge + 1.0:
                             high = -1.0
                     else:
-                        near, far = (edge - a) / way, (edge + 1.0 - a) / way
+                        near, far = (edge - a) / extent, (edge + 1.0 - a) / extent
                         low = max(low, min(near, far))
                         high = min(high, max(near, far))
                 if low < high:

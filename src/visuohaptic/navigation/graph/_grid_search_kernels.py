@@ -15,7 +15,7 @@ __all__ = ["grid_search", "straighten"]
 
 @kernel(error_model="numpy", boundscheck=False)
 def _move(a: int, b: int, crossing: bool) -> int:
-    """Cost of a move between neighbours with steps ``a`` and ``b`` [half units]: their mean times the way."""
+    """Cost of a move between neighbours with steps ``a`` and ``b`` [half units]: their mean times the length."""
     both = int(np.int64(a) + np.int64(b))  # unsigned numbers would become floating ones
     return (both * 92682 + 32768) >> 16 if crossing else both
 

@@ -1,10 +1,10 @@
 """Potential and nearest node of every cell, worked out from all nodes at once.
 
-A cell's value is the pair (potential, seed): the smallest cost of a way from a seed, in whole units,
-and of equal ones the smallest seed. Every cell on a way costs its ``step``, times sqrt(2)
+A cell's value is the pair (potential, seed): the smallest cost of a path from a seed, in whole units,
+and of equal ones the smallest seed. Every cell on a path costs its ``step``, times sqrt(2)
 where it is entered diagonally. Such pairs have one solution, whatever the order of the work.
 
-The work goes in bands of potential not wider than the cheapest step: no way leads from a cell to another of the
+The work goes in bands of potential not wider than the cheapest step: no path leads from a cell to another of the
 same band, so all cells of a band are final once the bands below are done (Denardo and Fox 1979).
 """
 
@@ -168,7 +168,7 @@ def spread(
                 place = rest
                 entries -= 1
                 if value >> shift != now or queued[cell] == 0:
-                    continue  # reached by a cheaper way in the meantime
+                    continue  # reached by a cheaper path in the meantime
                 queued[cell] = 0
                 settled += 1
                 origin = flat_seed[cell]
@@ -183,7 +183,7 @@ def spread(
                     other = cell + offsets[k]
                     old = flat_potential[other]
                     if old <= value:
-                        continue  # about half of them: where the way came from
+                        continue  # about half of them: where the path came from
                     cost = np.int64(flat_step[other])
                     if cost == 0:
                         continue

@@ -133,13 +133,13 @@ def graph_search(
         if node == goal:
             break
         for k in range(start[node], start[node + 1]):
-            way = half[k]
-            other = ends[way >> 1, 1 - (way & 1)]
-            reached = cost[node] + costs[way >> 1]
+            half_edge = half[k]
+            other = ends[half_edge >> 1, 1 - (half_edge & 1)]
+            reached = cost[node] + costs[half_edge >> 1]
             if done[other] or not reached < cost[other]:
                 continue
             cost[other] = reached
-            came[other] = way
+            came[other] = half_edge
             left = pace * math.hypot(
                 place_m[other, 0] - place_m[goal, 0], place_m[other, 1] - place_m[goal, 1]
             )
@@ -157,12 +157,12 @@ def graph_search(
     while node != source:
         node = ends[came[node] >> 1, came[node] & 1]
         steps += 1
-    ways = np.empty(steps, np.int32)
+    halves = np.empty(steps, np.int32)
     node = goal
     for k in range(steps - 1, -1, -1):
-        ways[k] = came[node]
+        halves[k] = came[node]
         node = ends[came[node] >> 1, came[node] & 1]
-    return ways, cost[goal]
+    return halves, cost[goal]
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -199,9 +199,9 @@ def all_costs(
             continue
         done[node] = True
         for k in range(start[node], start[node + 1]):
-            way = half[k]
-            other = ends[way >> 1, 1 - (way & 1)]
-            reached = cost[node] + costs[way >> 1]
+            half_edge = half[k]
+            other = ends[half_edge >> 1, 1 - (half_edge & 1)]
+            reached = cost[node] + costs[half_edge >> 1]
             if reached < cost[other]:
                 cost[other] = reached
                 _push(keys, items, size, reached, other)

@@ -201,16 +201,16 @@ def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: n
             growing = False
             a, b = max(left - TILE, 0), min(right + TILE, columns - 1)
             if top < rows - 1:
-                wanted = min(top + TILE, rows - 1)
-                if _holds(seed, node, (top + 1, wanted, a, b)):
-                    top, growing = wanted, True
+                target = min(top + TILE, rows - 1)
+                if _holds(seed, node, (top + 1, target, a, b)):
+                    top, growing = target, True
             if bottom > 0 and _holds(seed, node, (bottom - TILE, bottom - 1, a, b)):
                 bottom, growing = bottom - TILE, True
             a, b = max(bottom - TILE, 0), min(top + TILE, rows - 1)
             if right < columns - 1:
-                wanted = min(right + TILE, columns - 1)
-                if _holds(seed, node, (a, b, right + 1, wanted)):
-                    right, growing = wanted, True
+                target = min(right + TILE, columns - 1)
+                if _holds(seed, node, (a, b, right + 1, target)):
+                    right, growing = target, True
             if left > 0 and _holds(seed, node, (a, b, left - TILE, left - 1)):
                 left, growing = left - TILE, True
         for row in range(bottom, top + 1):
@@ -298,7 +298,7 @@ def forget(
                     continue
             other = cell + offsets[k]
             more = flat_potential[other] - value
-            # Whoever got its value here is dearer and of the same node.
+            # Whoever got its value here costs more and is of the same node.
             if more <= 0 or flat_seed[other] != origin:
                 continue
             cost = np.int64(flat_step[other])

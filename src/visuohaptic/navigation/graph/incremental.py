@@ -182,13 +182,13 @@ class NavigationMap:
             Occupancy -1 to 100, one for all or one each.
         """
         cells = np.asarray(cells, dtype=np.int64).reshape(-1, 2)
-        wanted = np.broadcast_to(np.asarray(values), (len(cells),))
+        target = np.broadcast_to(np.asarray(values), (len(cells),))
         if not self.map.inside(cells).all():
             raise InputError("set_cells", "found cells outside the map", field="cells")
-        if len(wanted) and not (wanted.min() >= -1 and wanted.max() <= OCCUPIED):
+        if len(target) and not (target.min() >= -1 and target.max() <= OCCUPIED):
             raise InputError("set_cells", "found values outside -1 to 100", field="values")
         flat = self._flat(cells)
-        self._base.ravel()[flat] = wanted.astype(np.int8)
+        self._base.ravel()[flat] = target.astype(np.int8)
         self._follow(np.unique(flat))
 
     def _known(self, name: str) -> None:
@@ -289,7 +289,7 @@ class NavigationMap:
             owners = np.unique(seed.ravel()[changed])
             release(potential, seed, owners[owners >= 0], self._tiles)
             forget(layers.step, self._mark, potential, seed, changed, self._tiles, seed.size)
-        # Nodes that are new, and those that stand on cells that were taken back.
+        # Nodes that are new, and those on cells that were taken back.
         lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost

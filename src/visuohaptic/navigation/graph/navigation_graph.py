@@ -1,4 +1,4 @@
-"""The navigation graph: one node per decision, one edge per way between (Alt 2016, Sec. 4.2 e)."""
+"""The navigation graph: one node per decision, one edge per path between (Alt 2016, Sec. 4.2 e)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class EdgePaths:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationGraph:
-    """Places where the robot decides, and the ways between them.
+    """Places where the robot decides, and the paths between them.
 
     Symbols: n nodes in the order of their cells, m edges, p cells of all paths. Parallel edges
     and edges from a node to itself are part of it: each is a loop round something.
@@ -164,10 +164,10 @@ def decisions_from_lines(
         raw.measures[:, 0].copy(),
         -1.0 if stub_length_m is None else stub_length_m,
     )
-    nodes, ends, measures, edge_ways, ways = keep_edges(
+    nodes, ends, measures, edge_start, halves = keep_edges(
         raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
     )
-    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_ways, ways))
+    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_start, halves))
     return _spaced(layers, found, spacing_m) if spacing_m else found
 
 
@@ -213,10 +213,10 @@ def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decision
         if count > 1:
             rows, cols = np.divmod(cells, columns)
             steps = np.hypot(np.diff(rows), np.diff(cols))
-            way = np.concatenate([[0.0], np.cumsum(steps)])
+            along = np.concatenate([[0.0], np.cumsum(steps)])
             for k in range(1, count):
-                cut = int(np.searchsorted(way, way[-1] * k / count))
-                # Ways that share cells inside a junction share no node there.
+                cut = int(np.searchsorted(along, along[-1] * k / count))
+                # Paths with common cells inside a junction have no common node there.
                 if cuts[-1] < cut < len(cells) - 1 and int(cells[cut]) not in taken:
                     taken.add(int(cells[cut]))
                     cuts.append(cut)

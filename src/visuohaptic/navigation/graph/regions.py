@@ -1,4 +1,4 @@
-"""Which node a cell belongs to, and the way there (Alt 2016, Algorithm 1)."""
+"""Which node a cell belongs to, and the path there (Alt 2016, Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SQUARE = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
-    """The nearest node of every cell by cost, and the cost of the way from there.
+    """The nearest node of every cell by cost, and the cost of the path from there.
 
     The arrays of regions that belong to a ``NavigationMap`` change with the
     next edit; copy what has to stay.
@@ -45,7 +45,7 @@ class Regions:
 
     @property
     def potential_s(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cost of the way between a cell and its node [s], infinite where there is none.
+        """Cost of the path between a cell and its node [s], infinite where there is none.
 
         Computed anew on every access: keep the result.
         """

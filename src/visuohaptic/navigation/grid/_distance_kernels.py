@@ -277,8 +277,8 @@ def distance_update(
     half_m = 0.5 * resolution_m
     room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
     changed = np.empty(room, np.int32)
-    more_expensive = np.empty(room, np.int32)
-    count, dear = 0, 0
+    other_step = np.empty(room, np.int32)
+    count, steps_changed = 0, 0
     for row in range(first_row, last_row + 1):
         line = vertical[row]
         start = first_column
@@ -317,6 +317,6 @@ def distance_update(
             new = steps[last if squared < 0 else min(squared, last)]
             if new != step[row, x]:
                 step[row, x] = new
-                more_expensive[dear] = cell
-                dear += 1
-    return changed[:count].copy(), more_expensive[:dear].copy()
+                other_step[steps_changed] = cell
+                steps_changed += 1
+    return changed[:count].copy(), other_step[:steps_changed].copy()

@@ -1,4 +1,4 @@
-"""Footprints of things that may be movable, from the map (Alt 2016, Sec. 4.4).
+"""Footprints of objects that may be movable, from the map (Alt 2016, Sec. 4.4).
 
 Connected regions of occupied cells, the convex hull of each, because a laser
 sees one side only; kept where the size is between 0.1 and 0.7 m: larger things
@@ -24,7 +24,7 @@ class FootprintSettings:
 
     smallest_m: float = 0.1  #: s_x and s_y of the text
     max_m: float = 0.7
-    join_m: float = 0.06  #: cells of one thing may be this far apart
+    join_m: float = 0.06  #: cells of one object may be this far apart
     free_fraction: float = 0.5  #: of the ring around it that has to be free: else it is part of a wall
     ring_m: float = 0.15
 

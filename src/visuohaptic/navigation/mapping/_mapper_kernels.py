@@ -58,19 +58,19 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
         next_i = (i + (1 if dr > 0 else 0) - start_row) / dr if dr != 0.0 else np.inf
         next_j = (j + (1 if dc > 0 else 0) - start_column) / dc if dc != 0.0 else np.inf
         last_i, last_j = int(math.floor(ends[beam, 0])), int(math.floor(ends[beam, 1]))
-        way = 0.0
-        while way < 1.0 and 0 <= i < rows and 0 <= j < columns:
+        passed = 0.0
+        while passed < 1.0 and 0 <= i < rows and 0 <= j < columns:
             if i == last_i and j == last_j:
                 break
             if stamp[i, j] != number:
                 stamp[i, j] = number
                 log_odds[i, j] = max(log_odds[i, j] + miss, -bound)
             if next_i < next_j:
-                way = next_i
+                passed = next_i
                 next_i += per_i
                 i += step_i
             else:
-                way = next_j
+                passed = next_j
                 next_j += per_j
                 j += step_j
 

@@ -1,7 +1,7 @@
 """A map by touch: every contact's primitive, trusted near the contact and less farther away (Alt 2016, Eq. 3.12).
 
 Values are from -1 (surely free) over 0 (nothing known) to 1 (surely
-occupied). Things that gave way when pushed are kept in a layer of their own.
+occupied). Objects that moved when they were pushed are kept in a layer of their own.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class HapticContact:
     points_foam_m: Float[np.ndarray, "k 2"]  #: contact points X_k
     T_map_foam: tuple[float, float, float]  #: (x [m], y [m], yaw [rad]) of F in the map
     confidence: float = 1.0  #: 0..1, for instance the score of the primitive
-    movable: bool = False  #: it gave way when it was pushed
+    movable: bool = False  #: it moved when it was pushed
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points_foam_m, dtype=np.float64)
@@ -137,7 +137,7 @@ class HapticMap:
     resolution_m: float
     origin_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0)
     rate: float = 0.5  #: c of Eq. (3.12): how quickly old contacts are replaced
-    depth_m: float = math.inf  #: how far behind their surface walls are believed
+    depth_m: float = math.inf  #: how far behind their surface cells count as occupied
     contacts: int = field(default=0)  #: how many were added
 
     @classmethod

@@ -4,7 +4,7 @@ The search (Olson 2009, correlative scan matching, here in one resolution)
 finds the right hill even when the odometry is off by decimetres; the
 refinement works on the mean hit of every cell, which is finer than the cell,
 and on the line through the means around it. The odometry takes part as a
-measurement, so that a bare corridor, which says nothing of the way along it,
+measurement, so that a bare corridor, which does not constrain the position along it,
 leaves that to the wheels, and the covariance says so.
 """
 
@@ -38,7 +38,7 @@ class MatchSettings:
     iterations: int = 12
     min_points: int = 40  #: a scan with fewer says too little
     min_known: int = 25  #: points on the known part of the map; with fewer a scan cannot be laid on it
-    min_inliers: float = 0.35  #: share of these points that must be near a hit
+    min_inliers: float = 0.35  #: fraction of these points that must be near a hit
 
     def __post_init__(self) -> None:
         if not (self.window_m > 0 and self.window_rad > 0 and self.turn_step_rad > 0 and self.sigma_m > 0):
@@ -56,7 +56,7 @@ class ScanMatch:
         float, float, float
     ]  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
     covariance: Float[np.ndarray, "3 3"]  #: of the pose [m, rad], given the map
-    inliers: float  #: share of the points on the known part of the map that are near a hit
+    inliers: float  #: fraction of the points on the known part of the map that are near a hit
     residual_m: float  #: root mean square distance of the inliers from their lines
 
 

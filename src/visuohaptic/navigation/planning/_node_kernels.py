@@ -112,7 +112,7 @@ def node_in_window(
         return start, np.zeros(0, np.int32), np.zeros(0, np.int64), np.zeros(0, np.float64)
     mine = region_of_node(inner, radius, seed, i0, j0, start)
     rows, columns = inner.shape
-    # The way to a neighbour leads through the node's own region and over the border, not along it.
+    # The path to a neighbour leads through the node's own region and over the border, not along it.
     own = np.zeros((rows, columns), np.float32)
     region = np.empty(rows * columns, np.int32)
     count = 0

@@ -47,7 +47,7 @@ def extend_graph(
 
 
 class _Builder:
-    """Arrays that all nodes of one extension share."""
+    """Arrays that all nodes of one extension use."""
 
     def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
         from .search._travel_kernels import UNITS
@@ -123,7 +123,7 @@ class _Builder:
         touching = np.unique(self.visual.edges[closed]).astype(np.int32)
         drive_s = np.zeros(0)
         if np.isfinite(task_s) and len(touching):
-            # Passing is possible after its task: to each end of a closed edge along that edge, half the way.
+            # Passing is possible after its task: to each end of a closed edge along that edge, half of it.
             drive_s = np.array(
                 [
                     self.visual.edge_cost_s[closed][(self.visual.edges[closed] == node).any(axis=1)].min() / 2

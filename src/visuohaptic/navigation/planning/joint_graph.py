@@ -86,7 +86,7 @@ class JointNode:
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """A way through the joint graph."""
+    """A path through the joint graph."""
 
     nodes: tuple[int, ...]  #: visual nodes first by number, then joint nodes
     cost_s: float
@@ -156,7 +156,7 @@ class JointGraph:
     def _worth(
         self, left: dict[str, tuple[float, np.ndarray]], at: Float[np.ndarray, "2"], id: str
     ) -> tuple[bool, float]:
-        """What exploring next is worth: opening something separate above all, then gain per way to go."""
+        """What exploring next is worth: opening something separate above all, then gain per path length."""
         gain_s, centre = left[id]
         way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
         if not np.isfinite(gain_s):

@@ -1,4 +1,4 @@
-"""A plain local controller: follow a path at 50 Hz with a differential drive, slower where it is narrow."""
+"""Path following with a differential drive by Samson's control law at 50 Hz, slower where the clearance is small."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["FollowLimits", "PathFollower", "drive_path"]
 
 @dataclass(frozen=True, slots=True)
 class FollowLimits:
-    """Speeds and distances of the follower."""
+    """Speeds, distances and gains of the control law."""
 
     radius_m: float = 0.17
     v_max_m_s: float = 0.3  #: from three radii of clearance on, Eq. (4.1)
@@ -26,8 +26,8 @@ class FollowLimits:
     acceleration_m_s2: float = 0.25  #: that braking is planned with
     tolerance_m: float = 0.02  #: of the goal
     corner_rad: float = 0.3  #: sharper corners are turned at a stop
-    offset_gain_per_m2: float = 30.0  #: turn rate by speed and distance from the path
-    heading_gain_per_s: float = 3.0
+    offset_gain_per_m2: float = 30.0  #: k_e: turn rate per speed and cross-track error
+    heading_gain_per_s: float = 3.0  #: k_theta: turn rate per heading error
 
     def __post_init__(self) -> None:
         values = (
@@ -54,12 +54,13 @@ class FollowLimits:
 
 
 class PathFollower:
-    """Velocities from odometry, one call per period.
+    """Path following by Samson's law: velocities from odometry, one call per period.
 
-    The platform drives along straight parts, steers back by its distance from
-    the part and the angle to it (Samson's law), brakes before sharp corners
-    and turns them standing, so that it leaves the path by no more than its
-    tracking error, not by the cut of a corner.
+    The platform drives along straight segments and is steered by its cross-track
+    error e and heading error theta, omega = -k_e v e sin(theta) / theta - k_theta theta
+    (Samson 1992). It brakes before sharp corners and turns them at a stop, so
+    that it leaves the path by no more than its tracking error; pure pursuit
+    would cut them.
 
     Parameters
     ----------
@@ -114,9 +115,9 @@ class PathFollower:
         place = np.array([state.x_m, state.y_m])
         while self._part < len(self._path) - 1:
             begin, end = self._path[self._part], self._path[self._part + 1]
-            way = end - begin
-            length = float(np.hypot(*way))
-            ahead = way / length
+            chord = end - begin
+            length = float(np.hypot(*chord))
+            ahead = chord / length
             rest = float((end - place) @ ahead)
             last = self._part == len(self._path) - 2
             corner = 0.0 if last else self._corner(self._part)

@@ -1,4 +1,4 @@
-"""From a problem to a plan: search over pushes, then drive taut between them (Alt 2016, Sec. 4.2.1)."""
+"""From a problem to a plan: search over pushes, then string-pulled paths between them (Alt 2016, Sec. 4.2.1)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
 __all__ = ["assemble", "plan_in_domain"]
 
-#: Points of a grid path that one straight piece may span.
+#: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
 #: Corners are cut at most so many times.
 STRING_ROUNDS = 12
@@ -116,11 +116,11 @@ def pull_string(
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Cheapest way between two points, pulled taut where that is not dearer.
+    """Cheapest any-angle path between two points: over the grid, then string pulling where that costs no more.
 
     Returns
     -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is no way
+    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
     """
     from .search._travel_kernels import FAR, UNITS, string_pull, travel_field
 
@@ -150,7 +150,7 @@ def pull_string(
     # A second look joins pieces that were cut by the window.
     kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
     path = path[kept]
-    # The way over cells knows eight directions only; chords between points along it cut its corners.
+    # The path over cells has eight directions only; chords between points along it cut its corners.
     for _ in range(STRING_ROUNDS):
         dense = _resampled(path, STRING_WINDOW)
         kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
@@ -189,7 +189,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    price = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
+    push = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []
@@ -201,11 +201,11 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
                 costs.explore_time_s,
                 object=body.obj.id,
                 contact_m=_pair(contact_m),
-                failure_probability=price.failure_probability,
+                failure_probability=push.failure_probability,
             )
         )
-    cost_s = price.total_s - (price.fail_s if body.allowed.unknown else 0.0)
-    known = price.failure_probability
+    cost_s = push.total_s - (push.fail_s if body.allowed.unknown else 0.0)
+    known = push.failure_probability
     if body.allowed.unknown:  # once it has been explored, what is left is the risk of a first push
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
     tasks.append(

@@ -22,7 +22,7 @@ __all__ = [
 
 #: A wing turns about its hinge by at least this much per pushed metre: 0.5 m from the contact to the hinge is 2.
 WING_RAD_PER_M = 0.7
-#: ... and constantly so: the spread over the push is this small a share of it.
+#: ... and constantly so: its standard deviation over the push is this small a fraction of it.
 WING_SPREAD = 0.35
 
 

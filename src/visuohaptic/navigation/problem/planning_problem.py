@@ -58,7 +58,7 @@ class MovableObject:
     footprint_m: Float[np.ndarray, "p 2"]  #: outline in the map frame, counter-clockwise, not closed
     tag: HapticTag | None = None  #: ``None``: never touched
     where: str = field(default="MovableObject", repr=False)  #: file and place, for messages
-    #: centre of friction from the footprint's centroid, map frame [m]: what former pushes told (Sec. 4.3.1)
+    #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:

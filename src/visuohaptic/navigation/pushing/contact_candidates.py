@@ -11,9 +11,9 @@ __all__ = ["PushContact", "push_contacts"]
 
 #: The contact's normal and the push may differ by this; friction cones are wider than that.
 STABLE_RAD = np.deg2rad(8.0)
-#: Slanting pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most things.
+#: Oblique pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most objects.
 OBLIQUE_RAD = (np.deg2rad(12.0), np.deg2rad(24.0))
-#: A face is met at least this far from its ends, as a share of its length.
+#: A face is met at least this far from its ends, as a fraction of its length.
 FACE_MARGIN = 0.1
 #: Pushes that differ by less are one; round outlines have as many faces as somebody drew.
 FACE_SPACING_RAD, OBLIQUE_SPACING_RAD = np.deg2rad(1.0), np.deg2rad(6.0)
@@ -28,7 +28,7 @@ class PushContact:
     direction: Float[np.ndarray, "2"]  #: unit vector of the push
     contact: Float[np.ndarray, "2"]  #: where disc and outline touch
     robot: Float[np.ndarray, "2"]  #: centre of the disc when it touches
-    oblique: bool = False  #: slants against the face: holds by friction only
+    oblique: bool = False  #: oblique to the face: holds by friction only
 
 
 def push_contacts(

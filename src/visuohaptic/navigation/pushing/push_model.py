@@ -1,4 +1,4 @@
-"""What has to be known of an object to foresee how it slides: outline, supports, contact friction."""
+"""Model of an object for quasi-static pushing: outline, supports and their loads, contact friction."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PushModel:
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners, counter-clockwise; one point and ``round_m`` for a disc
     support_m: Float[np.ndarray, "n 2"]  #: where it rests on the floor
-    load: Float[np.ndarray, "n"]  #: share of the weight on each; sums to 1
+    load: Float[np.ndarray, "n"]  #: fraction of the weight on each; sums to 1
     contact_friction: float = CONTACT_FRICTION  #: between platform and object
     round_m: float = 0.0  #: the outline is widened by this
     tip_m: float = 0.0  #: floor friction times height of the push: load moves forward by this
@@ -55,7 +55,7 @@ class PushModel:
                 field="support_m",
             )
         if not (np.isfinite(load).all() and load.min() >= 0 and load.sum() > 0):
-            raise InputError("PushModel", f"found {load}, expected shares >= 0", field="load")
+            raise InputError("PushModel", f"found {load}, expected fractions >= 0", field="load")
         numbers = (self.contact_friction, self.round_m, self.tip_m)
         if not all(math.isfinite(value) and value >= 0 for value in numbers):
             raise InputError(

@@ -24,7 +24,7 @@ ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushEstimate:
-    """What the contact's way along the rim has told so far."""
+    """What the motion of the contact along the rim implies so far."""
 
     model: PushModel
     object_m: Float[np.ndarray, "3"]  #: where the object is now
@@ -35,7 +35,7 @@ class PushEstimate:
 
 
 class PushMonitor:
-    """Follows a push, learns contact friction and centre of friction, and bends the rest of the path.
+    """Follows a push, estimates contact friction and centre of friction, and corrects the remaining path.
 
     After every :data:`~visuohaptic.navigation.pushing.quasi_static.STEP_M` of the drive
     the push so far is simulated with four numbers changed (contact friction,
@@ -45,7 +45,7 @@ class PushMonitor:
     Parameters
     ----------
     model, object_m, radius_m
-        What was believed when the push was planned.
+        Model and pose assumed when the push was planned, and the radius of the platform [m].
     friction_sigma, centre_sigma_m, place_sigma_m
         Prior standard deviations.
     """
@@ -93,8 +93,8 @@ class PushMonitor:
         self._path.append(pose)
         self._angle.append(angle)
         if len(self._path) == 2:
-            way = self._path[1][:2] - self._path[0][:2]
-            self._lateral = np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
+            chord = self._path[1][:2] - self._path[0][:2]
+            self._lateral = np.array([-chord[1], chord[0]]) / max(float(np.hypot(*chord)), 1e-9)
         if len(self._path) > 3 and np.isfinite(self._angle).sum() >= 2:
             self._fit()
         return True
@@ -144,17 +144,17 @@ class PushMonitor:
         The path, or ``None``: the manipulation has failed, plan anew.
         """
         begin, end = remaining_path_m[0], remaining_path_m[-1]
-        way = end[:2] - begin[:2]
-        length = float(np.hypot(*way))
+        chord = end[:2] - begin[:2]
+        length = float(np.hypot(*chord))
         if length < 2 * STEP_M:
             return remaining_path_m
-        aside = np.array([-way[1], way[0]]) / length
-        draws = [self._value]
+        aside = np.array([-chord[1], chord[0]]) / length
+        candidates = [self._value]
         root = np.linalg.cholesky(self._covariance + 1e-12 * np.eye(4))
-        draws += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
+        candidates += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
         for step in ASIDE_M:
             path = remaining_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
-            won = [self._drops(value, path, allowed, reserve_m) for value in draws]
+            won = [self._drops(value, path, allowed, reserve_m) for value in candidates]
             if won[0] and sum(won) >= fraction * len(won):
                 return path
         return None
@@ -195,8 +195,8 @@ class PushMonitor:
             return simulate_push(model, start, path, self._radius_m)
         except InputError:
             # The changed place reaches into the platform: begin the drive earlier.
-            way = path[1] - path[0]
-            back = path[0] - way * (0.05 / max(float(np.hypot(way[0], way[1])), 1e-9))
+            chord = path[1] - path[0]
+            back = path[0] - chord * (0.05 / max(float(np.hypot(chord[0], chord[1])), 1e-9))
             trace = simulate_push(model, start, np.concatenate([back[None], path]), self._radius_m)
             return replace(
                 trace,
@@ -214,11 +214,11 @@ class PushMonitor:
             return prior
         trace = self._simulate(value)
         away = trace.contact_m - trace.platform_m[:, :2]
-        told = np.arctan2(away[:, 1], away[:, 0])
-        # Contact seen where none is foreseen counts as far off, but not more than that.
-        off = np.arctan2(np.sin(told - angle), np.cos(told - angle))[rows]
-        off = np.clip(np.nan_to_num(off, nan=0.3), -0.5, 0.5)
-        return np.concatenate([off * self._radius_m / CONTACT_SIGMA_M, prior])
+        predicted = np.arctan2(away[:, 1], away[:, 0])
+        # Contact observed where none is predicted counts as a large residual, but not more than that.
+        residual = np.arctan2(np.sin(predicted - angle), np.cos(predicted - angle))[rows]
+        residual = np.clip(np.nan_to_num(residual, nan=0.3), -0.5, 0.5)
+        return np.concatenate([residual * self._radius_m / CONTACT_SIGMA_M, prior])
 
     def _fit(self) -> None:
         """A few steps of Gauss and Newton with damping from where the last fit ended."""

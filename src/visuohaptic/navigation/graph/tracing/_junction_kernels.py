@@ -1,6 +1,6 @@
 """From lines to a raw graph: junction cells that are one decision become one node, lines are led on to it.
 
-Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is told by its two slots and
+Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is known by its two slots and
 its line, and :func:`edge_paths` writes the cells of all edges when somebody asks for them.
 """
 
@@ -49,13 +49,13 @@ def gather_junctions(
     """
     owner = np.full(len(cell), -1, np.int32)
     parent = np.full(len(cell), -1, np.int32)
-    way = np.zeros((len(cell), 3))
+    to_leader = np.zeros((len(cell), 3))
     joined = np.empty(len(order), np.int32)
     depth = np.empty(len(order), np.float32)
     queue = np.empty(len(order) + 1, np.int32)
     several = 0
     for slot in order:
-        way[slot, 2] = keys[slot]
+        to_leader[slot, 2] = keys[slot]
         owner[slot] = slot
         if BITS[masks[slot]] < 3:
             continue
@@ -92,12 +92,12 @@ def gather_junctions(
                 owner[other] = leader
                 parent[other] = here
                 length, seconds = _step(keys[here], keys[other], j, resolution_m, speeds)
-                way[other, 0] = way[here, 0] + length
-                way[other, 1] = way[here, 1] + seconds
-                way[other, 2] = min(way[here, 2], float(keys[other]))
+                to_leader[other, 0] = to_leader[here, 0] + length
+                to_leader[other, 1] = to_leader[here, 1] + seconds
+                to_leader[other, 2] = min(to_leader[here, 2], float(keys[other]))
                 queue[tail] = other
                 tail += 1
-    return owner, parent, way
+    return owner, parent, to_leader
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -119,7 +119,7 @@ def join_lines(
     order: np.ndarray,
     owner: np.ndarray,
     parent: np.ndarray,
-    way: np.ndarray,
+    to_leader: np.ndarray,
     table: np.ndarray,
     measured: np.ndarray,
     used: int,
@@ -139,7 +139,7 @@ def join_lines(
         The slots: flat cell, linked neighbours, clearance and links; see the module.
     order
         Slots in use by ascending cell.
-    owner, parent, way
+    owner, parent, to_leader
         From :func:`gather_junctions`.
     table
         The lines, see the module.
@@ -190,9 +190,9 @@ def join_lines(
                 clearance = min(float(keys[first]), float(keys[last]))
             pieces[edges, 0], pieces[edges, 1] = first, last
             ends[edges, 0], ends[edges, 1] = owner[first], owner[last]
-            measures[edges, 0] = length + way[first, 0] + way[last, 0]
-            measures[edges, 1] = seconds + way[first, 1] + way[last, 1]
-            measures[edges, 2] = min(clearance, min(way[first, 2], way[last, 2]))
+            measures[edges, 0] = length + to_leader[first, 0] + to_leader[last, 0]
+            measures[edges, 1] = seconds + to_leader[first, 1] + to_leader[last, 1]
+            measures[edges, 2] = min(clearance, min(to_leader[first, 2], to_leader[last, 2]))
             edges += 1
     ring_order = np.argsort(ring_cells[:ring_count])
     # Nodes in the order of their cells; ``number`` says which one a leader has become.
@@ -233,8 +233,8 @@ def join_lines(
 
 @kernel(error_model="numpy", boundscheck=False)
 def edge_paths(
-    edge_ways: np.ndarray,
-    ways: np.ndarray,
+    edge_start: np.ndarray,
+    halves: np.ndarray,
     pieces: np.ndarray,
     cell: np.ndarray,
     parent: np.ndarray,
@@ -242,12 +242,12 @@ def edge_paths(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cells (flat) of edges from node to node, in CSR form.
 
-    Edge e is made of the half-edges ``ways[edge_ways[e] : edge_ways[e + 1]]`` of the raw graph, 2 r for piece r
+    Edge e is made of the half-edges ``halves[edge_start[e] : edge_start[e + 1]]`` of the raw graph, 2 r for piece r
     as it is, 2 r + 1 for piece r backwards.
 
     Parameters
     ----------
-    edge_ways, ways
+    edge_start, halves
         Half-edges of each edge in CSR form.
     pieces
         Edges of the raw graph, from :func:`join_lines`.
@@ -258,14 +258,14 @@ def edge_paths(
     path
         Cells (flat) of all lines, one after the other.
     """
-    count = len(edge_ways) - 1
+    count = len(edge_start) - 1
     start = np.zeros(count + 1, np.int32)
     out = np.empty(4096, np.int32)
     size = 0
     for edge in range(count):
         begin = size
-        for k in range(edge_ways[edge], edge_ways[edge + 1]):
-            piece = pieces[ways[k] >> 1]
+        for k in range(edge_start[edge], edge_start[edge + 1]):
+            piece = pieces[halves[k] >> 1]
             inner = piece[3] - piece[2]
             room = size + inner
             for side in range(2):
@@ -292,7 +292,7 @@ def edge_paths(
                 out[size] = cell[here]
                 size += 1
                 here = parent[here]
-            if ways[k] & 1:
+            if halves[k] & 1:
                 _reverse(out, low, size)
         start[edge + 1] = size
     return start, out[:size].copy()

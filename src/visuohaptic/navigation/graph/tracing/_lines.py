@@ -41,25 +41,27 @@ class RawGraph:
     path: Int32[np.ndarray, "p"]  #: cells of all lines; nothing that was written is ever overwritten
 
     def paths(
-        self, edge_ways: Int32[np.ndarray, "e+1"], ways: Int32[np.ndarray, "w"]
+        self, edge_start: Int32[np.ndarray, "e+1"], halves: Int32[np.ndarray, "w"]
     ) -> tuple[Int32[np.ndarray, "e+1"], Int32[np.ndarray, "p"]]:
         """Cells (flat) of edges that are made of half-edges of this graph, in CSR form.
 
         Parameters
         ----------
-        edge_ways, ways
+        edge_start, halves
             Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for it backwards.
         """
         from ._junction_kernels import edge_paths
 
-        start, cells = edge_paths(edge_ways, ways, self.pieces, self.slot_cell, self.slot_parent, self.path)
+        start, cells = edge_paths(
+            edge_start, halves, self.pieces, self.slot_cell, self.slot_parent, self.path
+        )
         return start, cells
 
 
 class SkeletonLines:
     """Lines between the cells of a skeleton where lines meet or end.
 
-    A whole build and an edit take the same way: forget what touched cells are on, walk what is missing.
+    A whole build and an edit take the same steps: forget what touched cells are on, walk what is missing.
 
     Parameters
     ----------
@@ -118,8 +120,8 @@ class SkeletonLines:
             )
             self._lost = 0
         ends = (self._cell, self._masks, self._keys, self._links, self._order)
-        owner, parent, way = gather_junctions(*ends, layers.shape[1], *scale)
+        owner, parent, to_leader = gather_junctions(*ends, layers.shape[1], *scale)
         cells, clearance_m, joined, measures, pieces = join_lines(
-            distance, *ends, owner, parent, way, self._table, self._measured, self._used, *scale
+            distance, *ends, owner, parent, to_leader, self._table, self._measured, self._used, *scale
         )
         return RawGraph(cells, clearance_m, joined, measures, pieces, self._cell.copy(), parent, self._path)

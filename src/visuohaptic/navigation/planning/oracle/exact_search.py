@@ -1,10 +1,10 @@
 """Exact search of small problems: every place of the robot times every place of one or two objects.
 
-A test instrument, and ``visuohaptic plan --prove``. It shares with the planner
+A test instrument, and ``visuohaptic plan --prove``. It has in common with the planner
 what a push costs and where an object may be touched, and nothing of its
 search: Dijkstra over the whole product of robot cells and object places, with
 straight pushes along the grid's axes by whole cells. Where its queue runs
-empty, there is no plan of that kind. Objects that stand across the grid have no
+empty, there is no plan of that kind. Objects oblique to the grid have no
 such pushes; for them the planner's own exhausted search is the proof.
 """
 
@@ -72,7 +72,7 @@ class _Links:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Places:
-    """Where one body may stand: whole-cell shifts at which it covers no occupied cell."""
+    """Where one body may be: whole-cell shifts at which it covers no occupied cell."""
 
     shifts: Int32[np.ndarray, "q 2"]
     index: Int32[np.ndarray, "rows columns"]  #: place by shift - lowest shift, -1 where there is none
@@ -99,8 +99,8 @@ def certify(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
         cost_s = domain.seconds(result.cost)
         if result.found:
             return Proof(True, True, cost_s, f"{error.problem}; the search found a plan of {cost_s:.1f} s")
-        said = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
-        return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {said}")
+        status = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
+        return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {status}")
     if found.reachable:
         return Proof(True, True, found.cost_s, f"the optimum on the grid is {found.cost_s:.1f} s")
     if all(_on_axes(contact) for body in domain.bodies for contact in body.contacts):

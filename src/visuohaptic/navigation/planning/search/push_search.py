@@ -75,7 +75,7 @@ class _Queue:
 
 
 class _Search:
-    """What all passes from one start share."""
+    """What all passes from one start have in common."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class _Search:
                 continue
             for estimate, successor in successors:
                 queue.push(estimate, successor)
-        reason = "no plan with so few pushes" if cut else "no sequence of straight pushes opens a way"
+        reason = "no plan with so few pushes" if cut else "no sequence of straight pushes clears a path"
         return SearchResult(False, expanded=expanded, exhausted=not cut, reason=reason)
 
     def _refined(self, state: SearchState, settings: SearchPass) -> float | None:

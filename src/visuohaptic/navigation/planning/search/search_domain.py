@@ -1,4 +1,4 @@
-"""The domain that the search over pushes moves in: what never moves, and where each object is.
+"""The domain of the search over pushes: static obstacles with their clearance, and where each object is.
 
 Everything here is in grid coordinates: cells, x along the columns and y along
 the rows of the map, so that a turned origin needs no thought further in.
@@ -187,7 +187,7 @@ def build_search_domain(
     unknown
         Whether objects that were never touched may be pushed after exploration.
     oblique
-        Whether pushes may slant against a face, which friction has to hold.
+        Whether pushes may be oblique to a face, which friction has to hold.
     """
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
@@ -195,7 +195,7 @@ def build_search_domain(
     margin = robot.push_margin_m / grid.resolution_m
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
-    drawn = occupied.copy()
+    mapped = occupied.copy()
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
@@ -224,7 +224,7 @@ def build_search_domain(
     for obj in fixed:
         outline = grid_from_world(grid, obj.footprint_m)
         lower_clearance(clearance, outline, _reach(radius))
-        _keep_cells(occupied, drawn, outline)
+        _keep_cells(occupied, mapped, outline)
     return SearchDomain(
         grid,
         robot,
@@ -298,7 +298,7 @@ def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndar
 
 def _keep_cells(
     occupied: Bool[np.ndarray, "rows columns"],
-    drawn: Bool[np.ndarray, "rows columns"],
+    mapped: Bool[np.ndarray, "rows columns"],
     outline: Float[np.ndarray, "p 2"],
 ) -> None:
     """Occupy the cells of an object that stays as the map draws it, for what is pushed beside it.
@@ -309,8 +309,8 @@ def _keep_cells(
     if not occupied[window].size:
         return
     touched = _touched(outline, window)
-    shown = drawn[window] | ~_covered(outline, window)
-    occupied[window] |= touched & drawn[window] if shown.all() else touched
+    shown = mapped[window] | ~_covered(outline, window)
+    occupied[window] |= touched & mapped[window] if shown.all() else touched
 
 
 def _covered(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
