@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt16
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 
 __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
@@ -36,15 +37,13 @@ class SpeedLimits:
     three times the radius.
     """
 
-    radius_m: float  #: of the circle around the robot [m]
-    v_max_m_s: float = 0.3  #: far from obstacles [m/s]
-    v_min_m_s: float = 0.05  #: at an obstacle [m/s]
+    radius_m: float = field(metadata=POSITIVE)  #: of the circle around the robot [m]
+    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: far from obstacles [m/s]
+    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at an obstacle [m/s]
 
     def __post_init__(self) -> None:
-        for name, value in (("radius_m", self.radius_m), ("v_min_m_s", self.v_min_m_s)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError("SpeedLimits", f"found {value}, expected > 0", field=name)
-        if not (math.isfinite(self.v_max_m_s) and self.v_max_m_s >= self.v_min_m_s):
+        check_ranges(self)
+        if self.v_max_m_s < self.v_min_m_s:
             raise InputError(
                 "SpeedLimits",
                 f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",

@@ -7,12 +7,13 @@ are too heavy, smaller ones fall over or are part of something larger.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
@@ -22,15 +23,22 @@ __all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
 class FootprintSettings:
     """Which regions are candidates."""
 
-    smallest_m: float = 0.1  #: s_x and s_y of the text
+    min_m: float = field(default=0.1, metadata=POSITIVE)  #: s_x and s_y of the text
     max_m: float = 0.7
-    join_m: float = 0.06  #: cells of one object may be this far apart
-    free_fraction: float = 0.5  #: of the ring around it that has to be free: else it is part of a wall
+    join_m: float = field(default=0.06, metadata=NON_NEGATIVE)  #: cells of one object may be this far apart
+    free_fraction: float = field(
+        default=0.5, metadata=within(0, 1)
+    )  #: of the ring around it that has to be free: else it is part of a wall
     ring_m: float = 0.15
 
     def __post_init__(self) -> None:
-        if not (0 < self.smallest_m < self.max_m and self.join_m >= 0 and 0 <= self.free_fraction <= 1):
-            raise InputError("FootprintSettings", f"found {self}, expected 0 < smallest < largest")
+        check_ranges(self)
+        if not self.min_m < self.max_m:
+            raise InputError(
+                "FootprintSettings",
+                f"found {self.max_m}, expected more than min_m ({self.min_m})",
+                field="max_m",
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,7 +165,7 @@ def _footprint(
     hull = MultiPoint(places).convex_hull
     size = _box_size(np.array(hull.exterior.coords))
     # Rounding of the rectangle must not decide about a size that is just right.
-    if size[1] < settings.smallest_m - 1e-6 or size[0] > settings.max_m + 1e-6:
+    if size[1] < settings.min_m - 1e-6 or size[0] > settings.max_m + 1e-6:
         return None
     ring = max(1, round(settings.ring_m / grid.resolution_m))
     top, left = (max(int(v) - ring, 0) for v in cells.min(axis=0))

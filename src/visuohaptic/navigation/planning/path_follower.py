@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import DeviceError, InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ...core.robots import BaseState, ClockWatch, MobileBase, require_members
 
 __all__ = ["FollowLimits", "PathFollower", "drive_path"]
@@ -19,26 +20,24 @@ __all__ = ["FollowLimits", "PathFollower", "drive_path"]
 class FollowLimits:
     """Speeds, distances and gains of the control law."""
 
-    radius_m: float = 0.17
-    v_max_m_s: float = 0.3  #: from three radii of clearance on, Eq. (4.1)
-    v_min_m_s: float = 0.05  #: at one radius
-    turn_max_rad_s: float = 1.2
-    acceleration_m_s2: float = 0.25  #: that braking is planned with
-    tolerance_m: float = 0.02  #: of the goal
+    radius_m: float = field(default=0.17, metadata=POSITIVE)
+    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: from three radii of clearance on, Eq. (4.1)
+    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at one radius
+    turn_max_rad_s: float = field(default=1.2, metadata=POSITIVE)
+    acceleration_m_s2: float = field(default=0.25, metadata=POSITIVE)  #: that braking is planned with
+    tolerance_m: float = field(default=0.02, metadata=POSITIVE)  #: of the goal
     corner_rad: float = 0.3  #: sharper corners are turned at a stop
     offset_gain_per_m2: float = 30.0  #: k_e: turn rate per speed and cross-track error
     heading_gain_per_s: float = 3.0  #: k_theta: turn rate per heading error
 
     def __post_init__(self) -> None:
-        values = (
-            self.radius_m,
-            self.v_min_m_s,
-            self.turn_max_rad_s,
-            self.acceleration_m_s2,
-            self.tolerance_m,
-        )
-        if not (all(math.isfinite(v) and v > 0 for v in values) and self.v_max_m_s >= self.v_min_m_s):
-            raise InputError("FollowLimits", f"found {self}, expected numbers > 0 and v_max >= v_min")
+        check_ranges(self)
+        if self.v_max_m_s < self.v_min_m_s:
+            raise InputError(
+                "FollowLimits",
+                f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
+                field="v_max_m_s",
+            )
 
     def speed_m_s(self, clearance_m: float) -> float:
         """Allowed speed [m/s] at a clearance: the inverse of the travel cost of Eq. (4.1).

@@ -10,10 +10,10 @@ from ...core.files import atomic_path
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 
-__all__ = ["plot_plan"]
+__all__ = ["plot_path_plan"]
 
 
-def plot_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
+def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
     """Draw map, objects, path (green) and pushes (red) into a PNG.
 
     Parameters

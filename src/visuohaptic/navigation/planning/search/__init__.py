@@ -1,4 +1,4 @@
-"""A* over pushes among movable obstacles: search domain, admissible heuristic, successors and queue (Alt 2016, Sec. 4.2.1)."""
+"""A* over pushes: search domain, admissible heuristic, successors, weighted A* passes (Alt 2016, Sec. 4.2.1)."""
 
 import lazy_loader
 
