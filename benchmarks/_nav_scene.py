@@ -13,14 +13,14 @@ from jaxtyping import Float
 from visuohaptic.core import Estimate, HapticTag
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planning import (
+from visuohaptic.navigation.planning import without_pushing
+from visuohaptic.navigation.planning.planner import pull_string
+from visuohaptic.navigation.planning.search import (
     build_search_domain,
     fill_cells,
     grid_from_world,
-    without_pushing,
     world_from_grid,
 )
-from visuohaptic.navigation.planning.planner import pull_string
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, RobotModel
 from visuohaptic.navigation.pushing import PushModel
 from visuohaptic.simulation.floor import FloorObject

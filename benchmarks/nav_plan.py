@@ -20,16 +20,9 @@ from benchmarks.peers.scenes import load_namosim
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.graph import assign_regions, build_graph
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
-from visuohaptic.navigation.planning import (
-    alternatives,
-    build_search_domain,
-    extend_graph,
-    grid_from_world,
-    make_plan,
-    search_pushes,
-    without_pushing,
-)
+from visuohaptic.navigation.planning import alternatives, extend_graph, make_plan, without_pushing
 from visuohaptic.navigation.planning.oracle import solve_exact
+from visuohaptic.navigation.planning.search import build_search_domain, grid_from_world, search_pushes
 from visuohaptic.navigation.problem import ManipulationNode, MovableObject, PlanningProblem
 
 from .harness import cpu_seconds, median

@@ -23,7 +23,8 @@ import numpy as np
 
 from benchmarks._nav_scene import SEED, Scene, larger, make_scene
 from visuohaptic.core.files import write_text
-from visuohaptic.navigation.planning import SearchLimits, make_plan, without_pushing
+from visuohaptic.navigation.planning import make_plan, without_pushing
+from visuohaptic.navigation.planning.search import SearchLimits
 from visuohaptic.navigation.problem import PlanningProblem
 from visuohaptic.simulation.floor import FloorRobot, FloorSenses, FloorWorld
 from visuohaptic.tasks.mobile.travel import Travel, travel

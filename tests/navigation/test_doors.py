@@ -104,7 +104,7 @@ def test_jambs_are_walls_and_the_way_between_is_free() -> None:
 
 
 def test_settings_are_checked() -> None:
-    with pytest.raises(InputError, match="narrowest < widest"):
+    with pytest.raises(InputError, match=r"widest_m: found 1.0, expected more than narrowest_m"):
         DoorSettings(narrowest_m=2.0, widest_m=1.0)
 
 

@@ -76,8 +76,8 @@ def test_size_and_surroundings_decide() -> None:
     cells = np.full((40, 40), -1, np.int8)
     cells[15:20, 15:20] = 100
     assert find_footprints(OccupancyMap(cells, 0.05)) == (), "nobody has seen what is around it"
-    with pytest.raises(InputError, match="smallest < largest"):
-        FootprintSettings(smallest_m=1.0)
+    with pytest.raises(InputError, match=r"max_m: found 0.7, expected more than min_m"):
+        FootprintSettings(min_m=1.0)
     with pytest.raises(InputError, match="expected"):
         find_footprints(OccupancyMap(cells, 0.05), among=np.ones((2, 2), bool))
 

@@ -61,7 +61,7 @@ def test_edge_costs_are_those_of_the_map_without_the_object(scene, joint):
     problem, graph, _ = scene
     from visuohaptic.io.maps import OccupancyMap
     from visuohaptic.navigation.graph import plan_on_grid
-    from visuohaptic.navigation.planning import clear_cells, grid_from_world
+    from visuohaptic.navigation.planning.search import clear_cells, grid_from_world
 
     occupied = problem.map.cells >= 50
     clear_cells(occupied, grid_from_world(problem.map, problem.objects[0].footprint_m))

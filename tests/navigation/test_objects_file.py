@@ -114,7 +114,7 @@ def test_what_is_wrong_is_said_in_one_line(data, said):
     ("data", "said"),
     [
         ({}, "radius_m: is missing"),
-        ({"radius_m": 0}, "radius_m: found 0.0, expected a finite number > 0"),
+        ({"radius_m": 0}, "radius_m: found 0.0, expected more than 0"),
         ({"radius_m": "big"}, "radius_m: found 'big'"),
         ({"radius_m": 0.2, "v_min_m_s": 1.0}, "v_min_m_s: found 1.0, expected at most v_max_m_s"),
         ({"radius_m": 0.2, "v_min_m_s": 1e-12}, "v_min_m_s: found 1e-12, expected at least v_max_m_s / 1000"),

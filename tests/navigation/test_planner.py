@@ -11,18 +11,20 @@ import pytest
 from visuohaptic.core import HapticTag, InputError
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.planning import (
-    SearchLimits,
     after_exploration,
     after_failure,
     after_push,
     alternatives,
-    build_search_domain,
-    grid_from_world,
     make_plan,
-    search_pushes,
     without_pushing,
 )
 from visuohaptic.navigation.planning.oracle import certify, solve_exact
+from visuohaptic.navigation.planning.search import (
+    SearchLimits,
+    build_search_domain,
+    grid_from_world,
+    search_pushes,
+)
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem, plan_from_json
 
 from .plan_check import faults

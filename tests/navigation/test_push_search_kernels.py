@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import dijkstra
 from shapely import Point, Polygon
 
 from visuohaptic.navigation.planning._joint_kernels import bounded_ways, cell_meets_polygon, free_object
-from visuohaptic.navigation.planning._push_search_kernels import free_push_steps
-from visuohaptic.navigation.planning._travel_kernels import (
+from visuohaptic.navigation.planning.search._push_search_kernels import free_push_steps
+from visuohaptic.navigation.planning.search._travel_kernels import (
     FAR,
     UNITS,
     flood,

@@ -7,7 +7,8 @@ import pytest
 
 from tests.navigation.plan_check import faults
 from tests.navigation.plan_scenes import ROBOT, STOOL, box, rooms, with_objects
-from visuohaptic.navigation.planning import SearchLimits, make_plan
+from visuohaptic.navigation.planning import make_plan
+from visuohaptic.navigation.planning.search import SearchLimits
 from visuohaptic.navigation.problem import MovableObject, PlanningProblem
 
 
@@ -42,7 +43,7 @@ def test_the_hasty_pass_changes_no_cheapest_plan():
 
 
 def test_contacts_follow_the_learnt_centre_of_friction():
-    from visuohaptic.navigation.planning import build_search_domain, world_from_grid
+    from visuohaptic.navigation.planning.search import build_search_domain, world_from_grid
 
     problem = series(1)
     stool = problem.objects[0]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import label
 
-from visuohaptic.navigation.graph import skeleton
-from visuohaptic.navigation.graph._skeleton_kernels import ADJACENT
+from visuohaptic.navigation.graph.tracing import skeleton
+from visuohaptic.navigation.graph.tracing._skeleton_kernels import ADJACENT
 from visuohaptic.navigation.grid import SpeedLimits, grid_layers
 
 from .random_maps import RADII_M, random_map, topology

@@ -15,7 +15,7 @@ from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.mapper import OccupancyMapper
 from ..navigation.planning.planner import pull_string
 from ..navigation.planning.policies import without_pushing
-from ..navigation.planning.search_domain import (
+from ..navigation.planning.search.search_domain import (
     build_search_domain,
     fill_cells,
     grid_from_world,

@@ -214,7 +214,7 @@ def tags_given(mission: Mission) -> None:
 
 def map_with(grid: OccupancyMap, objects: tuple[MovableObject, ...]) -> OccupancyMap:
     """The first round's map with the footprints of the things where they are now."""
-    from ..navigation.planning.search_domain import fill_cells, grid_from_world
+    from ..navigation.planning.search.search_domain import fill_cells, grid_from_world
 
     filled = np.zeros(grid.shape, dtype=bool)
     for item in objects:

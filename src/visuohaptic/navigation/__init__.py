@@ -1,1 +1,1 @@
-"""Maps to graphs, tags to plans: where a robot drives and what it pushes aside (Alt 2016, Ch. 4)."""
+"""Navigation among movable obstacles (NAMO): costmaps, graphs, pushes and plans from map and haptic tags (Alt 2016, Ch. 4)."""

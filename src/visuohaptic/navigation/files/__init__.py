@@ -1,4 +1,4 @@
-"""Graphs, layers and joint graphs as GeoJSON and images."""
+"""Route graphs as GeoJSON for Nav2, joint graphs, and layers of a costmap as images."""
 
 import lazy_loader
 

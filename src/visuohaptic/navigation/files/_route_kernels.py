@@ -7,18 +7,18 @@ import math
 import numpy as np
 
 from ...core.kernels import kernel
-from ..graph._path_kernels import cost
+from ..graph.tracing._path_kernels import cost
 from ..pushing._outline_kernels import segment_distance
 
 __all__ = ["chord_clearance", "chord_measures", "split_path"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
-def _interval(at: float, way: float, centre: float, low: float, high: float) -> tuple[float, float]:
+def _interval(at: float, extent: float, centre: float, low: float, high: float) -> tuple[float, float]:
     """The part of ``low..high`` of a segment that lies within half a cell of a centre, along one axis."""
-    if way == 0.0:
+    if extent == 0.0:
         return (low, high) if abs(at - centre) <= 0.5 else (1.0, 0.0)
-    first, second = (centre - 0.5 - at) / way, (centre + 0.5 - at) / way
+    first, second = (centre - 0.5 - at) / extent, (centre + 0.5 - at) / extent
     return max(low, min(first, second)), min(high, max(first, second))
 
 
@@ -47,6 +47,17 @@ def chord_clearance(
 
     ``distance`` (rows, columns) [cells] from the border of the obstacles' squares, 0 in one of them; only where
     it allows an obstacle nearer than what is known are squares looked at.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [cells], from the border of the obstacles' squares.
+    y0, x0, y1, x1
+        Row and column of both ends.
+    limit
+        Distances are not followed beyond this [cells].
+    outside_blocks
+        Whether everything outside the map is an obstacle.
     """
     rows, columns = distance.shape
     count = max(1, int(math.ceil(math.hypot(y1 - y0, x1 - x0))))
@@ -72,7 +83,19 @@ def chord_clearance(
 
 @kernel(error_model="numpy", boundscheck=False)
 def split_path(distance: np.ndarray, path: np.ndarray, radius: float, outside_blocks: bool) -> np.ndarray:
-    """Places in a path (k, 2) of cells, first and last among them, between which straight lines keep a radius."""
+    """Places in a path (k, 2) of cells, first and last among them, between which straight lines keep a radius.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [cells], from the border of the obstacles' squares.
+    path
+        Cells (row, column), (k, 2).
+    radius
+        Clearance to keep [cells].
+    outside_blocks
+        Whether everything outside the map is an obstacle.
+    """
     count = len(path)
     cut = np.zeros(count, np.bool_)
     cut[0] = cut[count - 1] = True
@@ -108,6 +131,17 @@ def chord_measures(
 
     ``speeds`` as in Eq. (4.1): (radius [cells], 1 / v_min, 1 / v_max); the cost is summed over steps of at most
     a cell at the distance of the cell that a step's middle lies in.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [cells], from the border of the obstacles' squares.
+    corners
+        Cells (row, column), (k, 2).
+    speeds
+        Radius [cells], 1 / v_min and 1 / v_max [s/m].
+    outside_blocks
+        Whether everything outside the map is an obstacle.
     """
     measures = np.empty((len(corners) - 1, 3))
     for k in range(len(corners) - 1):

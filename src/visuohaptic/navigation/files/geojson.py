@@ -159,6 +159,11 @@ def _write(path: Path | str, features: list[dict[str, Any]], more: dict[str, Any
 def load_route_graph(path: Path | str) -> RouteGraph:
     """Read a graph of the Nav2 route server: our own, one drawn by hand, or another program's.
 
+    Parameters
+    ----------
+    path
+        File name.
+
     Raises
     ------
     InputError
@@ -184,12 +189,17 @@ def load_route_graph(path: Path | str) -> RouteGraph:
 def load_graph(path: Path | str) -> tuple[NavigationGraph, OccupancyMap]:
     """Read what :func:`save_graph` has written; the map has the grid's place, all cells unknown.
 
+    Parameters
+    ----------
+    path
+        File name.
+
     Raises
     ------
     InputError
         Names the file and the feature, with what was found and what was expected.
     """
-    from ..graph._prune_kernels import label_components
+    from ..graph.tracing._prune_kernels import label_components
 
     nodes, edges, data = _read(path)
     grid: Any = data.get("grid")

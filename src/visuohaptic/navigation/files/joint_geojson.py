@@ -17,13 +17,22 @@ __all__ = ["save_joint_route_graph"]
 
 
 def save_joint_route_graph(path: Path | str, joint: JointGraph, *, frame: str = "map") -> None:
-    """Write visual and added nodes with edges in both directions.
+    """Write the joint graph for the Nav2 route server: visual and added nodes, edges in both directions.
 
     Visual edges are split until their straight lines keep the robot's radius, as
     :func:`~visuohaptic.navigation.files.geojson.save_route_graph` does. Edges of added nodes lead to a task whose
     local planner drives them: their lines are drawn from node to node and may pass obstacles.
     An edge into an added node carries the operation of its local planner,
     triggered on entering; edges that cannot be driven are left out.
+
+    Parameters
+    ----------
+    path
+        File name.
+    joint
+        The graph.
+    frame
+        Name of the coordinate frame.
     """
     grid = joint.regions.layers.map
     features: list[dict[str, Any]] = []

@@ -90,6 +90,10 @@ def save_layer(
         Where the layer lies.
     exact
         Keep every bit, in a picture that only :func:`load_layer` understands.
+    name
+        Of the layer.
+    unit
+        Of the values.
 
     Raises
     ------
@@ -173,6 +177,11 @@ def _png(pixels: np.ndarray) -> bytes:
 
 def load_layer(path: Path | str) -> Layer:
     """Read what :func:`save_layer` has written.
+
+    Parameters
+    ----------
+    path
+        File name, ends in ``.yaml``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Skeleton graph and regions of a map, edited in place, and shortest paths on it (Alt 2016, Sec. 4.2)."""
+"""Navigation graph and regions of a costmap, updated in place; shortest and any-angle paths by string pulling (Alt 2016, Sec. 4.2)."""
 
 import lazy_loader
 

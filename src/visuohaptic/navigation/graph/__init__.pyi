@@ -12,5 +12,3 @@ from .query import pull_string as pull_string
 from .query import shortest_path as shortest_path
 from .regions import Regions as Regions
 from .regions import assign_regions as assign_regions
-from .skeletonize import skeleton as skeleton
-from .skeletonize import skeleton_marks as skeleton_marks

@@ -1,10 +1,10 @@
 """Potential and nearest node of every cell, worked out from all nodes at once.
 
-A cell's value is the pair (potential, seed): the smallest cost of a way from a seed, in whole units,
-and of equal ones the smallest seed. Every cell on a way costs its ``step``, times sqrt(2)
+A cell's value is the pair (potential, seed): the smallest cost of a path from a seed, in whole units,
+and of equal ones the smallest seed. Every cell on a path costs its ``step``, times sqrt(2)
 where it is entered diagonally. Such pairs have one solution, whatever the order of the work.
 
-The work goes in bands of potential not wider than the cheapest step: no way leads from a cell to another of the
+The work goes in bands of potential not wider than the cheapest step: no path leads from a cell to another of the
 same band, so all cells of a band are final once the bands below are done (Denardo and Fox 1979).
 """
 
@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...core.kernels import kernel
-from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
+from .tracing._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = ["UNREACHED", "descend", "diagonal", "spread"]
 
@@ -23,7 +23,13 @@ UNREACHED = np.int32(2**31 - 1)
 
 @kernel(error_model="numpy", boundscheck=False, inline="always")
 def diagonal(step: int) -> int:
-    """A diagonal step [units]: sqrt(2) of a straight one, rounded."""
+    """A diagonal step [units]: sqrt(2) of a straight one, rounded.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step [units].
+    """
     return (step * 92682 + 32768) >> 16
 
 
@@ -44,6 +50,23 @@ def spread(
     ``slowest`` and ``fastest`` bound the steps of reachable cells. The map is worked on in squares of
     ``side`` cells, which stay in the cache; what crosses a border waits until its square's turn.
     ``queued`` (rows * columns,) uint8 is used in between: all 0 before and after.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    cells
+        To start from (flat).
+    slowest, fastest
+        Largest and smallest step of the reachable cells [units].
+    side
+        Edge length of the squares that are worked on [cells].
+    queued
+        Buffer (rows * columns,) uint8, all 0 before and after.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -145,7 +168,7 @@ def spread(
                 place = rest
                 entries -= 1
                 if value >> shift != now or queued[cell] == 0:
-                    continue  # reached by a cheaper way in the meantime
+                    continue  # reached by a cheaper path in the meantime
                 queued[cell] = 0
                 settled += 1
                 origin = flat_seed[cell]
@@ -160,7 +183,7 @@ def spread(
                     other = cell + offsets[k]
                     old = flat_potential[other]
                     if old <= value:
-                        continue  # about half of them: where the way came from
+                        continue  # about half of them: where the path came from
                     cost = np.int64(flat_step[other])
                     if cost == 0:
                         continue
@@ -218,7 +241,19 @@ def _longer(array: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def descend(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, cell: int) -> np.ndarray:
-    """Cells (flat) from ``cell`` to its node, each the cheapest way's next; ties by the smallest index."""
+    """Cells (flat) from ``cell`` to its node, each the next of the cheapest path; ties by the smallest index.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    cell
+        Flat index.
+    """
     rows, columns = step.shape
     flat_potential = potential.ravel()
     flat_seed = seed.ravel()

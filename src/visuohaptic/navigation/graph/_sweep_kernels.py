@@ -1,8 +1,8 @@
-"""Potentials and nearest nodes by passes over rows: most ways from a node are straight enough for two.
+"""Potentials and nearest nodes by passes over rows: most paths from a node are straight enough for two.
 
 The pair (potential, seed) of ``_region_kernels`` is one whole number here, potential * 2^31 + seed, so that
 one minimum compares both and the loop over a row becomes vector code. A pass downwards and one
-upwards follow every way that does not turn back twice; a third looks for cells that are not
+upwards follow every path that does not turn back twice; a third looks for cells that are not
 final yet. From those ``_region_kernels.spread`` goes on.
 
 Where to work is said by tiles of the map: an edit takes back regions, which fill little of the box round them.
@@ -28,7 +28,19 @@ _FAR = (np.int64(UNREACHED) << _SHIFT) | _SEED
 
 @kernel(error_model="numpy", boundscheck=False)
 def touch(tiles: np.ndarray, cells: np.ndarray, columns: int, around: int) -> None:
-    """Note the tiles of cells (flat), and those up to ``around`` tiles away."""
+    """Note the tiles of cells (flat), and those up to ``around`` tiles away.
+
+    Parameters
+    ----------
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
+    cells
+        Flat indices.
+    columns
+        Number of columns of the map.
+    around
+        How many tiles around are noted too.
+    """
     high, wide = tiles.shape
     for cell in cells:
         row = cell // columns
@@ -190,7 +202,7 @@ def _along(here: np.ndarray, cost: np.ndarray, potential: np.ndarray, seed: np.n
 def _better(
     line: np.ndarray, here: np.ndarray, below: np.ndarray, above: np.ndarray, best: np.ndarray
 ) -> int:
-    """Best ways onto a run of cells from all eight sides; returns on how many cells that is news."""
+    """Best paths onto a run of cells from all eight sides; returns on how many cells that is news."""
     own, right = here[1:], here[2:]
     below1, below2, above1, above2 = below[1:], below[2:], above[1:], above[2:]
     news = 0
@@ -212,7 +224,18 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.n
 
     ``step`` (rows, columns) uint16; ``potential`` and ``seed`` int32, as for ``spread``; ``tiles`` uint8,
     one per ``TILE`` x ``TILE`` cells, 1 where noted, all 0 afterwards. Returns the cells (flat) of the tiles
-    and of the ring round them whose ways onward have to be looked at still.
+    and of the ring round them whose paths onward have to be looked at still.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
     """
     columns = step.shape[1]
     here = np.empty(columns + 2, np.int64)
@@ -221,13 +244,13 @@ def sweep(step: np.ndarray, potential: np.ndarray, seed: np.ndarray, tiles: np.n
     best = np.empty(columns + 2, np.int64)
     noted = _noted(tiles)
     used, start, runs = _runs(step, tiles, noted, 0)
-    for way in (1, -1):
+    for sense in (1, -1):
         for line in range(len(used)):
-            number = line if way == 1 else len(used) - 1 - line
+            number = line if sense == 1 else len(used) - 1 - line
             row = used[number]
             for run in range(start[number], start[number + 1]):
                 first, stop = runs[run, 0], runs[run, 1]
-                _load(potential, seed, row - way, first, stop, below)
+                _load(potential, seed, row - sense, first, stop, below)
                 _load(potential, seed, row, first, stop, here)
                 _enter(step[row, first:stop], here, below, best)
                 _along(here, best, potential[row, first:stop], seed[row, first:stop])

@@ -6,13 +6,13 @@ import numpy as np
 
 from ...core.kernels import kernel
 from ._region_kernels import UNREACHED, diagonal
-from ._skeleton_kernels import COLUMN_STEP, ROW_STEP
 from ._sweep_kernels import TILE, touch
+from .tracing._path_kernels import longer
+from .tracing._skeleton_kernels import COLUMN_STEP, ROW_STEP
 
 __all__ = [
     "differences",
     "distance_window",
-    "footprint",
     "forget",
     "on_skeleton",
     "queue_near",
@@ -22,42 +22,6 @@ __all__ = [
 
 _QUEUED = np.uint8(2)
 _FORGOTTEN = np.uint8(8)
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def footprint(
-    polygon: np.ndarray, first_row: int, last_row: int, first_column: int, last_column: int
-) -> np.ndarray:
-    """Which cells of a window a polygon touches; ``polygon`` (k, 2) in cells (x along columns, y along rows)."""
-    found = np.zeros((last_row - first_row + 1, last_column - first_column + 1), np.bool_)
-    corners = len(polygon)
-    for row in range(first_row, last_row + 1):
-        for column in range(first_column, last_column + 1):
-            inside = False
-            x, y = column + 0.5, row + 0.5
-            for k in range(corners):
-                x0, y0 = polygon[k, 0], polygon[k, 1]
-                x1, y1 = polygon[(k + 1) % corners, 0], polygon[(k + 1) % corners, 1]
-                if (y0 > y) != (y1 > y) and x < (x1 - x0) * (y - y0) / (y1 - y0) + x0:
-                    inside = not inside
-                # Does the side cross the cell? Clip it to the square.
-                low, high = 0.0, 1.0
-                for axis in range(2):
-                    a = x0 if axis == 0 else y0
-                    way = (x1 - x0) if axis == 0 else (y1 - y0)
-                    edge = float(column) if axis == 0 else float(row)
-                    if way == 0.0:
-                        if a <= edge or a >= edge + 1.0:
-                            high = -1.0
-                    else:
-                        near, far = (edge - a) / way, (edge + 1.0 - a) / way
-                        low = max(low, min(near, far))
-                        high = min(high, max(near, far))
-                if low < high:
-                    inside = True
-                    break
-            found[row - first_row, column - first_column] = inside
-    return found
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -93,6 +57,15 @@ def distance_window(
 
     Distances are those before the edit. On the straight line from a cell that feels the
     edit to where it was made all cells feel it, so the window may grow ring by ring.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell before the edit [m].
+    resolution_m
+        Edge length of a cell [m].
+    first_row, last_row, first_column, last_column
+        Box of the edit, both ends included.
     """
     rows, columns = distance.shape
     top, bottom, right, left = last_row, first_row, last_column, first_column
@@ -136,7 +109,15 @@ def distance_window(
 
 @kernel(error_model="numpy", boundscheck=False)
 def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
-    """Queue cells (flat) and their neighbours for thinning; returns them, each once."""
+    """Queue cells (flat) and their neighbours for thinning; returns them, each once.
+
+    Parameters
+    ----------
+    changed
+        Cells (flat).
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    """
     rows, columns = mark.shape
     flat = mark.ravel()
     near = np.empty(9 * len(changed), np.int32)
@@ -156,7 +137,13 @@ def queue_near(changed: np.ndarray, mark: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def differences(old: np.ndarray, new: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What is in ``old`` only and what is in ``new`` only; both ascending."""
+    """What is in ``old`` only and what is in ``new`` only; both ascending.
+
+    Parameters
+    ----------
+    old, new
+        Ascending numbers.
+    """
     removed, added = np.empty_like(old), np.empty_like(new)
     gone, come, i, j = 0, 0, 0, 0
     while i < len(old) or j < len(new):
@@ -193,6 +180,17 @@ def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: n
     """Take back the values of all cells that belong to ``nodes`` (flat cells), and note their tiles.
 
     A region hangs together: its window is complete when no strip beside it has a cell of it.
+
+    Parameters
+    ----------
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    nodes
+        Flat cells of the nodes.
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
     """
     rows, columns = seed.shape
     for node in nodes:
@@ -203,16 +201,16 @@ def release(potential: np.ndarray, seed: np.ndarray, nodes: np.ndarray, tiles: n
             growing = False
             a, b = max(left - TILE, 0), min(right + TILE, columns - 1)
             if top < rows - 1:
-                wanted = min(top + TILE, rows - 1)
-                if _holds(seed, node, (top + 1, wanted, a, b)):
-                    top, growing = wanted, True
+                target = min(top + TILE, rows - 1)
+                if _holds(seed, node, (top + 1, target, a, b)):
+                    top, growing = target, True
             if bottom > 0 and _holds(seed, node, (bottom - TILE, bottom - 1, a, b)):
                 bottom, growing = bottom - TILE, True
             a, b = max(bottom - TILE, 0), min(top + TILE, rows - 1)
             if right < columns - 1:
-                wanted = min(right + TILE, columns - 1)
-                if _holds(seed, node, (a, b, right + 1, wanted)):
-                    right, growing = wanted, True
+                target = min(right + TILE, columns - 1)
+                if _holds(seed, node, (a, b, right + 1, target)):
+                    right, growing = target, True
             if left > 0 and _holds(seed, node, (a, b, left - TILE, left - 1)):
                 left, growing = left - TILE, True
         for row in range(bottom, top + 1):
@@ -243,6 +241,23 @@ def forget(
 
     Their tiles are noted; ``mark`` is used in between. Returns whether there were at most
     ``limit``; if not, nothing is changed.
+
+    Parameters
+    ----------
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; 0 where the robot does not fit.
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    potential
+        Cost from each cell to its node [units], (rows, columns) int32.
+    seed
+        Flat cell of the node that each cell belongs to, (rows, columns) int32.
+    roots
+        Cells (flat).
+    tiles
+        One uint8 per tile of ``TILE`` x ``TILE`` cells, 1 where noted.
+    limit
+        Maximum number of cells.
     """
     rows, columns = step.shape
     flat_step = step.ravel()
@@ -275,7 +290,7 @@ def forget(
         column = cell - row * columns
         inside = 0 < row < rows - 1 and 0 < column < columns - 1
         if count + 8 > len(gone):
-            gone = _longer(gone)
+            gone = longer(gone)
         for k in range(8):
             if not inside:
                 r, c = row + ROW_STEP[k], column + COLUMN_STEP[k]
@@ -283,7 +298,7 @@ def forget(
                     continue
             other = cell + offsets[k]
             more = flat_potential[other] - value
-            # Whoever got its value here is dearer and of the same node.
+            # Whoever got its value here costs more and is of the same node.
             if more <= 0 or flat_seed[other] != origin:
                 continue
             cost = np.int64(flat_step[other])
@@ -302,7 +317,15 @@ def forget(
 
 @kernel(error_model="numpy", boundscheck=False)
 def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
-    """Those of some cells (flat) that are on the skeleton."""
+    """Those of some cells (flat) that are on the skeleton.
+
+    Parameters
+    ----------
+    cells
+        Flat indices.
+    mark
+        Marks of the skeleton, (rows, columns) uint8.
+    """
     flat = mark.ravel()
     found = np.empty(len(cells), np.int32)
     count = 0
@@ -315,7 +338,15 @@ def on_skeleton(cells: np.ndarray, mark: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Cells (flat) and those round them, some more than once."""
+    """Cells (flat) and their eight neighbours, some more than once.
+
+    Parameters
+    ----------
+    cells
+        Flat indices.
+    rows, columns
+        Shape of the map.
+    """
     found = np.empty(9 * len(cells), np.int32)
     count = 0
     for cell in cells:
@@ -326,10 +357,3 @@ def with_neighbours(cells: np.ndarray, rows: int, columns: int) -> np.ndarray:
                 found[count] = r * columns + c
                 count += 1
     return found[:count]
-
-
-@kernel(error_model="numpy", boundscheck=False)
-def _longer(array: np.ndarray) -> np.ndarray:
-    larger = np.empty(2 * len(array), array.dtype)
-    larger[: len(array)] = array
-    return larger

@@ -9,10 +9,10 @@ from ...core.errors import InputError
 from ...core.geometry import rotation_2d
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM, GridLayers, SpeedLimits, grid_layers
-from ._lines import SkeletonLines
 from .navigation_graph import Decisions, NavigationGraph, decisions_from_lines, graph_from_decisions
 from .regions import SQUARE, Regions, assign_regions, step_bounds
-from .skeletonize import skeleton_marks
+from .tracing._lines import SkeletonLines
+from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["NavigationMap", "footprint_cells"]
 
@@ -28,8 +28,16 @@ _GROW = 3
 
 
 def footprint_cells(map: OccupancyMap, polygon_m: Float[np.ndarray, "k 2"]) -> Int32[np.ndarray, "c 2"]:
-    """Cells (row, column) of a map that a polygon (x, y) [m] in the map frame touches."""
-    from ._update_kernels import footprint
+    """Cells (row, column) of a map that a polygon (x, y) [m] in the map frame touches.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    polygon_m
+        Corners x, y [m], map frame.
+    """
+    from ._footprint_kernels import footprint
 
     polygon_m = np.asarray(polygon_m, dtype=np.float64)
     if polygon_m.ndim != 2 or polygon_m.shape[1:] != (2,) or len(polygon_m) < 3:
@@ -137,12 +145,26 @@ class NavigationMap:
         self._place(name, self._flat(footprint_cells(self.map, polygon_m)))
 
     def move_obstacle(self, name: str, polygon_m: Float[np.ndarray, "k 2"]) -> None:
-        """Move an obstacle that is on the map."""
+        """Move an obstacle that is on the map.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        polygon_m
+            Corners x, y [m], map frame.
+        """
         self._known(name)
         self.set_obstacle(name, polygon_m)
 
     def remove_obstacle(self, name: str) -> None:
-        """Take an obstacle off the map; what the map showed below it comes back."""
+        """Take an obstacle off the map; what the map showed below it comes back.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        """
         self._known(name)
         self._place(name, np.empty(0, np.int64))
         del self._obstacles[name]
@@ -151,15 +173,22 @@ class NavigationMap:
         """Change what the map itself shows: occupancy -1 to 100 of cells (row, column).
 
         Under an obstacle that is set, a cell stays occupied until that leaves.
+
+        Parameters
+        ----------
+        cells
+            (row, column).
+        values
+            Occupancy -1 to 100, one for all or one each.
         """
         cells = np.asarray(cells, dtype=np.int64).reshape(-1, 2)
-        wanted = np.broadcast_to(np.asarray(values), (len(cells),))
+        target = np.broadcast_to(np.asarray(values), (len(cells),))
         if not self.map.inside(cells).all():
             raise InputError("set_cells", "found cells outside the map", field="cells")
-        if len(wanted) and not (wanted.min() >= -1 and wanted.max() <= OCCUPIED):
+        if len(target) and not (target.min() >= -1 and target.max() <= OCCUPIED):
             raise InputError("set_cells", "found values outside -1 to 100", field="values")
         flat = self._flat(cells)
-        self._base.ravel()[flat] = wanted.astype(np.int8)
+        self._base.ravel()[flat] = target.astype(np.int8)
         self._follow(np.unique(flat))
 
     def _known(self, name: str) -> None:
@@ -227,8 +256,8 @@ class NavigationMap:
 
     def _update_skeleton(self, near: np.ndarray) -> None:
         """Thin again what the new distances reach, and follow the lines."""
-        from ._skeleton_kernels import refine
         from ._update_kernels import on_skeleton, with_neighbours
+        from .tracing._skeleton_kernels import refine
 
         # Small distances first: few cells are then looked at more than once.
         order = near[np.argsort(self.layers.distance_m.ravel()[near])]
@@ -260,7 +289,7 @@ class NavigationMap:
             owners = np.unique(seed.ravel()[changed])
             release(potential, seed, owners[owners >= 0], self._tiles)
             forget(layers.step, self._mark, potential, seed, changed, self._tiles, seed.size)
-        # Nodes that are new, and those that stand on cells that were taken back.
+        # Nodes that are new, and those on cells that were taken back.
         lost = np.concatenate([added, seeds[seed.ravel()[seeds] < 0]])
         potential.ravel()[lost] = 0
         seed.ravel()[lost] = lost

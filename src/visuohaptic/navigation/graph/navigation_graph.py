@@ -1,4 +1,4 @@
-"""The navigation graph: one node per decision, one edge per way between (Alt 2016, Sec. 4.2 e)."""
+"""The navigation graph: one node per decision, one edge per path between (Alt 2016, Sec. 4.2 e)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from jaxtyping import Float, Int, Int32, UInt8
 
 from ...core.errors import InputError
 from ..grid.cost_grid import GridLayers
-from ._lines import RawGraph, SkeletonLines, speeds
-from .skeletonize import skeleton_marks
+from .tracing._lines import RawGraph, SkeletonLines, speeds
+from .tracing.skeletonize import skeleton_marks
 
 __all__ = ["EdgePaths", "NavigationGraph", "build_graph"]
 
@@ -41,7 +41,7 @@ class EdgePaths:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationGraph:
-    """Places where the robot decides, and the ways between them.
+    """Places where the robot decides, and the paths between them.
 
     Symbols: n nodes in the order of their cells, m edges, p cells of all paths. Parallel edges
     and edges from a node to itself are part of it: each is a loop round something.
@@ -84,11 +84,23 @@ class NavigationGraph:
         return np.bincount(self.edges.ravel(), minlength=self.nodes)
 
     def edge_path(self, edge: int) -> Int32[np.ndarray, "k 2"]:
-        """Cells (row, column) of an edge, from its first node to its second."""
+        """Cells (row, column) of an edge, from its first node to its second.
+
+        Parameters
+        ----------
+        edge
+            Index.
+        """
         return self.path_cells[self.path_start[edge] : self.path_start[edge + 1]]
 
     def nearest_node(self, point_m: Float[np.ndarray, "2"]) -> int:
-        """The node nearest as the crow flies; walls are not considered, see ``Regions`` for that."""
+        """The node at the smallest Euclidean distance; walls are not considered, see ``Regions`` for that.
+
+        Parameters
+        ----------
+        point_m
+            x, y [m], map frame.
+        """
         if self.nodes == 0:
             raise InputError("NavigationGraph", "has no nodes: the robot fits nowhere on this map")
         return int(np.argmin(((self.node_m - np.asarray(point_m)) ** 2).sum(axis=1)))
@@ -144,7 +156,7 @@ def decisions_from_lines(
     layers: GridLayers, raw: RawGraph, stub_length_m: float | None, spacing_m: float | None
 ) -> Decisions:
     """Remove stubs and merge what is no decision."""
-    from ._prune_kernels import keep_edges, prune
+    from .tracing._prune_kernels import keep_edges, prune
 
     left = prune(
         raw.clearance_m,
@@ -152,16 +164,16 @@ def decisions_from_lines(
         raw.measures[:, 0].copy(),
         -1.0 if stub_length_m is None else stub_length_m,
     )
-    nodes, ends, measures, edge_ways, ways = keep_edges(
+    nodes, ends, measures, edge_start, halves = keep_edges(
         raw.cells, raw.clearance_m, raw.ends, raw.measures, *left
     )
-    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_ways, ways))
+    found = Decisions(nodes, ends, measures, partial(raw.paths, edge_start, halves))
     return _spaced(layers, found, spacing_m) if spacing_m else found
 
 
 def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGraph:
     """The graph of what :func:`decisions_from_lines` has left."""
-    from ._prune_kernels import label_components
+    from .tracing._prune_kernels import label_components
 
     columns = layers.shape[1]
 
@@ -186,7 +198,7 @@ def graph_from_decisions(layers: GridLayers, found: Decisions) -> NavigationGrap
 
 def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decisions:
     """Cut long edges into pieces of equal length, as near to ``spacing_m`` as a whole number of them allows."""
-    from ._junction_kernels import measure_paths
+    from .tracing._junction_kernels import measure_paths
 
     path_start, path = before.paths()
     columns = layers.shape[1]
@@ -201,10 +213,10 @@ def _spaced(layers: GridLayers, before: Decisions, spacing_m: float) -> Decision
         if count > 1:
             rows, cols = np.divmod(cells, columns)
             steps = np.hypot(np.diff(rows), np.diff(cols))
-            way = np.concatenate([[0.0], np.cumsum(steps)])
+            along = np.concatenate([[0.0], np.cumsum(steps)])
             for k in range(1, count):
-                cut = int(np.searchsorted(way, way[-1] * k / count))
-                # Ways that share cells inside a junction share no node there.
+                cut = int(np.searchsorted(along, along[-1] * k / count))
+                # Paths with common cells inside a junction have no common node there.
                 if cuts[-1] < cut < len(cells) - 1 and int(cells[cut]) not in taken:
                     taken.add(int(cells[cut]))
                     cuts.append(cut)

@@ -1,4 +1,4 @@
-"""Ways through the graph and over the cells: shortest, pulled taut, and exact (Alt 2016, Sec. 4.2)."""
+"""Paths through the graph and over the cells: shortest, any-angle by string pulling, and exact (Alt 2016, Sec. 4.2)."""
 
 from __future__ import annotations
 
@@ -21,39 +21,39 @@ _LANDMARKS = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A way through the graph."""
+    """A path through the graph."""
 
-    nodes: Int32[np.ndarray, "k"]  #: from the start to the goal; empty when there is no way
+    nodes: Int32[np.ndarray, "k"]  #: from the start to the goal; empty when there is none
     edges: Int32[np.ndarray, "k-1"]  #: between them
-    cost_s: float  #: sum of the edges' costs, infinite when there is no way
+    cost_s: float  #: sum of the edges' costs, infinite when there is none
 
     @property
     def found(self) -> bool:
-        """Whether there is a way."""
+        """Whether there is a path."""
         return len(self.nodes) > 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GridPath:
-    """A way over the cells, and its straight pieces."""
+    """A path over the cells, and the any-angle path of straight segments."""
 
-    cells: Int32[np.ndarray, "k 2"]  #: (row, column), each a neighbour of the one before; empty: no way
-    points_m: Float[np.ndarray, "q 2"]  #: corners of the taut line (x, y) in the map frame [m]
-    cost_s: float  #: of the cells: mean cost of both ends of each step times its length; infinite: no way
-    line_cost_s: float  #: of the taut line
-    line_length_m: float  #: of the taut line
+    cells: Int32[np.ndarray, "k 2"]  #: (row, column), each a neighbour of the one before; empty: no path
+    points_m: Float[np.ndarray, "q 2"]  #: corners of the any-angle path (x, y) in the map frame [m]
+    cost_s: float  #: of the cells: mean cost of both ends of each step times its length; infinite: no path
+    line_cost_s: float  #: of the any-angle path
+    line_length_m: float  #: of the any-angle path
     looked_at: int  #: cells that the search settled
 
     @property
     def found(self) -> bool:
-        """Whether there is a way."""
+        """Whether there is a path."""
         return len(self.cells) > 0
 
 
 def shortest_path(
     graph: NavigationGraph, start_node: int, goal_node: int, costs: Float[np.ndarray, "m"] | None = None
 ) -> Route:
-    """The cheapest way between two nodes.
+    """The cheapest path between two nodes.
 
     Parameters
     ----------
@@ -75,19 +75,29 @@ def shortest_path(
     else:
         costs = _checked(graph, costs)
         pace, marks = 0.0, marks[:0]  # bounds of the edges' own costs do not hold for others
-    ways, cost_s = graph_search(
+    halves, cost_s = graph_search(
         start, half, graph.edges, costs, graph.node_m, pace, marks, start_node, goal_node
     )
     if not np.isfinite(cost_s):
         return Route(np.empty(0, np.int32), np.empty(0, np.int32), float("inf"))
-    last = graph.edges[ways >> 1, 1 - (ways & 1)]
-    return Route(np.concatenate([[start_node], last]).astype(np.int32), ways >> 1, float(cost_s))
+    last = graph.edges[halves >> 1, 1 - (halves & 1)]
+    return Route(np.concatenate([[start_node], last]).astype(np.int32), halves >> 1, float(cost_s))
 
 
 def costs_from(
     graph: NavigationGraph, node: int, costs: Float[np.ndarray, "m"] | None = None
 ) -> Float[np.ndarray, "n"]:
-    """Cost of the cheapest way from a node to every other [s], infinite where there is none."""
+    """Cost of the cheapest path from a node to every other [s], infinite where there is none.
+
+    Parameters
+    ----------
+    graph
+        Navigation graph.
+    node
+        Index of the node.
+    costs
+        Of the edges [s], in place of the graph's own.
+    """
     from ._search_kernels import all_costs
 
     if not 0 <= node < graph.nodes:
@@ -143,9 +153,16 @@ def _searching(
 def plan_on_grid(
     layers: GridLayers, start_m: Float[np.ndarray, "2"], goal_m: Float[np.ndarray, "2"]
 ) -> GridPath:
-    """The cheapest way over the cells, exactly: A* on the 8-neighbour grid.
+    """The cheapest path over the cells, exactly: A* on the 8-neighbour grid.
 
     Costs are those of Eq. (4.1) rounded to whole units (1/4096 of the fastest step).
+
+    Parameters
+    ----------
+    layers
+        Costmap: clearance and cost of each cell.
+    start_m, goal_m
+        x, y [m], map frame.
 
     Raises
     ------
@@ -162,7 +179,7 @@ def pull_string(
     start_cell: Int[np.ndarray, "2"],
     goal_cell: Int[np.ndarray, "2"],
 ) -> GridPath:
-    """The cheapest way inside the regions that some edges lead through: a route pulled taut.
+    """The cheapest any-angle path inside the regions that some edges lead through: string pulling of a route.
 
     Parameters
     ----------
@@ -201,10 +218,19 @@ def plan_path(
     *,
     slack: float = 0.25,
 ) -> GridPath:
-    """From point to point: a route through the graph, pulled taut over the cells.
+    """Any-angle path from point to point: a route through the graph, shortened over the cells by string pulling.
 
-    The way may use the regions of all nodes through which a route costs at most ``1 + slack`` times the
+    The path may use the regions of all nodes through which a route costs at most ``1 + slack`` times the
     cheapest, because edges lead through the middle and are in general overestimated.
+
+    Parameters
+    ----------
+    regions
+        From :func:`visuohaptic.navigation.graph.regions.assign_regions`.
+    start_m, goal_m
+        x, y [m], map frame.
+    slack
+        Fraction by which a route may cost more than the cheapest.
 
     Raises
     ------
@@ -250,7 +276,7 @@ def _on_cells(
     seed: Int32[np.ndarray, "rows columns"],
     allowed: UInt8[np.ndarray, "cells"],
 ) -> GridPath:
-    from ._search_kernels import grid_search, straighten
+    from ._grid_search_kernels import grid_search, straighten
 
     slowest, fastest = step_bounds(layers)
     path, cost, looked = grid_search(layers.step, start, goal, fastest, slowest, seed, allowed)

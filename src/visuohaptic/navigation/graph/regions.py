@@ -1,4 +1,4 @@
-"""Which node a cell belongs to, and the way there (Alt 2016, Algorithm 1)."""
+"""Which node a cell belongs to, and the path there (Alt 2016, Algorithm 1)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SQUARE = 512
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regions:
-    """The nearest node of every cell by cost, and the cost of the way from there.
+    """The nearest node of every cell by cost, and the cost of the path from there.
 
     The arrays of regions that belong to a ``NavigationMap`` change with the
     next edit; copy what has to stay.
@@ -45,7 +45,7 @@ class Regions:
 
     @property
     def potential_s(self) -> Float32[np.ndarray, "rows columns"]:
-        """Cost of the way between a cell and its node [s], infinite where there is none.
+        """Cost of the path between a cell and its node [s], infinite where there is none.
 
         Computed anew on every access: keep the result.
         """
@@ -54,7 +54,13 @@ class Regions:
         return seconds
 
     def node_at(self, cells: Int[np.ndarray, "*batch 2"]) -> Int[np.ndarray, "*batch"]:
-        """Nodes that cells (row, column) belong to, -1 where none can be reached."""
+        """Nodes that cells (row, column) belong to, -1 where none can be reached.
+
+        Parameters
+        ----------
+        cells
+            (row, column).
+        """
         cells = np.asarray(cells)
         inside = self.layers.map.inside(cells)
         seeds = self.seed[np.where(inside, cells[..., 0], 0), np.where(inside, cells[..., 1], 0)]
@@ -63,6 +69,11 @@ class Regions:
 
     def path_to_node(self, cell: Int[np.ndarray, "2"]) -> Int32[np.ndarray, "k 2"]:
         """Cells (row, column) from a cell to its node, down the potential.
+
+        Parameters
+        ----------
+        cell
+            (row, column).
 
         Raises
         ------
@@ -83,11 +94,18 @@ class Regions:
 
 
 def assign_regions(layers: GridLayers, graph: NavigationGraph) -> Regions:
-    """Assign every reachable cell to the node that is nearest by cost (Alt 2016, Algorithm 1).
+    """Assign every reachable cell to the node with the smallest travel cost (Alt 2016, Algorithm 1).
 
     The text's loop over a set is a label-correcting method; this one has the same fixed point, works on
     costs rounded to whole units (1/4096 of the fastest step), and settles a tie by the node
     with the smaller cell, so that the result does not depend on the order of the work.
+
+    Parameters
+    ----------
+    layers
+        Costmap: clearance and cost of each cell.
+    graph
+        Navigation graph of the same map.
     """
     from ._region_kernels import UNREACHED, spread
     from ._sweep_kernels import TILE, sweep

@@ -1,4 +1,4 @@
-"""Layers of a map: distance, clearance, cost, and the footprints of objects."""
+"""Costmaps: clearance (distance transform), travel cost and reachability of each cell, and footprints of obstacles."""
 
 import lazy_loader
 

@@ -21,6 +21,17 @@ def vertical_cells(cells: np.ndarray, threshold: int, unknown_blocks: bool, vert
     ``cells`` (rows, columns) int8; a cell is an obstacle from ``threshold`` on, and where it is
     negative if ``unknown_blocks``; then so are the rows before the first and after the last, which
     are unknown, too. ``vertical`` (rows, columns) uint16 is filled.
+
+    Parameters
+    ----------
+    cells
+        Occupancy, (rows, columns) int8.
+    threshold
+        Occupancy from which a cell is an obstacle.
+    unknown_blocks
+        Whether unknown cells are obstacles.
+    vertical
+        Rows to the nearest obstacle of the column, (rows, columns) uint16.
     """
     rows, columns = cells.shape
     low = np.int8(-1) if unknown_blocks else np.int8(-128)
@@ -55,7 +66,21 @@ def vertical_update(
     first_column: int,
     last_column: int,
 ) -> None:
-    """Bring ``vertical`` up to date after cells of a window (both ends included) have changed."""
+    """Bring ``vertical`` up to date after cells of a window (both ends included) have changed.
+
+    Parameters
+    ----------
+    cells
+        Occupancy, (rows, columns) int8.
+    threshold
+        Occupancy from which a cell is an obstacle.
+    unknown_blocks
+        Whether unknown cells are obstacles.
+    vertical
+        Rows to the nearest obstacle of the column, (rows, columns) uint16.
+    first_row, last_row, first_column, last_column
+        The window, both ends included.
+    """
     rows = cells.shape[0]
     low = np.int8(-1) if unknown_blocks else np.int8(-128)
     high = np.int8(threshold)
@@ -160,6 +185,21 @@ def distance_rows(
     ``steps`` (d2,) uint16, cost of a straight step by squared distance [cells^2 / 4], the last for all
     above; ``distance`` float32 and ``step`` uint16, (rows, columns), are filled. ``outside_blocks`` as
     ``unknown_blocks`` of :func:`vertical_cells`.
+
+    Parameters
+    ----------
+    vertical
+        Rows to the nearest obstacle of the column, (rows, columns) uint16.
+    resolution_m
+        Edge length of a cell [m].
+    steps
+        Cost of a straight step by squared distance [cells^2 / 4], uint16.
+    outside_blocks
+        Whether everything outside the map is an obstacle.
+    distance
+        Clearance of each cell [m], (rows, columns) float32; filled.
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; filled.
     """
     rows, columns = vertical.shape
     vertex = np.zeros(columns + 2, np.int32)
@@ -210,6 +250,23 @@ def distance_update(
     """As :func:`distance_rows` in a window (both ends included) outside which nothing has changed.
 
     Returns the cells (flat) whose distance is another now, and those of them whose step is.
+
+    Parameters
+    ----------
+    vertical
+        Rows to the nearest obstacle of the column, (rows, columns) uint16.
+    first_row, last_row, first_column, last_column
+        The window, both ends included.
+    resolution_m
+        Edge length of a cell [m].
+    steps
+        Cost of a straight step by squared distance [cells^2 / 4], uint16.
+    outside_blocks
+        Whether everything outside the map is an obstacle.
+    distance
+        Clearance of each cell [m], (rows, columns) float32; filled.
+    step
+        Cost of a straight step onto each cell [units], (rows, columns) uint16; filled.
     """
     columns = vertical.shape[1]
     vertex = np.zeros(columns + 2, np.int32)
@@ -220,8 +277,8 @@ def distance_update(
     half_m = 0.5 * resolution_m
     room = max(0, (last_row - first_row + 1) * (last_column - first_column + 1))
     changed = np.empty(room, np.int32)
-    more_expensive = np.empty(room, np.int32)
-    count, dear = 0, 0
+    other_step = np.empty(room, np.int32)
+    count, steps_changed = 0, 0
     for row in range(first_row, last_row + 1):
         line = vertical[row]
         start = first_column
@@ -260,6 +317,6 @@ def distance_update(
             new = steps[last if squared < 0 else min(squared, last)]
             if new != step[row, x]:
                 step[row, x] = new
-                more_expensive[dear] = cell
-                dear += 1
-    return changed[:count].copy(), more_expensive[:dear].copy()
+                other_step[steps_changed] = cell
+                steps_changed += 1
+    return changed[:count].copy(), other_step[:steps_changed].copy()

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt16
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OCCUPIED, OccupancyMap
 
 __all__ = ["OBSTACLE_FROM", "GridLayers", "SpeedLimits", "grid_layers", "window_distance"]
@@ -36,15 +37,13 @@ class SpeedLimits:
     three times the radius.
     """
 
-    radius_m: float  #: of the circle around the robot [m]
-    v_max_m_s: float = 0.3  #: far from obstacles [m/s]
-    v_min_m_s: float = 0.05  #: at an obstacle [m/s]
+    radius_m: float = field(metadata=POSITIVE)  #: of the circle around the robot [m]
+    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: far from obstacles [m/s]
+    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at an obstacle [m/s]
 
     def __post_init__(self) -> None:
-        for name, value in (("radius_m", self.radius_m), ("v_min_m_s", self.v_min_m_s)):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError("SpeedLimits", f"found {value}, expected > 0", field=name)
-        if not (math.isfinite(self.v_max_m_s) and self.v_max_m_s >= self.v_min_m_s):
+        check_ranges(self)
+        if self.v_max_m_s < self.v_min_m_s:
             raise InputError(
                 "SpeedLimits",
                 f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
@@ -59,7 +58,13 @@ class SpeedLimits:
             )
 
     def cost_s_per_m(self, distance_m: Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch"]:
-        """Seconds per metre at a distance from the nearest obstacle [m], Eq. (4.1)."""
+        """Travel cost at a clearance [s/m], Eq. (4.1).
+
+        Parameters
+        ----------
+        distance_m
+            Clearance: distance to the nearest obstacle [m].
+        """
         distance_m = np.asarray(distance_m, dtype=np.float64)
         fraction = np.clip((distance_m / self.radius_m - 1.0) / 2.0, 0.0, 1.0)
         cost = 1.0 / self.v_min_m_s + fraction * (1.0 / self.v_max_m_s - 1.0 / self.v_min_m_s)
@@ -70,6 +75,11 @@ class SpeedLimits:
 
         Whole numbers, so that sums do not depend on their order: potentials of an updated
         and of a rebuilt map are equal, not only near. 0 stands for a cell that cannot be reached.
+
+        Parameters
+        ----------
+        resolution_m
+            Edge length of a cell [m].
         """
         fast_s = resolution_m / self.v_max_m_s
         fast = min(float(_FAST_STEP), 65535.0 * self.v_min_m_s / self.v_max_m_s)
@@ -131,7 +141,13 @@ class GridLayers:
         return self.limits.cost_s_per_m(self.distance_m).astype(np.float32)
 
     def cost_at(self, cells: np.ndarray) -> Float[np.ndarray, "*batch"]:
-        """Cost of driving [s/m] on cells (row, column)."""
+        """Travel cost on cells [s/m].
+
+        Parameters
+        ----------
+        cells
+            (row, column).
+        """
         cells = np.asarray(cells)
         return self.limits.cost_s_per_m(self.distance_m[cells[..., 0], cells[..., 1]])
 

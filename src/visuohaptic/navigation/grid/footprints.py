@@ -1,4 +1,4 @@
-"""Footprints of things that may be movable, from the map (Alt 2016, Sec. 4.4).
+"""Footprints of objects that may be movable, from the map (Alt 2016, Sec. 4.4).
 
 Connected regions of occupied cells, the convex hull of each, because a laser
 sees one side only; kept where the size is between 0.1 and 0.7 m: larger things
@@ -7,13 +7,14 @@ are too heavy, smaller ones fall over or are part of something larger.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
 from ...core.geometry import polygon_area
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 
 __all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
@@ -23,15 +24,22 @@ __all__ = ["Footprint", "FootprintSettings", "changed_cells", "find_footprints"]
 class FootprintSettings:
     """Which regions are candidates."""
 
-    smallest_m: float = 0.1  #: s_x and s_y of the text
+    min_m: float = field(default=0.1, metadata=POSITIVE)  #: s_x and s_y of the text
     max_m: float = 0.7
-    join_m: float = 0.06  #: cells of one thing may be this far apart
-    free_fraction: float = 0.5  #: of the ring around it that has to be free: else it is part of a wall
+    join_m: float = field(default=0.06, metadata=NON_NEGATIVE)  #: cells of one object may be this far apart
+    free_fraction: float = field(
+        default=0.5, metadata=within(0, 1)
+    )  #: of the ring around it that has to be free: else it is part of a wall
     ring_m: float = 0.15
 
     def __post_init__(self) -> None:
-        if not (0 < self.smallest_m < self.max_m and self.join_m >= 0 and 0 <= self.free_fraction <= 1):
-            raise InputError("FootprintSettings", f"found {self}, expected 0 < smallest < largest")
+        check_ranges(self)
+        if not self.min_m < self.max_m:
+            raise InputError(
+                "FootprintSettings",
+                f"found {self.max_m}, expected more than min_m ({self.min_m})",
+                field="max_m",
+            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +111,15 @@ def find_footprints(
 def changed_cells(
     before: OccupancyMap, after: OccupancyMap, *, apart_m: float = 0.1
 ) -> Bool[np.ndarray, "rows columns"]:
-    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls."""
+    """Cells of ``after`` that are occupied where ``before`` was free, farther than ``apart_m`` from its walls.
+
+    Parameters
+    ----------
+    before, after
+        Two maps of one place on the same grid.
+    apart_m
+        Minimum distance from the walls of ``before`` [m].
+    """
     from scipy import ndimage
 
     rows, columns = np.indices(after.shape)
@@ -150,7 +166,7 @@ def _footprint(
     hull = MultiPoint(places).convex_hull
     size = _box_size(np.array(hull.exterior.coords))
     # Rounding of the rectangle must not decide about a size that is just right.
-    if size[1] < settings.smallest_m - 1e-6 or size[0] > settings.max_m + 1e-6:
+    if size[1] < settings.min_m - 1e-6 or size[0] > settings.max_m + 1e-6:
         return None
     ring = max(1, round(settings.ring_m / grid.resolution_m))
     top, left = (max(int(v) - ring, 0) for v in cells.min(axis=0))

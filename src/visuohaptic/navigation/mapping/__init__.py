@@ -1,4 +1,4 @@
-"""Maps from laser scans and touches; doors found on a map."""
+"""Occupancy grid maps from laser scans (scan matching) and from touch (haptic map), and doors found on them."""
 
 import lazy_loader
 

@@ -22,6 +22,25 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
     ``ends`` (n, 2): where beams end (row, column); ``hits``: whether there was
     an echo; ``stamp``: int32 grid that holds the number of the last scan that
     changed a cell.
+
+    Parameters
+    ----------
+    log_odds
+        The map, (rows, columns).
+    stamp
+        Number of the last scan that changed each cell, (rows, columns) int32.
+    number
+        Of this scan.
+    start_row, start_column
+        Where the scanner is [cells].
+    ends
+        Where the beams end (row, column) [cells], (n, 2).
+    hits
+        Whether a beam had an echo (n,).
+    hit, miss
+        Log-odds added where a beam ends and where it passes.
+    bound
+        Maximum magnitude of the log-odds.
     """
     rows, columns = log_odds.shape
     for beam in range(len(ends)):
@@ -39,19 +58,19 @@ def add_beams(log_odds, stamp, number, start_row, start_column, ends, hits, hit,
         next_i = (i + (1 if dr > 0 else 0) - start_row) / dr if dr != 0.0 else np.inf
         next_j = (j + (1 if dc > 0 else 0) - start_column) / dc if dc != 0.0 else np.inf
         last_i, last_j = int(math.floor(ends[beam, 0])), int(math.floor(ends[beam, 1]))
-        way = 0.0
-        while way < 1.0 and 0 <= i < rows and 0 <= j < columns:
+        passed = 0.0
+        while passed < 1.0 and 0 <= i < rows and 0 <= j < columns:
             if i == last_i and j == last_j:
                 break
             if stamp[i, j] != number:
                 stamp[i, j] = number
                 log_odds[i, j] = max(log_odds[i, j] + miss, -bound)
             if next_i < next_j:
-                way = next_i
+                passed = next_i
                 next_i += per_i
                 i += step_i
             else:
-                way = next_j
+                passed = next_j
                 next_j += per_j
                 j += step_j
 
@@ -62,6 +81,17 @@ def correlate(field, points, rows, columns, cosines, sines):
 
     ``points`` (n, 2) as (row, column) about the centre of rotation; ``rows`` and
     ``columns`` are the places of that centre in the grid that are tried.
+
+    Parameters
+    ----------
+    field
+        Score of each cell, (rows, columns).
+    points
+        Hits (row, column) about the centre of rotation [cells], (n, 2).
+    rows, columns
+        Places of that centre that are tried [cells].
+    cosines, sines
+        Of the turns that are tried.
     """
     high, wide = field.shape
     result = np.zeros((len(cosines), len(rows), len(columns)), dtype=np.float32)
@@ -88,6 +118,17 @@ def nearest_lines(mean_row, mean_column, count, points, reach):
     ``mean_row``, ``mean_column``: mean place of the hits in a cell where
     ``count`` > 0. Returns (n, 5): row and column of the mean, normal (row,
     column), and a weight: 0 without any mean near, -1 where the means make no line.
+
+    Parameters
+    ----------
+    mean_row, mean_column
+        Mean place of the hits in each cell [cells], (rows, columns).
+    count
+        Number of hits in each cell.
+    points
+        Hits (row, column) [cells], (n, 2).
+    reach
+        How far a mean is looked for [cells].
     """
     rows, columns = count.shape
     result = np.zeros((len(points), 5))

@@ -30,7 +30,7 @@ MEASURES = (
     "wall_length",  #: root of the length of wall in line with the opening [m]
 )
 
-#: Gaps narrower than this are no way for anyone: they are closed, like those in a wall of glass (m).
+#: Gaps narrower than this are not passages: they are closed, like those in a wall of glass (m).
 CLOSED_GAP_M = 0.56
 #: A group of obstacles smaller than this stands alone: furniture, no wall (m).
 ALONE_M = 1.2
@@ -85,7 +85,13 @@ def distance_cells(free: Bool[np.ndarray, "rows columns"]) -> Float32[np.ndarray
 
 
 def free_space(grid: OccupancyMap) -> DoorSpace:
-    """Free space with walls only."""
+    """Free space with walls only.
+
+    Parameters
+    ----------
+    grid
+        Occupancy map.
+    """
     from scipy import ndimage
 
     r, around = grid.resolution_m, np.ones((3, 3))
@@ -126,7 +132,15 @@ def _wall_directions(
 
 
 def narrow_places(space: DoorSpace, widest_m: float) -> Int[np.ndarray, "n 2"]:
-    """Cells (row, column) in the middle of the narrow places, the narrowest first."""
+    """Cells (row, column) in the middle of the narrow places, the narrowest first.
+
+    Parameters
+    ----------
+    space
+        Free space with walls only.
+    widest_m
+        Maximum width of an opening [m].
+    """
     import cv2
     from scipy import ndimage
     from skimage.morphology import h_maxima
@@ -178,7 +192,14 @@ def measure(
 ) -> Opening | None:
     """Jambs and measures of the narrow place at a free cell; None where there is no pair of jambs.
 
-    ``free`` is that of ``space``, or less where other doors are closed.
+    Parameters
+    ----------
+    space
+        Free space with walls only.
+    free
+        The free cells of ``space``, or fewer where other doors are closed.
+    place
+        Free cell (row, column) in the middle of a narrow place.
     """
     r = space.resolution_m
     jambs = _jambs(free, place, r)
@@ -260,7 +281,7 @@ def _look(
 
 
 def _free_length(free: np.ndarray, start: np.ndarray, towards: np.ndarray, resolution_m: float) -> float:
-    """Free way along a direction, at most 3 m [m]; 0 where the start is not free."""
+    """Free distance along a direction, at most 3 m [m]; 0 where the start is not free."""
     steps = np.arange(0, 3.0 / resolution_m, 0.7)
     blocked = np.flatnonzero(~_look(free, start + steps[:, None] * towards))
     return float(steps[blocked[0]] if len(blocked) else steps[-1]) * resolution_m
@@ -278,7 +299,7 @@ def _widening(free: np.ndarray, middle: np.ndarray, passage: np.ndarray, resolut
         inside = ((cells >= 0) & (cells < distance.shape)).all(axis=1)
         cells = cells[: int(np.argmin(inside)) if not inside.all() else len(cells)]
         clearance = distance[cells[:, 0], cells[:, 1]]
-        # Behind a wall on the way is another room.
+        # Behind a wall in between is another room.
         stops = np.flatnonzero((clearance == 0) & (np.arange(len(cells)) * 1.5 * resolution_m > 0.3))
         best.append(
             float(clearance[: stops[0]].max(initial=0.0) if len(stops) else clearance.max(initial=0.0))

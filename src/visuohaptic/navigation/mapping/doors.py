@@ -11,12 +11,13 @@ wing. Openings between rooms are reported, with or without wing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int32
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges, within
 from ...io.maps.occupancy_map import OccupancyMap
 from .door_openings import MEASURES, DoorSpace, Opening, free_space, measure, narrow_places
 
@@ -49,16 +50,19 @@ _SAME_ROOM = 0.5
 class DoorSettings:
     """What counts as a door."""
 
-    narrowest_m: float = 0.6  #: between the jambs
+    narrowest_m: float = field(default=0.6, metadata=POSITIVE)  #: between the jambs
     widest_m: float = 2.0
-    min_confidence: float = 0.4  #: found nine of ten drawn doors of two floors with four wrong in ten
+    min_confidence: float = field(
+        default=0.4, metadata=within(0, 1)
+    )  #: found nine of ten drawn doors of two floors with four wrong in ten
 
     def __post_init__(self) -> None:
-        if not (0 < self.narrowest_m < self.widest_m and 0 <= self.min_confidence <= 1):
+        check_ranges(self)
+        if not self.narrowest_m < self.widest_m:
             raise InputError(
                 "DoorSettings",
-                f"found widths {self.narrowest_m} to {self.widest_m} m and confidence {self.min_confidence}, "
-                "expected 0 < narrowest < widest and a confidence 0..1",
+                f"found {self.widest_m}, expected more than narrowest_m ({self.narrowest_m})",
+                field="widest_m",
             )
 
 

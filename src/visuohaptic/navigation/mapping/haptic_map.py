@@ -1,7 +1,7 @@
 """A map by touch: every contact's primitive, trusted near the contact and less farther away (Alt 2016, Eq. 3.12).
 
 Values are from -1 (surely free) over 0 (nothing known) to 1 (surely
-occupied). Things that gave way when pushed are kept in a layer of their own.
+occupied). Objects that moved when they were pushed are kept in a layer of their own.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class HapticContact:
     points_foam_m: Float[np.ndarray, "k 2"]  #: contact points X_k
     T_map_foam: tuple[float, float, float]  #: (x [m], y [m], yaw [rad]) of F in the map
     confidence: float = 1.0  #: 0..1, for instance the score of the primitive
-    movable: bool = False  #: it gave way when it was pushed
+    movable: bool = False  #: it moved when it was pushed
 
     def __post_init__(self) -> None:
         points = np.asarray(self.points_foam_m, dtype=np.float64)
@@ -137,7 +137,7 @@ class HapticMap:
     resolution_m: float
     origin_m: tuple[float, float]  #: (x, y) of the corner of cell (0, 0)
     rate: float = 0.5  #: c of Eq. (3.12): how quickly old contacts are replaced
-    depth_m: float = math.inf  #: how far behind their surface walls are believed
+    depth_m: float = math.inf  #: how far behind their surface cells count as occupied
     contacts: int = field(default=0)  #: how many were added
 
     @classmethod
@@ -150,7 +150,26 @@ class HapticMap:
         rate: float = 0.5,
         depth_m: float = math.inf,
     ) -> HapticMap:
-        """A map that knows nothing."""
+        """A map in which nothing is known yet.
+
+        Parameters
+        ----------
+        corner_m
+            x, y of the corner of cell (0, 0) [m], map frame.
+        size_m
+            Extent along x and y [m].
+        resolution_m
+            Edge length of a cell [m].
+        rate
+            c of Eq. (3.12): how quickly old contacts are replaced.
+        depth_m
+            How far behind a surface cells count as occupied [m].
+
+        Raises
+        ------
+        InputError
+            A size that is not positive, or too many cells.
+        """
         if not (np.isfinite([*corner_m, *size_m, resolution_m]).all() and resolution_m > 0 < min(size_m)):
             raise InputError("HapticMap", f"found size {size_m}, resolution {resolution_m}, expected > 0")
         if not (0 < rate <= 1 and depth_m > 0):
@@ -166,9 +185,14 @@ class HapticMap:
         )
 
     def add(self, contact: HapticContact) -> None:
-        """M <- (1 - c T(m_d)) M + c T(m_O m_d), in the layer of the contact.
+        """Add a contact to its layer: M <- (1 - c T(m_d)) M + c T(m_O m_d), Eq. (3.12).
 
-        The front of a movable thing is free space in the static layer too.
+        The front of a movable object is free space in the static layer too.
+
+        Parameters
+        ----------
+        contact
+            The contact.
         """
         window, places = self._window(contact)
         if places.size == 0:
@@ -183,7 +207,13 @@ class HapticMap:
         self.contacts += 1
 
     def forget_movable(self, outline_m: Float[np.ndarray, "p 2"]) -> None:
-        """A movable thing has been pushed away from here: nothing is known of it inside the polygon."""
+        """Clear the movable layer inside a polygon, from which an object was pushed away.
+
+        Parameters
+        ----------
+        outline_m
+            Corners x, y [m], map frame.
+        """
         from shapely import Polygon, contains_xy
 
         rows, columns = self.static.shape
@@ -195,7 +225,15 @@ class HapticMap:
     def value_at(
         self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False
     ) -> Float[np.ndarray, "*n"]:
-        """Values of a layer at places (x, y) [m]; 0 outside."""
+        """Values of a layer at places (x, y) [m]; 0 outside.
+
+        Parameters
+        ----------
+        points_m
+            x, y [m], map frame.
+        movable
+            Layer of objects that moved when they were pushed; if not, the static one.
+        """
         layer = self.movable if movable else self.static
         cells = np.floor((np.asarray(points_m) - np.array(self.origin_m)) / self.resolution_m).astype(
             np.int64
@@ -205,7 +243,15 @@ class HapticMap:
         return np.where(inside, layer[cells[..., 1], cells[..., 0]], 0.0)
 
     def occupancy(self, least: float = 0.05, *, movable: bool = True) -> OccupancyMap:
-        """An occupancy map of what is known with at least this confidence; a free front never hides a thing."""
+        """Occupancy map of what is known with some confidence; a free front never hides an obstacle.
+
+        Parameters
+        ----------
+        least
+            Minimum magnitude of a value, 0 to 1.
+        movable
+            Whether the movable layer is included.
+        """
         cells = np.full(self.static.shape, UNKNOWN, dtype=np.int8)
         cells[self.static <= -least] = FREE
         cells[self.static >= least] = OCCUPIED

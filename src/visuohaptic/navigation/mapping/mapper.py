@@ -41,7 +41,7 @@ class MapperSettings:
     hit: float = 0.85  #: log-odds of a cell where a beam ends: probability 0.7
     miss: float = -0.4  #: of a cell that a beam passes: 0.4; two make a cell free
     bound: float = 5.0  #: log-odds stay within
-    odometry_sigma_per_m: float = 0.1  #: drift of the odometry: standard deviation per way
+    odometry_sigma_per_m: float = 0.1  #: drift of the odometry: standard deviation per path length
     odometry_sigma_rad_per_rad: float = 0.1
     odometry_sigma_rad_per_m: float = 0.05
     odometry_floor: tuple[float, float] = (0.02, 0.02)  #: standard deviation per scan [m, rad]
@@ -63,6 +63,11 @@ class OccupancyMapper:
     """Adds scans one by one.
 
     The map's frame is that of the first odometry pose.
+
+    Parameters
+    ----------
+    settings
+        Grid, sensor model and odometry.
 
     Examples
     --------
@@ -120,7 +125,7 @@ class OccupancyMapper:
         match = self._match(scan, guess)
         self._refused = 0 if match.valid else self._refused + 1
         if self._refused > self.settings.patience and scan.valid:
-            # A robot that believes its map more than its eyes never finds back: begin anew from the odometry.
+            # The map is wrong here, and the robot would stay lost: restart from the odometry.
             _log.warning(
                 "%d scans in a row do not fit the map, scan at %.2f s is added", self._refused, scan.t_s
             )
@@ -147,7 +152,7 @@ class OccupancyMapper:
         dx, dy = odometry[0] - before[0], odometry[1] - before[1]
         ahead, left = c * dx + sn * dy, c * dy - sn * dx
         turn = (odometry[2] - before[2] + math.pi) % (2 * math.pi) - math.pi
-        way = math.hypot(ahead, left)
+        path_m = math.hypot(ahead, left)
         heading = self._pose[2]
         c, sn = math.cos(heading), math.sin(heading)
         pose = (
@@ -155,8 +160,8 @@ class OccupancyMapper:
             self._pose[1] + sn * ahead + c * left,
             heading + turn,
         )
-        place = (s.odometry_sigma_per_m * way) ** 2 + s.odometry_floor[0] ** 2
-        angle = s.odometry_sigma_rad_per_rad * abs(turn) + s.odometry_sigma_rad_per_m * way
+        place = (s.odometry_sigma_per_m * path_m) ** 2 + s.odometry_floor[0] ** 2
+        angle = s.odometry_sigma_rad_per_rad * abs(turn) + s.odometry_sigma_rad_per_m * path_m
         self._spread = self._spread + np.diag([place, place, angle**2 + s.odometry_floor[1] ** 2])
         return pose
 
@@ -281,7 +286,15 @@ class OccupancyMapper:
 def build_map(
     scans: Iterable[tuple[LaserScan, tuple[float, float, float]]], settings: MapperSettings | None = None
 ) -> OccupancyMapper:
-    """Map a whole recording of scans and odometry poses."""
+    """Map a whole recording.
+
+    Parameters
+    ----------
+    scans
+        Laser scans with the odometry pose of each: x, y [m], yaw [rad].
+    settings
+        Grid, sensor model and odometry.
+    """
     mapper = OccupancyMapper(settings)
     for scan, odometry in scans:
         mapper.add(scan, odometry)

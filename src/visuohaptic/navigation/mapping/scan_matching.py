@@ -4,20 +4,20 @@ The search (Olson 2009, correlative scan matching, here in one resolution)
 finds the right hill even when the odometry is off by decimetres; the
 refinement works on the mean hit of every cell, which is finer than the cell,
 and on the line through the means around it. The odometry takes part as a
-measurement, so that a bare corridor, which says nothing of the way along it,
+measurement, so that a bare corridor, which does not constrain the position along it,
 leaves that to the wheels, and the covariance says so.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float, Float32
 
-from ...core.errors import InputError
 from ...core.geometry import wrap_angle
 from ...core.measurement import Reason
+from ...core.ranges import POSITIVE, check_ranges
 
 __all__ = ["HitGrid", "MatchSettings", "ScanMatch", "match_scan"]
 
@@ -30,20 +30,21 @@ SURELY_FREE = -1.0
 class MatchSettings:
     """How a scan is laid on a map."""
 
-    window_m: float = 0.3  #: largest shift that is searched, to each side
-    window_rad: float = 0.15  #: largest turn that is searched
-    turn_step_rad: float = 0.015
+    window_m: float = field(default=0.3, metadata=POSITIVE)  #: largest shift that is searched, to each side
+    window_rad: float = field(default=0.15, metadata=POSITIVE)  #: largest turn that is searched
+    turn_step_rad: float = field(default=0.015, metadata=POSITIVE)
     points: int = 180  #: of the scan that are used in the search
     reach_cells: int = 3  #: a point farther from any hit is no inlier
-    sigma_m: float = 0.02  #: of a point from its line: the scanner, cells and walls that are not straight
+    sigma_m: float = field(
+        default=0.02, metadata=POSITIVE
+    )  #: of a point from its line: the scanner, cells and walls that are not straight
     iterations: int = 12
     min_points: int = 40  #: a scan with fewer says too little
     min_known: int = 25  #: points on the known part of the map; with fewer a scan cannot be laid on it
-    min_inliers: float = 0.35  #: share of these points that must be near a hit
+    min_inliers: float = 0.35  #: fraction of these points that must be near a hit
 
     def __post_init__(self) -> None:
-        if not (self.window_m > 0 and self.window_rad > 0 and self.turn_step_rad > 0 and self.sigma_m > 0):
-            raise InputError("MatchSettings", f"found {self}, expected windows, step and sigma > 0")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +58,7 @@ class ScanMatch:
         float, float, float
     ]  #: (x [m], y [m], yaw [rad]) of the scanner; by odometry alone if not valid
     covariance: Float[np.ndarray, "3 3"]  #: of the pose [m, rad], given the map
-    inliers: float  #: share of the points on the known part of the map that are near a hit
+    inliers: float  #: fraction of the points on the known part of the map that are near a hit
     residual_m: float  #: root mean square distance of the inliers from their lines
 
 
@@ -81,7 +82,7 @@ def match_scan(
     t_s: float,
     settings: MatchSettings | None = None,
 ) -> ScanMatch:
-    """Lay a scan on a map.
+    """Match a scan to a map.
 
     Parameters
     ----------
@@ -93,6 +94,8 @@ def match_scan(
         Pose by odometry (x, y, yaw) [m, rad] and its covariance.
     t_s
         Time of the scan.
+    settings
+        Search window and tolerances.
 
     Returns
     -------

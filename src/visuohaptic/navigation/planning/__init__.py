@@ -1,4 +1,4 @@
-"""Navigation among movable obstacles (NAMO): search, joint graph, policies and path tracking (Alt 2016, Sec. 4.4)."""
+"""Navigation among movable obstacles (NAMO): plans with pushes or detours, joint graph, policies, replanning, path following (Alt 2016, Sec. 4.4)."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""Kernels of the joint graph: an object's place freed in a window, its reach, and short ways in the graph."""
+"""Kernels of the joint graph: an object's place freed in a window, its reach, and short paths in the graph."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def cell_meets_polygon(row: int, column: int, polygon: np.ndarray) -> bool:
 def free_object(occupied: np.ndarray, polygon: np.ndarray, row0: int, column0: int) -> None:
     """Free an object's cells in a window that begins at (row0, column0).
 
-    Those that its outline covers, and crumbs beside them - connected pieces that
+    Those that its outline covers, and spurious components beside them - connected pieces that
     lie wholly within ``CRUMB_REACH`` - which no wall explains.
     """
     rows, columns = occupied.shape

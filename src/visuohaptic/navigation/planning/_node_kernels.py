@@ -7,7 +7,7 @@ import numpy as np
 from ...core.kernels import kernel
 from ..grid._distance_kernels import distance_rows, vertical_cells
 from ._joint_kernels import border_costs, bounded_ways, free_object, place_node, region_of_node
-from ._travel_kernels import FAR, travel_field
+from .search._travel_kernels import FAR, travel_field
 
 __all__ = ["node_in_window", "useful_neighbours"]
 
@@ -72,6 +72,32 @@ def node_in_window(
 ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """Steps 1 to 6: where the node is, its region, and what it costs to reach the nodes of the regions beside it.
 
+    Parameters
+    ----------
+    cells
+        Occupancy of the map, (rows, columns) int8.
+    threshold
+        Occupancy from which a cell is an obstacle.
+    unknown_blocks
+        Whether unknown cells are obstacles.
+    outline
+        Corners of the object (k, 2) [cells].
+    wide, narrow
+        Windows of the map, for obstacles and for the node: first and past-the-last row, first and past-the-last
+        column.
+    radius
+        Of the robot [cells].
+    slow
+        Ratio of the maximum to the minimum speed.
+    seed
+        Node of each cell of the map, (rows, columns).
+    potential
+        Cost from each cell to its node [units of the map].
+    unit_ratio
+        Units of the travel field per unit of ``potential``.
+    most
+        Maximum number of neighbours.
+
     Returns
     -------
     cell of the node (flat, in the narrow window; -1 where there is none), cells of its region (flat, in the map),
@@ -86,7 +112,7 @@ def node_in_window(
         return start, np.zeros(0, np.int32), np.zeros(0, np.int64), np.zeros(0, np.float64)
     mine = region_of_node(inner, radius, seed, i0, j0, start)
     rows, columns = inner.shape
-    # The way to a neighbour leads through the node's own region and over the border, not along it.
+    # The path to a neighbour leads through the node's own region and over the border, not along it.
     own = np.zeros((rows, columns), np.float32)
     region = np.empty(rows * columns, np.int32)
     count = 0
@@ -122,7 +148,23 @@ def useful_neighbours(
     heap_cost: np.ndarray,
     heap_node: np.ndarray,
 ) -> np.ndarray:
-    """Step 7: neighbours with a way over the node that is shorter by a share than without it."""
+    """Step 7: neighbours with a path over the node that is shorter by a fraction than without it.
+
+    Parameters
+    ----------
+    first, ends, edges
+        The graph in CSR form: first half-edge of each node, other ends, edges.
+    costs
+        Of the edges.
+    neighbours
+        Nodes of the regions beside the added node.
+    drive
+        Cost from the added node to each neighbour.
+    significant
+        Fraction by which a path has to be shorter to count.
+    best, heap_cost, heap_node
+        Buffers of Dijkstra's search.
+    """
     count = len(neighbours)
     kept = np.zeros(count, np.bool_)
     if count == 0:

@@ -1,4 +1,4 @@
-"""Exploring an object on the way: drive to a contact, touch, decide, drive on (Alt 2016, Sec. 4.4)."""
+"""Exploring an object in passing: drive to a contact, touch, decide, drive on (Alt 2016, Sec. 4.4)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts, failure_probability
 from .planner import plan_in_domain, pull_string
-from .push_states import SearchLimits
-from .push_successors import STAND_OFF
-from .search_domain import build_search_domain, grid_from_world, world_from_grid
+from .search.push_states import SearchLimits
+from .search.push_successors import STAND_OFF
+from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["via_exploration"]
 
@@ -23,9 +23,20 @@ def via_exploration(
     costs: PushCosts | None = None,
     limits: SearchLimits | None = None,
 ) -> Plan:
-    """A plan to the goal that touches one object on its way, without relying on what is found.
+    """A plan to the goal that touches one object in passing, without relying on what is found.
 
-    The contact is the one that is reached cheapest without pushing anything.
+    The contact is the one that is reached at the lowest cost without pushing anything.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    obj
+        The object to touch.
+    costs
+        What a push costs.
+    limits
+        How long to search.
     """
     costs = costs or PushCosts()
     domain = build_search_domain(problem, costs)
@@ -36,15 +47,15 @@ def via_exploration(
     body = domain.bodies[index]
     clearance = domain.clearance_with(np.zeros((len(domain.bodies), 2)))
     start = grid_from_world(problem.map, problem.start_m)
-    ways = []
+    paths = []
     for contact in body.contacts:
-        stand = body.centre + contact.robot - STAND_OFF * contact.direction
-        path, cost = pull_string(domain, clearance, start, stand)
+        approach = body.centre + contact.robot - STAND_OFF * contact.direction
+        path, cost = pull_string(domain, clearance, start, approach)
         if len(path):
-            ways.append((cost, path, contact))
-    if not ways:
+            paths.append((cost, path, contact))
+    if not paths:
         return refused
-    cost, path, contact = min(ways, key=lambda way: way[0])
+    cost, path, contact = min(paths, key=lambda one: one[0])
     path_m = world_from_grid(problem.map, path)
     contact_m = world_from_grid(problem.map, body.centre + contact.contact)
     drive = Task(

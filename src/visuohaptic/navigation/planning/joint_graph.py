@@ -6,7 +6,6 @@ class: see :class:`NodeType`, and ``node_types.py`` for those that there are.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -19,17 +18,11 @@ from jaxtyping import Float, Int, Int32
 from ...core.errors import InputError
 from ..graph.navigation_graph import NavigationGraph
 from ..graph.regions import Regions
-from ..grid.cost_grid import OBSTACLE_FROM
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import RobotModel
-from .search_domain import grid_from_world
 
-__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "extend_graph", "with_regions"]
+__all__ = ["JointGraph", "JointNode", "JointPath", "NodeType", "with_regions"]
 
-#: Step 7: an edge stays when it shortens the way between two neighbours by at least this share.
-SIGNIFICANT = 0.05
-#: Neighbours of one node, at most.
-MAX_NEIGHBOURS = 64
 #: First entry of every node, and by entry: the other end, the edge; by edge: its cost.
 _Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -54,10 +47,22 @@ class NodeType(Protocol):
         """Whether the map shows it as occupied cells (an object), or not at all (glass)."""
 
     def task_s(self, robot: RobotModel) -> float:
-        """Time of its task; infinite when the way is not to be taken."""
+        """Time of its task [s]; infinite when the passage is not to be taken.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Probability that the task fails."""
+        """Probability that the task fails.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +86,7 @@ class JointNode:
 
 @dataclass(frozen=True, slots=True)
 class JointPath:
-    """A way through the joint graph."""
+    """A path through the joint graph."""
 
     nodes: tuple[int, ...]  #: visual nodes first by number, then joint nodes
     cost_s: float
@@ -101,6 +106,11 @@ class JointGraph:
     def node(self, id: str) -> JointNode:
         """The added node of an object.
 
+        Parameters
+        ----------
+        id
+            Id of the object.
+
         Raises
         ------
         InputError
@@ -113,22 +123,40 @@ class JointGraph:
         raise InputError("JointGraph", f"has no node '{id}', there are: {names}")
 
     def without(self, id: str) -> JointGraph:
-        """The graph without a node: an obstacle that was not confirmed, a region that has gone."""
+        """The graph without a node, for instance of an obstacle that was not confirmed.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         self.node(id)
         return replace(self, added=tuple(node for node in self.added if node.kind.id != id), _scratch={})
 
     def failed(self, id: str) -> JointGraph:
-        """After a failure: the node's edges cost infinitely much."""
+        """The graph after a failure: the edges of the node cost infinitely much.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         return self._with_task(id, float("inf"))
 
     def cleared(self, id: str) -> JointGraph:
-        """After success: the node becomes one of navigation, its edges lose half the task each."""
+        """The graph after a success: the node becomes one of navigation, its edges lose half the task each.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
+        """
         return self._with_task(id, 0.0)
 
     def _worth(
         self, left: dict[str, tuple[float, np.ndarray]], at: Float[np.ndarray, "2"], id: str
     ) -> tuple[bool, float]:
-        """What exploring next is worth: opening something separate above all, then gain per way to go."""
+        """What exploring next is worth: opening something separate above all, then gain per path length."""
         gain_s, centre = left[id]
         way_s = float(np.hypot(*(centre - at))) / self.robot.v_max_m_s
         if not np.isfinite(gain_s):
@@ -158,7 +186,15 @@ class JointGraph:
         return np.concatenate(ends).astype(np.int32), np.concatenate(costs)
 
     def shortest(self, start: int, goal: int, *, visual_only: bool = False) -> JointPath:
-        """Cheapest way between two nodes by Dijkstra; cost infinite and no nodes when there is none."""
+        """Cheapest path between two nodes by Dijkstra; infinite cost and no nodes when there is none.
+
+        Parameters
+        ----------
+        start, goal
+            Indices of the nodes.
+        visual_only
+            Whether added nodes are left out.
+        """
         from heapq import heappop, heappush
 
         first, ends, edges, costs = self._csr(visual_only)
@@ -188,13 +224,18 @@ class JointGraph:
     def _csr(self, visual_only: bool) -> _Rows:
         if visual_only not in self._scratch:
             ends, costs = (self.visual.edges, self.visual.edge_cost_s) if visual_only else self.edges()
-            self._scratch[visual_only] = (*_rows(ends, self.visual.nodes + len(self.added)), costs)
+            self._scratch[visual_only] = (*adjacency(ends, self.visual.nodes + len(self.added)), costs)
         return self._scratch[visual_only]
 
     def benefit_s(self, id: str) -> float:
-        """Eq. (4.2), corrected: by how much the node shortens the way between any two of its neighbours.
+        """By how much a node shortens the path between any two of its neighbours [s]: Eq. (4.2), corrected.
 
         Infinite when it connects what was separate.
+
+        Parameters
+        ----------
+        id
+            Id of the object.
         """
         node = self.node(id)
         best = 0.0
@@ -207,7 +248,15 @@ class JointGraph:
         return best
 
     def exploration_order(self, robot_m: Float[np.ndarray, "2"], ids: Iterable[str]) -> list[str]:
-        """Objects to explore one by one: the benefit per way to go, nearest of equals first (Sec. 4.4)."""
+        """Objects to explore one by one: the benefit per path length, nearest of equals first (Sec. 4.4).
+
+        Parameters
+        ----------
+        robot_m
+            Where the robot is: x, y [m], map frame.
+        ids
+            Ids of the objects.
+        """
         left = {id: (self.benefit_s(id), self.node(id).kind.outline_m.mean(axis=0)) for id in ids}
         at = np.asarray(robot_m, dtype=np.float64)
         order: list[str] = []
@@ -218,7 +267,7 @@ class JointGraph:
         return order
 
 
-def _rows(
+def adjacency(
     ends: Int32[np.ndarray, "m 2"], nodes: int
 ) -> tuple[Int[np.ndarray, "n+1"], Int[np.ndarray, "e"], Int[np.ndarray, "e"]]:
     """CSR form of an undirected graph: where each node's entries begin, the other ends, the edges."""
@@ -231,32 +280,16 @@ def _rows(
     return first, target[order], edge[order]
 
 
-def extend_graph(
-    visual: NavigationGraph, regions: Regions, robot: RobotModel, kinds: Iterable[NodeType]
-) -> JointGraph:
-    """Add nodes to the visual graph by the seven steps of Sec. 4.2.1.
+def with_regions(plan: Plan, regions: Regions) -> Plan:
+    """The plan with, for each task, the nodes whose regions its path crosses, in order.
 
     Parameters
     ----------
-    visual, regions
-        Graph of the map as it is seen, with the regions of its nodes.
-    robot
-        Its radius and speeds are those that the layers were made for.
-    kinds
-        Manipulation, door, transparency and other nodes.
-
-    Returns
-    -------
-    JointGraph
-        With every node; one that cannot be passed has no edges.
+    plan
+        The plan.
+    regions
+        Regions of the navigation graph of the same map.
     """
-    builder = _Builder(visual, regions, robot)
-    added = tuple(builder.node(kind, visual.nodes + index) for index, kind in enumerate(kinds))
-    return JointGraph(visual, regions, robot, added)
-
-
-def with_regions(plan: Plan, regions: Regions) -> Plan:
-    """The plan with, for each task, the nodes whose regions its way crosses, in order."""
     grid = regions.layers.map
     tasks = []
     for task in plan.tasks:
@@ -268,105 +301,3 @@ def with_regions(plan: Plan, regions: Regions) -> Plan:
             nodes += [int(node) for node in found if node >= 0]
         tasks.append(replace(task, nodes=tuple(node for node, _ in groupby(nodes))))
     return replace(plan, tasks=tuple(tasks))
-
-
-class _Builder:
-    """Arrays that all nodes of one extension share."""
-
-    def __init__(self, visual: NavigationGraph, regions: Regions, robot: RobotModel) -> None:
-        from ._travel_kernels import UNITS
-
-        self.visual, self.regions, self.robot = visual, regions, robot
-        self.map = regions.layers.map
-        self.radius = robot.radius_m / self.map.resolution_m * (1 - 1e-9)
-        self.slow = robot.v_max_m_s / robot.v_min_m_s
-        self.unit_s = self.map.resolution_m / robot.v_max_m_s / UNITS
-        columns = self.map.shape[1]
-        self.seeds = visual.node_cells[:, 0].astype(np.int64) * columns + visual.node_cells[:, 1]
-        self.first, self.ends, self.edges = _rows(visual.edges, visual.nodes)
-        self.best = np.full(visual.nodes, np.inf)
-        self.heap_cost = np.zeros(2 * len(visual.edges) + 2)
-        self.heap_node = np.zeros(2 * len(visual.edges) + 2, dtype=np.int64)
-
-    def node(self, kind: NodeType, number: int) -> JointNode:
-        """Steps 1 to 7 for one object."""
-        if not kind.in_map:
-            return self._safety(kind, number)
-        from ._node_kernels import node_in_window, useful_neighbours
-
-        outline = grid_from_world(self.map, kind.outline_m)
-        # Cells that the object denies are within the radius of it; what slows the robot on them, three radii on.
-        margin = self.radius + 3.0
-        low, high = outline.min(axis=0).tolist(), outline.max(axis=0).tolist()
-        wide = self._window(low, high, margin + 3.0 * self.radius)
-        task_s = kind.task_s(self.robot)
-        none = np.zeros(0, np.int32)
-        nothing = JointNode(kind, number, (-1, -1), none, np.zeros(0), task_s, none, none)
-        if wide[1] <= wide[0] or wide[3] <= wide[2]:
-            return nothing
-        narrow = self._window(low, high, margin)
-        start, region, names, costs = node_in_window(  # 1 to 6
-            self.map.cells, OBSTACLE_FROM, not self.regions.layers.unknown_is_free, outline, wide, narrow,
-            self.radius, self.slow, self.regions.seed, self.regions.potential,
-            self.regions.unit_s / self.unit_s, MAX_NEIGHBOURS,
-        )  # fmt: skip
-        if start < 0:
-            return nothing
-        neighbours = np.searchsorted(self.seeds, names)
-        drive_s = costs * self.unit_s
-        # 7: of driving alone. What the task costs is for the search to weigh, and the figure of the text
-        # shows nodes whose edges no plan would take.
-        kept = useful_neighbours(
-            self.first, self.ends, self.edges, self.visual.edge_cost_s, neighbours, drive_s, SIGNIFICANT,
-            self.best, self.heap_cost, self.heap_node,
-        )  # fmt: skip
-        row, column = divmod(int(start), narrow[3] - narrow[2])
-        return JointNode(
-            kind, number, (row + narrow[0], column + narrow[2]), neighbours[kept].astype(np.int32),
-            drive_s[kept], task_s, region, none,
-        )  # fmt: skip
-
-    def _safety(self, kind: NodeType, number: int) -> JointNode:
-        """A node over free cells: its safety region replaces regions, edges through it are closed (Sec. 4.3.3)."""
-        from ..pushing._outline_kernels import distance_patch
-
-        rows, columns = self.map.shape
-        outline = grid_from_world(self.map, kind.outline_m)
-        patch, r0, c0 = distance_patch(rows, columns, outline, self.radius + 1.0)
-        rr, cc = np.nonzero(patch < self.radius)
-        cells = ((rr + r0) * columns + cc + c0).astype(np.int32)
-        cells = cells[self.regions.seed.ravel()[cells] >= 0]
-        closed = np.zeros(0, np.int32)
-        if len(cells) and len(self.visual.path_cells):
-            path = self.visual.path_cells[:, 0].astype(np.int64) * columns + self.visual.path_cells[:, 1]
-            hit = np.flatnonzero(np.isin(path, cells))
-            closed = np.unique(np.searchsorted(self.visual.path_start, hit, side="right") - 1).astype(
-                np.int32
-            )
-        task_s = kind.task_s(self.robot)
-        touching = np.unique(self.visual.edges[closed]).astype(np.int32)
-        drive_s = np.zeros(0)
-        if np.isfinite(task_s) and len(touching):
-            # Passing is possible after its task: to each end of a closed edge along that edge, half the way.
-            drive_s = np.array(
-                [
-                    self.visual.edge_cost_s[closed][(self.visual.edges[closed] == node).any(axis=1)].min() / 2
-                    for node in touching
-                ]
-            )
-        else:
-            touching = touching[:0]
-        centre = np.floor(outline.mean(axis=0)).astype(int)
-        return JointNode(
-            kind, number, (int(centre[1]), int(centre[0])), touching, drive_s, task_s, cells, closed
-        )
-
-    def _window(self, low: list[float], high: list[float], margin: float) -> tuple[int, int, int, int]:
-        """First and past-the-last row, first and past-the-last column of a window about a box (x, y)."""
-        rows, columns = self.map.shape
-        return (
-            max(math.floor(low[1] - margin), 0),
-            min(math.ceil(high[1] + margin) + 1, rows),
-            max(math.floor(low[0] - margin), 0),
-            min(math.ceil(high[0] + margin) + 1, columns),
-        )

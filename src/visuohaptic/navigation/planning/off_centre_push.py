@@ -34,7 +34,7 @@ from .off_centre_rollouts import (
 )
 from .planner import pull_string
 from .replanning import after_push
-from .search_domain import build_search_domain, grid_from_world, world_from_grid
+from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]
 

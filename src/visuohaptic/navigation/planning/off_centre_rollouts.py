@@ -13,8 +13,8 @@ from ...core.errors import InputError
 from ..pushing.contact_candidates import push_contacts
 from ..pushing.push_model import PushModel
 from ..pushing.quasi_static import line_path, simulate_push
-from .push_states import seed_cells
-from .search_domain import Body, SearchDomain, fill_cells, grid_from_world, lower_clearance
+from .search.push_states import seed_cells
+from .search.search_domain import Body, SearchDomain, fill_cells, grid_from_world, lower_clearance
 
 #: Directions that are tried, and places across the object as fractions of half its width.
 DIRECTIONS = 24
@@ -59,7 +59,7 @@ def rollouts(
     domain: SearchDomain, start: Float[np.ndarray, "2"], goal: Float[np.ndarray, "2"], margin_m: float
 ) -> list[Rollout]:
     """Drives against every body from all sides that cause no collision."""
-    from ._travel_kernels import UNITS, travel_field
+    from .search._travel_kernels import UNITS, travel_field
 
     still = np.zeros((len(domain.bodies), 2))
     clearance = domain.clearance_with(still)
@@ -98,7 +98,7 @@ def _approaches(
 ) -> Iterator[tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2"], float]]:
     """Directions of drives, where they start, and what it costs to get there [units]."""
     from ..pushing._outline_kernels import disc_touches_at
-    from ._travel_kernels import FAR, reach_cost
+    from .search._travel_kernels import FAR, reach_cost
 
     domain, body = scene.domain, scene.body
     shape = np.ascontiguousarray(body.outline - body.centre)
@@ -127,7 +127,7 @@ def _rollouts_of(
     approach_s: float,
 ) -> Iterator[Rollout]:
     """One drive at several lengths, as far as it is free of collisions."""
-    from ._travel_kernels import clearance_at
+    from .search._travel_kernels import clearance_at
 
     domain, resolution_m = scene.domain, scene.domain.map.resolution_m
     path = drive_of(scene, ahead, approach_at, MAX_LENGTH_M + scene.stand_off * resolution_m)
@@ -195,7 +195,7 @@ def _reached(
     rollout: Rollout, pose: np.ndarray
 ) -> tuple[Float32[np.ndarray, "rows columns"], Bool[np.ndarray, "n"]]:
     """Clearance, and the cells that the robot reaches after a push."""
-    from ._travel_kernels import UNITS, flood
+    from .search._travel_kernels import UNITS, flood
 
     domain = rollout.scene.domain
     clearance = _clearance_after(rollout, pose)
@@ -205,7 +205,7 @@ def _reached(
 
 def opens_passage(rollout: Rollout, pose: np.ndarray) -> bool:
     """Whether the goal can be reached when the body has moved by a pose."""
-    from ._travel_kernels import UNITS
+    from .search._travel_kernels import UNITS
 
     domain = rollout.scene.domain
     clearance, reached = _reached(rollout, pose)

@@ -1,16 +1,17 @@
-"""A plain local controller: follow a path at 50 Hz with a differential drive, slower where it is narrow."""
+"""Path following with a differential drive by Samson's control law at 50 Hz, slower where the clearance is small."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import DeviceError, InputError
 from ...core.geometry import wrap_angle
+from ...core.ranges import POSITIVE, check_ranges
 from ...core.robots import BaseState, ClockWatch, MobileBase, require_members
 
 __all__ = ["FollowLimits", "PathFollower", "drive_path"]
@@ -18,43 +19,48 @@ __all__ = ["FollowLimits", "PathFollower", "drive_path"]
 
 @dataclass(frozen=True, slots=True)
 class FollowLimits:
-    """Speeds and distances of the follower."""
+    """Speeds, distances and gains of the control law."""
 
-    radius_m: float = 0.17
-    v_max_m_s: float = 0.3  #: from three radii of clearance on, Eq. (4.1)
-    v_min_m_s: float = 0.05  #: at one radius
-    turn_max_rad_s: float = 1.2
-    acceleration_m_s2: float = 0.25  #: that braking is planned with
-    tolerance_m: float = 0.02  #: of the goal
+    radius_m: float = field(default=0.17, metadata=POSITIVE)
+    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: from three radii of clearance on, Eq. (4.1)
+    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: at one radius
+    turn_max_rad_s: float = field(default=1.2, metadata=POSITIVE)
+    acceleration_m_s2: float = field(default=0.25, metadata=POSITIVE)  #: that braking is planned with
+    tolerance_m: float = field(default=0.02, metadata=POSITIVE)  #: of the goal
     corner_rad: float = 0.3  #: sharper corners are turned at a stop
-    offset_gain_per_m2: float = 30.0  #: turn rate by speed and distance from the path
-    heading_gain_per_s: float = 3.0
+    offset_gain_per_m2: float = 30.0  #: k_e: turn rate per speed and cross-track error
+    heading_gain_per_s: float = 3.0  #: k_theta: turn rate per heading error
 
     def __post_init__(self) -> None:
-        values = (
-            self.radius_m,
-            self.v_min_m_s,
-            self.turn_max_rad_s,
-            self.acceleration_m_s2,
-            self.tolerance_m,
-        )
-        if not (all(math.isfinite(v) and v > 0 for v in values) and self.v_max_m_s >= self.v_min_m_s):
-            raise InputError("FollowLimits", f"found {self}, expected numbers > 0 and v_max >= v_min")
+        check_ranges(self)
+        if self.v_max_m_s < self.v_min_m_s:
+            raise InputError(
+                "FollowLimits",
+                f"found {self.v_max_m_s}, expected at least v_min_m_s ({self.v_min_m_s})",
+                field="v_max_m_s",
+            )
 
     def speed_m_s(self, clearance_m: float) -> float:
-        """Possible speed at a distance from obstacles: inverse of the cost of Eq. (4.1)."""
+        """Allowed speed [m/s] at a clearance: the inverse of the travel cost of Eq. (4.1).
+
+        Parameters
+        ----------
+        clearance_m
+            Distance to the nearest obstacle [m].
+        """
         fraction = min(1.0, max(0.0, (clearance_m / self.radius_m - 1.0) / 2.0))
         slow, fast = 1.0 / self.v_min_m_s, 1.0 / self.v_max_m_s
         return 1.0 / (slow + fraction * (fast - slow))
 
 
 class PathFollower:
-    """Velocities from odometry, one call per period.
+    """Path following by Samson's law: velocities from odometry, one call per period.
 
-    The platform drives along straight parts, steers back by its distance from
-    the part and the angle to it (Samson's law), brakes before sharp corners
-    and turns them standing, so that it leaves the path by no more than its
-    tracking error, not by the cut of a corner.
+    The platform drives along straight segments and is steered by its cross-track
+    error e and heading error theta, omega = -k_e v e sin(theta) / theta - k_theta theta
+    (Samson 1992). It brakes before sharp corners and turns them at a stop, so
+    that it leaves the path by no more than its tracking error; pure pursuit
+    would cut them.
 
     Parameters
     ----------
@@ -97,15 +103,21 @@ class PathFollower:
         return self._path[-1]
 
     def command(self, state: BaseState) -> tuple[float, float]:
-        """Speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done."""
+        """Forward speed [m/s] and turn rate [rad/s] for the next period; (0, 0) when done.
+
+        Parameters
+        ----------
+        state
+            Pose and speed by odometry.
+        """
         if self.done:
             return 0.0, 0.0
         place = np.array([state.x_m, state.y_m])
         while self._part < len(self._path) - 1:
             begin, end = self._path[self._part], self._path[self._part + 1]
-            way = end - begin
-            length = float(np.hypot(*way))
-            ahead = way / length
+            chord = end - begin
+            length = float(np.hypot(*chord))
+            ahead = chord / length
             rest = float((end - place) @ ahead)
             last = self._part == len(self._path) - 2
             corner = 0.0 if last else self._corner(self._part)
@@ -200,6 +212,10 @@ def drive_path(
         Called with the period [s] after every command: sleeps, or lets simulated time pass.
     timeout_s
         By the base's clock and by the periods waited.
+    follower
+        The control law, with its path.
+    period_s
+        Control period [s].
 
     Raises
     ------

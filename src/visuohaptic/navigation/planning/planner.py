@@ -1,4 +1,4 @@
-"""From a problem to a plan: search over pushes, then drive taut between them (Alt 2016, Sec. 4.2.1)."""
+"""From a problem to a plan: search over pushes, then string-pulled paths between them (Alt 2016, Sec. 4.2.1)."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from jaxtyping import Float, Float32
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
-from .push_search import search_pushes
-from .push_states import PushStep, SearchLimits, SearchResult, seed_cells
-from .search_domain import SearchDomain, grid_from_world, world_from_grid
+from .search.push_search import search_pushes
+from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
+from .search.search_domain import SearchDomain, grid_from_world, world_from_grid
 
 __all__ = ["assemble", "plan_in_domain"]
 
-#: Points of a grid path that one straight piece may span.
+#: Points of a grid path that one straight segment may span.
 STRING_WINDOW = 80
 #: Corners are cut at most so many times.
 STRING_ROUNDS = 12
@@ -36,7 +36,7 @@ def plan_in_domain(
     problem
         Start and goal; its map and objects are those that ``domain`` was made from.
     domain
-        From :func:`~visuohaptic.navigation.planning.search_domain.build_search_domain`.
+        From :func:`~visuohaptic.navigation.planning.search.search_domain.build_search_domain`.
     costs, limits
         What a push costs; how long to search.
     name
@@ -59,7 +59,21 @@ def assemble(
     *,
     name: str = "cheapest",
 ) -> Plan:
-    """Tasks of a search result: driving pulled taut, pushes with contact, goal and risk."""
+    """Tasks of a search result: driving along string-pulled paths, pushes with contact, goal and risk.
+
+    Parameters
+    ----------
+    problem
+        Start and goal.
+    domain
+        What was searched.
+    result
+        Pushes in order.
+    costs
+        What the seconds of the tasks are computed with.
+    name
+        Side condition, for the plan's label.
+    """
     notes = _notes(domain)
     if not result.found:
         return Plan(
@@ -102,13 +116,13 @@ def pull_string(
     start: Float[np.ndarray, "2"],
     goal: Float[np.ndarray, "2"],
 ) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Cheapest way between two points, pulled taut where that is not dearer.
+    """Cheapest any-angle path between two points: over the grid, then string pulling where that costs no more.
 
     Returns
     -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is no way
+    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
     """
-    from ._travel_kernels import FAR, UNITS, string_pull, travel_field
+    from .search._travel_kernels import FAR, UNITS, string_pull, travel_field
 
     if np.hypot(*(goal - start)) < 1e-9:
         return start[None], 0.0
@@ -136,7 +150,7 @@ def pull_string(
     # A second look joins pieces that were cut by the window.
     kept, string_pulled_cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
     path = path[kept]
-    # The way over cells knows eight directions only; chords between points along it cut its corners.
+    # The path over cells has eight directions only; chords between points along it cut its corners.
     for _ in range(STRING_ROUNDS):
         dense = _resampled(path, STRING_WINDOW)
         kept, cost_now = string_pull(clearance, radius, slow, dense, STRING_WINDOW)
@@ -175,7 +189,7 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
     contact_m, goal_m, from_m, stand_m, pushed_m, retreat_m = world_from_grid(domain.map, grid)
     moved_m = goal_m - from_m
     length_m = float(np.hypot(*moved_m))
-    price = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
+    push = push_cost(body.obj.tag, length_m, domain.robot, costs, oblique=contact.oblique)
     path_m = tuple((float(x), float(y)) for x, y in (stand_m, pushed_m, retreat_m))
     driven_m = float(np.hypot(*(pushed_m - stand_m)) + np.hypot(*(retreat_m - pushed_m)))
     tasks: list[Task] = []
@@ -187,11 +201,11 @@ def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[
                 costs.explore_time_s,
                 object=body.obj.id,
                 contact_m=_pair(contact_m),
-                failure_probability=price.failure_probability,
+                failure_probability=push.failure_probability,
             )
         )
-    cost_s = price.total_s - (price.fail_s if body.allowed.unknown else 0.0)
-    known = price.failure_probability
+    cost_s = push.total_s - (push.fail_s if body.allowed.unknown else 0.0)
+    known = push.failure_probability
     if body.allowed.unknown:  # once it has been explored, what is left is the risk of a first push
         known = costs.prior_failures / (1.0 + costs.prior_failures + costs.prior_successes)
     tasks.append(

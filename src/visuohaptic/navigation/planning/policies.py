@@ -11,14 +11,14 @@ from ..problem.path_plan import Plan
 from ..problem.planning_problem import MovableObject, PlanningProblem
 from ..problem.push_costs import PushCosts
 from .planner import plan_in_domain
-from .push_states import SearchLimits
-from .search_domain import build_search_domain
+from .search.push_states import SearchLimits
+from .search.search_domain import build_search_domain
 
 __all__ = ["alternatives", "make_plan", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
-#: Oblique pushes are searched with this share of the budget: they are a last resort.
+#: Oblique pushes are searched with this fraction of the budget: they are a last resort.
 OBLIQUE_BUDGET = 0.25
 #: ... of which little goes to the cheapest one: that there is one at all is what counts.
 OBLIQUE_FIRST, OBLIQUE_WEIGHTS = 60, (4.0,)
@@ -29,11 +29,11 @@ MAX_UNKNOWN = 5
 def make_plan(
     problem: PlanningProblem, costs: PushCosts | None = None, limits: SearchLimits | None = None
 ) -> Plan:
-    """The plan of least expected time.
+    """The plan of minimum expected time.
 
     An object that was never touched is explored first; the plan through it is
     taken when its expected time - movable with a prior probability, the best
-    way round otherwise - beats the best plan that needs no exploration.
+    detour otherwise - beats the best plan that needs no exploration.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def make_plan(
     unknown = [obj for obj in problem.objects if obj.tag is None]
     safe_plan = _planned(problem, costs, limits, unknown=False)
     if safe_plan.pushes:
-        # The search compares estimates on the grid; what is driven is pulled taut.
+        # The search compares estimates on the grid; what is driven is shortened by string pulling.
         around = without_pushing(problem, limits)
         if around.reachable and around.cost_s < safe_plan.cost_s:
             safe_plan = replace(around, name=safe_plan.name, notes=safe_plan.notes)
@@ -63,7 +63,15 @@ def make_plan(
 
 
 def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None) -> Plan:
-    """The cheapest plan that leaves everything where it is."""
+    """The cheapest plan that leaves every object where it is: the detour.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    limits
+        How long to search.
+    """
     return plan_in_domain(
         problem, build_search_domain(problem, pushes=False), None, limits, name="no pushing"
     )
@@ -72,7 +80,21 @@ def without_pushing(problem: PlanningProblem, limits: SearchLimits | None = None
 def alternatives(
     problem: PlanningProblem, costs: PushCosts | None = None, limits: SearchLimits | None = None
 ) -> dict[str, Plan]:
-    """Plans under side conditions: cheapest, most reliable, no pushing, most information."""
+    """Plans under side conditions: cheapest, most reliable, no pushing, most information.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, robot, start and goal.
+    costs
+        What a push costs.
+    limits
+        How long to search.
+
+    Returns
+    -------
+    Plans by name.
+    """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     reliable = _planned(
         problem, replace(costs, risk_s=RELIABLE_RISK_S), limits, unknown=True, report_costs=costs
@@ -104,7 +126,7 @@ def _planned(
     found = plan_in_domain(problem, domain, costs, limits, report_costs=report_costs)
     if found.reachable or not domain.bodies:
         return found
-    # Oblique pushes hold by friction alone: only where nothing else opens a way.
+    # Oblique pushes hold by friction alone: only where nothing else clears a path.
     domain = build_search_domain(problem, costs, unknown=unknown, oblique=True)
     less = replace(
         limits,
@@ -119,7 +141,7 @@ def _planned(
 def _expected(
     problem: PlanningProblem, risky_plan: Plan, first: int, costs: PushCosts, limits: SearchLimits
 ) -> float:
-    """Expected time of a plan with an exploration: the best way from there when nothing moves."""
+    """Expected time of a plan with an exploration: the best path from there when nothing moves."""
     explore = risky_plan.tasks[first]
     before_s = sum(task.cost_s for task in risky_plan.tasks[: first + 1])
     after_s = sum(task.cost_s for task in risky_plan.tasks[first + 1 :])

@@ -12,7 +12,7 @@ from ...core.objects import HapticTag
 from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
 from ..grid.cost_grid import OBSTACLE_FROM
 from ..problem.planning_problem import MovableObject, PlanningProblem
-from .search_domain import clear_cells, fill_cells, grid_from_world
+from .search.search_domain import clear_cells, fill_cells, grid_from_world
 
 __all__ = ["after_exploration", "after_failure", "after_push"]
 
@@ -66,10 +66,19 @@ def after_push(
 def after_failure(
     problem: PlanningProblem, id: str, robot_m: Float[np.ndarray, "2"], *, fixed: bool = True
 ) -> PlanningProblem:
-    """After a failure: the counter grows.
+    """The problem after a failed push: the counter of failures grows.
 
-    With ``fixed`` no plan goes through this object until it was explored again;
-    without, as after an object that slipped away, the next push is only thought less reliable.
+    Parameters
+    ----------
+    problem
+        As it was before.
+    id
+        The object.
+    robot_m
+        Where the robot is now: x, y [m], map frame.
+    fixed
+        Whether no plan goes through this object until it is explored again; if not, as after an object that
+        slipped away, only the probability of failure rises.
     """
     obj = _object(problem, id)
     tag = obj.tag or HapticTag()
@@ -82,7 +91,19 @@ def after_failure(
 def after_exploration(
     problem: PlanningProblem, id: str, tag: HapticTag, robot_m: Float[np.ndarray, "2"]
 ) -> PlanningProblem:
-    """With what an exploration has found: decide by planning again."""
+    """The problem with what an exploration has found: decide by planning again.
+
+    Parameters
+    ----------
+    problem
+        As it was before.
+    id
+        The object.
+    tag
+        What was measured.
+    robot_m
+        Where the robot is now: x, y [m], map frame.
+    """
     return _with(problem, replace(_object(problem, id), tag=tag), robot_m)
 
 

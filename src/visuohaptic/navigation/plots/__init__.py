@@ -1,4 +1,4 @@
-"""Pictures of maps, graphs and plans."""
+"""Plots of maps, graphs and plans."""
 
 import lazy_loader
 

@@ -27,7 +27,7 @@ def plot_navigation(regions: Regions, *, path_m: np.ndarray | None = None) -> Fi
     regions
         With the layers and the graph they were made from.
     path_m
-        A way (x, y) [m] to draw on top, shape (k, 2).
+        A path (x, y) [m] to draw on top, shape (k, 2).
     """
     from matplotlib.figure import Figure
 

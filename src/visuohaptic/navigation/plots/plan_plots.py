@@ -10,11 +10,21 @@ from ...core.files import atomic_path
 from ..problem.path_plan import Plan
 from ..problem.planning_problem import PlanningProblem
 
-__all__ = ["plot_plan"]
+__all__ = ["plot_path_plan"]
 
 
-def plot_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
-    """Draw map, objects, way (green) and pushes (red) into a PNG."""
+def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> None:
+    """Draw map, objects, path (green) and pushes (red) into a PNG.
+
+    Parameters
+    ----------
+    problem
+        Map, objects, start and goal.
+    plan
+        What to draw.
+    path
+        File name of the picture.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.patches import Polygon

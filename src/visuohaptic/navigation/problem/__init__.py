@@ -1,4 +1,4 @@
-"""What is planned: robot, movable objects, costs of a push, node types, and the resulting plan (Alt 2016, Sec. 4.3)."""
+"""The planning problem: robot, movable objects, cost and failure probability of a push, node types, resulting plan (Alt 2016, Sec. 4.2.1)."""
 
 import lazy_loader
 

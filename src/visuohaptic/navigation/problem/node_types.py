@@ -22,7 +22,7 @@ __all__ = [
 
 #: A wing turns about its hinge by at least this much per pushed metre: 0.5 m from the contact to the hinge is 2.
 WING_RAD_PER_M = 0.7
-#: ... and constantly so: the spread over the push is this small a share of it.
+#: ... and constantly so: its standard deviation over the push is this small a fraction of it.
 WING_SPREAD = 0.35
 
 
@@ -31,6 +31,11 @@ def is_door_wing(tag: HapticTag) -> bool:
 
     A constant rotation and a planar primitive; a wing also keeps moving after
     the platform stops, or shows nearly no friction, where that was observed.
+
+    Parameters
+    ----------
+    tag
+        From pushes of the object.
     """
     rotation = tag.rotation_rad_per_m
     if rotation is None or tag.fixed or tag.falls or abs(rotation.value) < WING_RAD_PER_M:
@@ -61,11 +66,23 @@ class ManipulationNode:
         return self.item.footprint_m
 
     def task_s(self, robot: RobotModel) -> float:
-        """``t_mani`` of the assumed push."""
+        """Time of the assumed push, ``t_mani`` [s].
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         return push_cost(self.item.tag, self.push_length_m, robot, self.costs).total_s
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Of one push."""
+        """Probability that one push fails.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         return failure_probability(self.item.tag, self.push_length_m, robot, self.costs)
 
 
@@ -88,24 +105,54 @@ class TransparencyNode:
     in_map: bool = False
 
     def seen(self, positive: bool, *, weight: float = 0.8) -> TransparencyNode | None:
-        """After one more look; ``None`` when the node goes. What was touched, a detector alone does not remove."""
+        """The node after one more observation; ``None`` when it is removed.
+
+        A node that was touched is not removed by a detector alone.
+
+        Parameters
+        ----------
+        positive
+            Whether the detector reports a transparent region.
+        weight
+            Log-odds of the observation.
+        """
         evidence = min(self.evidence + (weight if positive else -weight), 4.0)
         if evidence <= 0 and self.source == "detector":
             return None
         return replace(self, evidence=max(evidence, 0.2) if self.source == "touch" else evidence)
 
     def touched(self, found: bool, tag: HapticTag | None = None) -> TransparencyNode | None:
-        """After exploration: confirmed with what was felt, or gone."""
+        """The node after exploration by touch: confirmed with the tag, or ``None`` where nothing was found.
+
+        Parameters
+        ----------
+        found
+            Whether something was touched.
+        tag
+            What was measured of it.
+        """
         return replace(self, source="touch", tag=tag, evidence=4.0) if found else None
 
     def task_s(self, robot: RobotModel) -> float:
-        """Infinite: the region is not entered; with a tag that of a push."""
+        """Infinite, because the region is not entered; with a tag the time of a push [s].
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         if self.tag is None:
             return float("inf")
         return push_cost(self.tag, self.push_length_m, robot).total_s
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Of a push, where there is a tag."""
+        """Probability that a push fails, where there is a tag.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         return failure_probability(self.tag, self.push_length_m, robot) if self.tag else 1.0
 
 
@@ -122,10 +169,15 @@ class DoorNode:
     planner: str = "push door"
 
     def task_s(self, robot: RobotModel) -> float:
-        """Setup and the way of the contact until the robot fits through.
+        """Setup time, and the path of the contact until the robot fits through [s].
 
         The robot, of width 2 r, pushes at the middle of the wing; opened by
         an angle a the wing leaves width (1 - cos a) free.
+
+        Parameters
+        ----------
+        robot
+            The platform.
         """
         if not self.closed:
             return 0.0
@@ -138,7 +190,13 @@ class DoorNode:
         return robot.setup_time_s + 0.5 * self.width_m * angle / robot.v_push_m_s
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """It may be blocked or snapped: from the counters."""
+        """Probability that the door is blocked or latched, from the counters.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         return failure_probability(self.tag or HapticTag(explored=1), 0.0, robot)
 
 
@@ -156,14 +214,26 @@ class SlidingDoorNode:
     planner: str = "trigger and wait"
 
     def task_s(self, robot: RobotModel) -> float:
-        """Expected wait; infinite for a button without an arm."""
+        """Expected wait [s]; infinite for a button without an arm.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         del robot
         if self.trigger == "button" and not self.has_arm:
             return float("inf")
         return (1.0 - self.probability_open) * self.open_s
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Small: nobody stands in front of it for nothing."""
+        """Probability that the door does not open.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         del robot
         return 0.05
 
@@ -180,12 +250,24 @@ class WaitingNode:
     planner: str = "wait"
 
     def task_s(self, robot: RobotModel) -> float:
-        """Expected waiting time for arrivals at random, up to the patience."""
+        """Expected waiting time [s] for random arrivals, up to the patience.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         del robot
         missed = np.exp(-self.arrivals_per_s * self.patience_s)
         return float((1.0 - missed) / self.arrivals_per_s)
 
     def failure_probability(self, robot: RobotModel) -> float:
-        """Nobody comes in time."""
+        """Probability that nobody comes in time.
+
+        Parameters
+        ----------
+        robot
+            The platform.
+        """
         del robot
         return float(np.exp(-self.arrivals_per_s * self.patience_s))

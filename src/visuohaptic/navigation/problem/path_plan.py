@@ -1,4 +1,4 @@
-"""Plans: what to drive, push and explore, in order, with seconds and risks; JSON both ways."""
+"""Plans: what to drive, push and explore, in order, with seconds and risks; to and from JSON."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Task:
 
     kind: str
     cost_s: float  #: expected duration, with the penalty for failures
-    length_m: float = 0.0  #: way of the robot
-    path_m: tuple[Point, ...] = ()  #: way of the robot's centre, map frame
+    length_m: float = 0.0  #: path length of the robot
+    path_m: tuple[Point, ...] = ()  #: path of the robot's centre, map frame
     object: str = ""  #: id of what is pushed, explored or waited for
     contact_m: Point | None = None  #: where the robot touches the outline
     goal_m: Point | None = None  #: where the centre of the object goes
-    displacement_m: Point | None = None  #: way of the object
+    displacement_m: Point | None = None  #: motion of the object
     failure_probability: float = 0.0
     nodes: tuple[int, ...] = ()  #: nodes of the joint graph whose regions are crossed
 
@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def length_m(self) -> float:
-        """Way of the robot; infinite without a plan."""
+        """Path length of the robot [m]; infinite without a plan."""
         return sum(round(task.length_m, 6) for task in self.tasks) if self.reachable else float("inf")
 
     @property
@@ -112,6 +112,13 @@ class Plan:
 
 def plan_from_json(data: Mapping[str, Any], *, where: str = "plan") -> Plan:
     """Read what :meth:`Plan.to_json` wrote.
+
+    Parameters
+    ----------
+    data
+        Plain data, as ``json.load`` returns them.
+    where
+        Name of the source, for error messages.
 
     Raises
     ------

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from ...core.errors import InputError
 from ...core.geometry import polygon_area, polygon_centroid
 from ...core.objects import HapticTag
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges
 from ...io.maps.occupancy_map import OccupancyMap
 from ..grid.cost_grid import SpeedLimits
 
@@ -25,23 +26,18 @@ MAX_COORDINATE_M = 1e9
 class RobotModel:
     """A disc that drives and pushes (Alt 2016, Sec. 4.2 and 4.4)."""
 
-    radius_m: float  #: r_rob
-    v_max_m_s: float = 0.3  #: far from obstacles, Eq. (4.1)
-    v_min_m_s: float = 0.05  #: where the clearance is the robot's radius
-    v_push_m_s: float = 0.05  #: while pushing what is easily pushed
-    push_force_max_N: float = 20.0  #: the platform's capability
-    setup_time_s: float = 4.0  #: to come into position, once per push
-    push_margin_m: float = 0.0  #: room that what is pushed keeps from what does not move with it
+    radius_m: float = field(metadata=POSITIVE)  #: r_rob
+    v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: far from obstacles, Eq. (4.1)
+    v_min_m_s: float = field(default=0.05, metadata=POSITIVE)  #: where the clearance is the robot's radius
+    v_push_m_s: float = field(default=0.05, metadata=POSITIVE)  #: while pushing what is easily pushed
+    push_force_max_N: float = field(default=20.0, metadata=POSITIVE)  #: the platform's capability
+    setup_time_s: float = field(default=4.0, metadata=NON_NEGATIVE)  #: to come into position, once per push
+    push_margin_m: float = field(
+        default=0.0, metadata=NON_NEGATIVE
+    )  #: room that what is pushed keeps from what does not move with it
 
     def __post_init__(self) -> None:
-        for name in ("radius_m", "v_max_m_s", "v_min_m_s", "v_push_m_s", "push_force_max_N"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InputError("RobotModel", f"found {value}, expected a finite number > 0", field=name)
-        for name in ("setup_time_s", "push_margin_m"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError("RobotModel", f"found {value}, expected a finite number >= 0", field=name)
+        check_ranges(self)
         if self.v_min_m_s > self.v_max_m_s:
             raise InputError(
                 "RobotModel",
@@ -59,7 +55,7 @@ class MovableObject:
     footprint_m: Float[np.ndarray, "p 2"]  #: outline in the map frame, counter-clockwise, not closed
     tag: HapticTag | None = None  #: ``None``: never touched
     where: str = field(default="MovableObject", repr=False)  #: file and place, for messages
-    #: centre of friction from the footprint's centroid, map frame [m]: what former pushes told (Sec. 4.3.1)
+    #: centre of friction from the footprint's centroid, map frame [m]: from former pushes (Sec. 4.3.1)
     friction_offset_m: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:

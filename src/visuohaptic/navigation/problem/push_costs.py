@@ -1,4 +1,4 @@
-"""What a push costs and how likely it fails, told from the haptic tag (Alt 2016, Sec. 4.2.1 a-d).
+"""Cost and failure probability of a push from the haptic tag (Alt 2016, Sec. 4.2.1 a-d).
 
 The components of ``t_mani`` are
 
@@ -38,14 +38,14 @@ class PushCosts:
 
     drift_limit_m: float = 0.10  #: the contact may wander so far sideways over one push
     rotation_limit_rad: float = 1.05  #: the object may turn so far over one push
-    easy_fraction: float = 0.5  #: up to this share of the largest force the push has full speed
+    easy_fraction: float = 0.5  #: up to this fraction of the maximum force the push has full speed
     slowest_fraction: float = 0.5  #: of the full speed, at the largest force
     prior_failures: float = 0.2  #: pseudo-counts: a first push fails with 0.2 / (0.2 + 0.8)
     prior_successes: float = 0.8
     unknown_movable: float = 0.5  #: probability that an object nobody touched can be pushed
     explore_time_s: float = 8.0  #: to approach, touch and decide
     unknown_force_fraction: float = 0.5  #: of the largest force: effort assumed where no force was observed
-    oblique_failure: float = 0.15  #: added risk of a push that slants against a face
+    oblique_failure: float = 0.15  #: added risk of a push oblique to a face
     risk_s: float = 0.0  #: added seconds per -log(1 - p): how much reliability is worth
     longest_push_m: float = 2.0  #: r_mani of Eq. (4.3)
 
@@ -78,7 +78,19 @@ class PushCost:
 def manipulability(
     tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None
 ) -> Manipulability:
-    """Component (b): the events "fixed" and "falls", the force, and the push length that drift allows."""
+    """Whether, and how far, an object may be pushed: component (b) of ``t_mani``.
+
+    The events "fixed" and "falls", the force, and the push length that drift and rotation allow.
+
+    Parameters
+    ----------
+    tag
+        From former pushes; ``None`` for an object that was never touched.
+    robot
+        The platform.
+    costs
+        Limits and priors.
+    """
     costs = costs or PushCosts()
     longest_m = costs.longest_push_m
     if tag is None:
@@ -110,7 +122,19 @@ def manipulability(
 
 
 def push_speed_m_s(tag: HapticTag | None, robot: RobotModel, costs: PushCosts | None = None) -> float:
-    """Component (c): full speed while the effort is easy, then linearly slower to the largest force."""
+    """Speed of a push [m/s]: component (c) of ``t_mani``.
+
+    Full speed while the effort is low, then linearly slower to the maximum force.
+
+    Parameters
+    ----------
+    tag
+        From former pushes; ``None`` for an object that was never touched.
+    robot
+        The platform.
+    costs
+        Limits and priors.
+    """
     costs = costs or PushCosts()
     force = None if tag is None else tag.dynamic_friction_N or tag.static_friction_N
     fraction = costs.unknown_force_fraction if force is None else force.value / robot.push_force_max_N
@@ -194,7 +218,7 @@ def push_cost(
     costs
         Limits and priors.
     oblique
-        Whether the push slants against the face.
+        Whether the push is oblique to the face.
 
     Returns
     -------

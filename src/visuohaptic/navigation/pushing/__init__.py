@@ -1,4 +1,4 @@
-"""Quasi-static pushing: where an object goes, and direct and sideward pushes (Alt 2016, Sec. 4.3.3)."""
+"""Quasi-static pushing: object models, simulation, local costmaps, direct and sideward pushes (Alt 2016, Sec. 4.3)."""
 
 import lazy_loader
 

@@ -94,7 +94,7 @@ def advance(contacts, count, shift_x, shift_y, dx, dy, turn, reach):
 def touch_along(outline, round_m, px, py, dx, dy, radius, far, contacts):
     """Distance before (px, py) at which a disc that comes along (dx, dy) touches an outline in its own frame.
 
-    Steps by the gap, which is never more than the way that is left. Negative
+    Steps by the gap, which is never more than the distance that is left. Negative
     when the disc passes; otherwise row 0 of ``contacts`` is where it touches.
     """
     away = far

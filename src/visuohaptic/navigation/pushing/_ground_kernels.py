@@ -1,4 +1,4 @@
-"""Footprints on a distance map: does one fit at a pose, and would it block the way around it?"""
+"""Collision checks of footprints on a costmap: does one fit at a pose, and would it block the passage around it?"""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Quasi-static motion of an object that a round platform drives against: one candidate is one call.
 
-Lengths in metres, angles in radians. Forces are shares of the floor's whole
+Lengths in metres, angles in radians. Forces are fractions of the floor's whole
 friction (coefficient times weight), so that neither mass nor friction of the
 floor are needed. Poses are (x, y, yaw) of the object's reference point.
 """
@@ -14,18 +14,18 @@ from ._contact_kernels import MAX_CONTACTS, advance, features
 
 #: How far the platform's rim enters the outline at full friction force (m): the contact's softness.
 SOFT_M = 1e-4
-#: A support point that moves less than this share of a step still holds less than its whole friction.
+#: A support point that moves less than this fraction of a step still holds less than its whole friction.
 CREEP = 2e-3
-#: Force that may remain out of balance, as a share of the floor's friction.
+#: Force that may remain out of balance, as a fraction of the floor's friction.
 TOLERANCE = 3e-3
-#: Share of a step by which the object may move otherwise than expected before the step is looked at again.
+#: Fraction of a step by which the object may move otherwise than expected before the step is looked at again.
 SURPRISE = 0.3
 #: How often a step is looked at, at most.
 ATTEMPTS = 10
 #: Newton steps at most for one step of the platform.
 ITERATIONS = 40
 
-#: Columns of what is told of each step.
+#: Columns of the trace of each step.
 X, Y, YAW, FORCE_X, FORCE_Y, CONTACT_X, CONTACT_Y, GAP = range(8)
 
 #: Sums over support points may be taken in any order, four at a time.
@@ -210,7 +210,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
     their load) balances the forces of the contacts. That is the exact limit
     surface of the support points, and both slip directions and sticking of
     the contact come out of the same equation. The rim is stiff, not rigid
-    (``SOFT_M``), so that any number of contacts may share the force.
+    (``SOFT_M``), so that any number of contacts may carry the force.
 
     Returns (steps with contact, last step with contact, steps not solved).
     """
@@ -307,7 +307,7 @@ def push_object(outline, round_m, support, load, rho, tip_m, mu, radius, path, s
                         break
                     eps *= 6.0
                 off = abs(z[0] - known[0]) + abs(z[1] - known[1]) + abs(z[2] - known[2])
-                # Not what was expected: look again at where that leads to, at last half way.
+                # Not what was expected: look again at where that leads to, at last half of the step.
                 if off < SURPRISE * size or not solved:
                     break
                 if attempt + 1 < ATTEMPTS:

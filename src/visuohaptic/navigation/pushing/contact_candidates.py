@@ -13,9 +13,9 @@ __all__ = ["PushContact", "push_contacts"]
 
 #: The contact's normal and the push may differ by this; friction cones are wider than that.
 STABLE_RAD = np.deg2rad(8.0)
-#: Slanting pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most things.
+#: Oblique pushes; they need a contact friction of the tangent, 0.21 and 0.45, which foam has on most objects.
 OBLIQUE_RAD = (np.deg2rad(12.0), np.deg2rad(24.0))
-#: A face is met at least this far from its ends, as a share of its length.
+#: A face is met at least this far from its ends, as a fraction of its length.
 FACE_MARGIN = 0.1
 #: Pushes that differ by less are one; round outlines have as many faces as somebody drew.
 FACE_SPACING_RAD, OBLIQUE_SPACING_RAD = np.deg2rad(1.0), np.deg2rad(6.0)
@@ -30,20 +30,30 @@ class PushContact:
     direction: Float[np.ndarray, "2"]  #: unit vector of the push
     contact: Float[np.ndarray, "2"]  #: where disc and outline touch
     robot: Float[np.ndarray, "2"]  #: centre of the disc when it touches
-    oblique: bool = False  #: slants against the face: holds by friction only
+    oblique: bool = False  #: oblique to the face: holds by friction only
 
 
 def push_contacts(
     outline: Float[np.ndarray, "p 2"], centre: Float[np.ndarray, "2"], radius: float, *, oblique: bool = False
 ) -> tuple[PushContact, ...]:
-    """Stable pushes of an outline by a disc, sorted by direction.
+    """Contacts from which a disc pushes an outline straight and stably, sorted by direction.
 
     The line of the push goes through the centre, and the normal at the contact
     differs from it by at most ``STABLE_RAD``. Candidates are the
     perpendiculars of the hull's faces through the centre - a disc that bridges
     a dent touches twice, which is stable too - and, for round outlines, a fan
-    of directions. With ``oblique``, pushes that slant against
-    a face come on top. Any unit of length will do, the same for all arguments.
+    of directions.
+
+    Parameters
+    ----------
+    outline
+        Corners; any unit of length will do, the same for all arguments.
+    centre
+        Centre of friction that the line of the push goes through.
+    radius
+        Of the disc that pushes.
+    oblique
+        Whether pushes oblique to a face, which hold by friction only, are added.
     """
     from shapely import Point, Polygon
 

@@ -48,7 +48,7 @@ class ContactPoint:
 
     point_m: Float[np.ndarray, "2"]  #: x on the outline
     platform_m: Float[np.ndarray, "3"]  #: pose of the platform that touches there, heading along the push
-    slant_rad: float  #: angle between push and the outline's normal
+    tilt_rad: float  #: angle between push and the outline's normal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,9 +107,9 @@ def contact_points(
         if away < 0:
             continue
         normal = turn @ contacts[0, :2]
-        slant = math.acos(min(1.0, max(-1.0, float(normal @ ahead))))
+        tilt = math.acos(min(1.0, max(-1.0, float(normal @ ahead))))
         platform = place + turn @ centre - away * ahead
-        if slant > limits.tolerance_rad or float(costmap.distance_at(platform)) < limits.radius_m:
+        if tilt > limits.tolerance_rad or float(costmap.distance_at(platform)) < limits.radius_m:
             continue
         if reachable is not None:
             # The cell where it stands touching is nearer to the object than it drives.
@@ -117,7 +117,7 @@ def contact_points(
             if not (bool(costmap.map.inside(back)) and reachable[back[0], back[1]]):
                 continue
         point = place + turn @ contacts[0, 2:4]
-        found.append(ContactPoint(point, np.array([*platform, direction]), slant))
+        found.append(ContactPoint(point, np.array([*platform, direction]), tilt))
     return tuple(found)
 
 
@@ -222,8 +222,8 @@ def _shortest_push(
     length = STEP_M * row
     cost = limits.setup_time_s + length / limits.v_push_m_s
     failure = failure_probability(tag, length, limits)
-    # A slanted contact slides first: one that is at the tolerance counts as half as good.
-    failure = 1.0 - (1.0 - failure) * (1.0 - 0.5 * (contact.slant_rad / limits.tolerance_rad) ** 2)
+    # An oblique contact slides first: one that is at the tolerance counts as half as good.
+    failure = 1.0 - (1.0 - failure) * (1.0 - 0.5 * (contact.tilt_rad / limits.tolerance_rad) ** 2)
     return DirectPush(contact, platforms[: row + 1], objects[row], length, cost, failure)
 
 

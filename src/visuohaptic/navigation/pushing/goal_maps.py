@@ -16,7 +16,7 @@ __all__ = ["GoalMap", "goal_map"]
 class GoalMap:
     """Places of an object's reference point, for one orientation."""
 
-    goal: Bool[np.ndarray, "rows columns"]  #: M_g: fits, blocks no other way, leaves the path open
+    goal: Bool[np.ndarray, "rows columns"]  #: M_g: fits, blocks no other passage, leaves the path open
     free: Bool[np.ndarray, "rows columns"]  #: fits there, at least in passing
     yaw_rad: float  #: orientation of the footprint
 
@@ -86,8 +86,8 @@ def path_distance(
     if path_m is not None and len(path_m) > 1:
         path = np.asarray(path_m, dtype=np.float64)
         length = np.hypot(*np.diff(path, axis=0).T)
-        for a, b, way in zip(path[:-1], path[1:], length, strict=True):
-            fraction = np.linspace(0.0, 1.0, max(2, int(way / (0.5 * costmap.map.resolution_m)) + 2))
+        for a, b, chord in zip(path[:-1], path[1:], length, strict=True):
+            fraction = np.linspace(0.0, 1.0, max(2, int(chord / (0.5 * costmap.map.resolution_m)) + 2))
             cells = costmap.map.cell_from_world(a + fraction[:, None] * (b - a))
             cells = cells[costmap.map.inside(cells)]
             on_path[cells[:, 0], cells[:, 1]] = True

@@ -47,14 +47,14 @@ class PushUncertainty:
         friction = max(0.0, model.contact_friction + self.contact_friction * rng.standard_normal())
         support = model.support_m + self.centre_m * rng.standard_normal(2)
         sigma = np.array([self.place_m, self.place_m, self.yaw_rad])
-        drawn = replace(model, contact_friction=friction, support_m=support)
-        return drawn, np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal(3)
+        sampled = replace(model, contact_friction=friction, support_m=support)
+        return sampled, np.asarray(object_m, dtype=np.float64) + sigma * rng.standard_normal(3)
 
 
 def centre_from_tag(
     tag: HapticTag | None, direction_rad: float, model: PushModel, radius_m: float
 ) -> Float[np.ndarray, "2"]:
-    """Where the centre of friction lies from the footprint's centre, as told by a first push.
+    """Where the centre of friction lies from the footprint's centre, as a first push implies.
 
     A push through the centre of friction does not turn the object. Beside it
     by b, an object that sticks to the rim turns by H_R = b / (b^2 + c^2) per
@@ -128,9 +128,9 @@ def simulated_failure(
     """
     uncertainty = uncertainty if uncertainty is not None else PushUncertainty()
     path = np.asarray(path_m, dtype=np.float64)
-    way = path[-1, :2] - path[0, :2]
-    target = np.asarray(object_m[:2]) + way * max(
-        0.0, 1.0 - _approach_m(model, object_m, path, radius_m) / max(float(np.hypot(*way)), 1e-9)
+    chord = path[-1, :2] - path[0, :2]
+    target = np.asarray(object_m[:2]) + chord * max(
+        0.0, 1.0 - _approach_m(model, object_m, path, radius_m) / max(float(np.hypot(*chord)), 1e-9)
     )
     failed = 0
     for _ in range(samples):
@@ -153,7 +153,7 @@ def _from_outside(
 ) -> PushTrace | None:
     """The push; begun earlier on its line where the object was sampled into the platform.
 
-    ``None`` where the object is in the way of the whole approach.
+    ``None`` where the object blocks the whole approach.
     """
     from .quasi_static import simulate_push
 

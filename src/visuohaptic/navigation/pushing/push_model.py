@@ -1,4 +1,4 @@
-"""What has to be known of an object to foresee how it slides: outline, supports, contact friction."""
+"""Model of an object for quasi-static pushing: outline, supports and their loads, contact friction."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class PushModel:
 
     outline_m: Float[np.ndarray, "m 2"]  #: corners, counter-clockwise; one point and ``round_m`` for a disc
     support_m: Float[np.ndarray, "n 2"]  #: where it rests on the floor
-    load: Float[np.ndarray, "n"]  #: share of the weight on each; sums to 1
+    load: Float[np.ndarray, "n"]  #: fraction of the weight on each; sums to 1
     contact_friction: float = CONTACT_FRICTION  #: between platform and object
     round_m: float = 0.0  #: the outline is widened by this
     tip_m: float = 0.0  #: floor friction times height of the push: load moves forward by this
@@ -56,7 +56,7 @@ class PushModel:
                 field="support_m",
             )
         if not (np.isfinite(load).all() and load.min() >= 0 and load.sum() > 0):
-            raise InputError("PushModel", f"found {load}, expected shares >= 0", field="load")
+            raise InputError("PushModel", f"found {load}, expected fractions >= 0", field="load")
         numbers = (self.contact_friction, self.round_m, self.tip_m)
         if not all(math.isfinite(value) and value >= 0 for value in numbers):
             raise InputError(
@@ -90,18 +90,40 @@ class PushModel:
         return float(np.hypot(self.outline_m[:, 0], self.outline_m[:, 1]).max()) + self.round_m
 
     def with_friction(self, contact_friction: float) -> PushModel:
-        """The same with another contact friction."""
+        """The same model with another contact friction.
+
+        Parameters
+        ----------
+        contact_friction
+            Coefficient of friction between platform and object.
+        """
         return replace(self, contact_friction=contact_friction)
 
     def with_centre_moved(self, dx_m: float, dy_m: float) -> PushModel:
-        """The same with its supports moved: the centre of friction lies elsewhere than assumed."""
+        """The same model with its supports moved: the centre of friction is elsewhere than assumed.
+
+        Parameters
+        ----------
+        dx_m, dy_m
+            Displacement [m], in the frame of the outline.
+        """
         return replace(self, support_m=self.support_m + np.array([dx_m, dy_m]))
 
     @classmethod
     def patch(
         cls, outline_m: Float[np.ndarray, "m 2"], contact_friction: float = CONTACT_FRICTION, **rest: float
     ) -> PushModel:
-        """A flat bottom that rests evenly; ``outline_m`` relative to the reference point."""
+        """An object with a flat bottom and uniform pressure.
+
+        Parameters
+        ----------
+        outline_m
+            Corners about the reference point [m].
+        contact_friction
+            Coefficient of friction between platform and object.
+        **rest
+            Further fields: ``round_m``, ``tip_m`` [m].
+        """
         points, load = patch_points(outline_m)
         return cls(outline_m, points, load, contact_friction, **rest)
 
@@ -109,7 +131,17 @@ class PushModel:
     def disc(
         cls, radius_m: float, contact_friction: float = CONTACT_FRICTION, *, tip_m: float = 0.0
     ) -> PushModel:
-        """A round object with a flat bottom: two rings that have its limit surface to 1 %."""
+        """A round object with a flat bottom: two rings that have its limit surface to 1 %.
+
+        Parameters
+        ----------
+        radius_m
+            Of the object [m].
+        contact_friction
+            Coefficient of friction between platform and object.
+        tip_m
+            Floor friction times height of the push [m].
+        """
         angle = np.arange(12) * (math.pi / 6)
         ring = np.column_stack([np.cos(angle), np.sin(angle)])
         # Halves of equal area; the mean radius of each.
@@ -126,17 +158,48 @@ class PushModel:
         contact_friction: float = CONTACT_FRICTION,
         **rest: float,
     ) -> PushModel:
-        """An object on feet; ``centre_m`` is its centre of mass from the reference point."""
+        """An object on feet.
+
+        Parameters
+        ----------
+        outline_m
+            Corners about the reference point [m].
+        feet_m
+            Where they stand, about the reference point [m]; three at least.
+        centre_m
+            Centre of mass from the reference point [m].
+        contact_friction
+            Coefficient of friction between platform and object.
+        **rest
+            Further fields: ``round_m``, ``tip_m`` [m].
+
+        Raises
+        ------
+        InputError
+            The feet are on one line, or one would be lifted.
+        """
         return cls(outline_m, feet_m, load_of_feet(feet_m, centre_m), contact_friction, **rest)
 
 
 def load_of_feet(
     feet_m: Float[np.ndarray, "n 2"], centre_m: tuple[float, float] = (0.0, 0.0)
 ) -> Float[np.ndarray, "n"]:
-    """Shares of the weight on feet that give way alike: balance of forces and moments.
+    """Fractions of the weight on feet of equal compliance: balance of forces and moments.
 
     Three feet have one answer. Of more, the load varies linearly with the
     place, as it does on springs of equal stiffness.
+
+    Parameters
+    ----------
+    feet_m
+        Where they stand [m].
+    centre_m
+        Centre of mass [m], in the same frame.
+
+    Raises
+    ------
+    InputError
+        Fewer than three feet, all on one line, or one that would be lifted.
     """
     feet = np.asarray(feet_m, dtype=np.float64)
     if feet.ndim != 2 or feet.shape[1] != 2 or len(feet) < 3:
@@ -157,11 +220,27 @@ def load_of_feet(
 def patch_points(
     outline_m: Float[np.ndarray, "m 2"], count: int = PATCH_POINTS
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n"]]:
-    """Points and shares that stand for even pressure on a polygon.
+    """Points and weights that stand for uniform pressure on a polygon.
 
     Cells of a square grid, each cut with the polygon: its centroid, and its
-    area as the share; then all are moved apart a little, so that not only area
+    area as the weight; then all are moved apart a little, so that not only area
     and centroid but also the polar second moment are those of the whole.
+
+    Parameters
+    ----------
+    outline_m
+        Corners [m].
+    count
+        Approximate number of points.
+
+    Returns
+    -------
+    Points [m], and their weights, which sum to 1.
+
+    Raises
+    ------
+    InputError
+        The outline intersects itself or has no area.
     """
     import shapely
 

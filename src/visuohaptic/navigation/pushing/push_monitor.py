@@ -25,7 +25,7 @@ ASIDE_M = (0.0, 0.04, -0.04, 0.08, -0.08, 0.12, -0.12, 0.17, -0.17, 0.22, -0.22,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PushEstimate:
-    """What the contact's way along the rim has told so far."""
+    """What the motion of the contact along the rim implies so far."""
 
     model: PushModel
     object_m: Float[np.ndarray, "3"]  #: where the object is now
@@ -36,7 +36,7 @@ class PushEstimate:
 
 
 class PushMonitor:
-    """Follows a push, learns contact friction and centre of friction, and bends the rest of the path.
+    """Follows a push, estimates contact friction and centre of friction, and corrects the remaining path.
 
     After every :data:`~visuohaptic.navigation.pushing.quasi_static.STEP_M` of the drive
     the push so far is simulated with four numbers changed (contact friction,
@@ -46,7 +46,7 @@ class PushMonitor:
     Parameters
     ----------
     model, object_m, radius_m
-        What was believed when the push was planned.
+        Model and pose assumed when the push was planned, and the radius of the platform [m].
     friction_sigma, centre_sigma_m, place_sigma_m
         Prior standard deviations.
     """
@@ -73,9 +73,16 @@ class PushMonitor:
         self._lateral = np.zeros(2)
 
     def update(self, platform_m: Sequence[float], contact_m: Sequence[float] | None) -> bool:
-        """Tell where the platform is and where its rim is touched (map frame); ``None`` without contact.
+        """Add an observation; returns whether the estimate is new.
 
-        Returns whether the estimate is new: readings nearer than a step to the last one are left out.
+        Readings nearer than a step to the last one are left out.
+
+        Parameters
+        ----------
+        platform_m
+            Pose of the platform: x, y [m], heading [rad], map frame.
+        contact_m
+            Where its rim is touched: x, y [m], map frame; ``None`` without contact.
         """
         pose = np.asarray(platform_m, dtype=np.float64)
         if self._path and np.hypot(*(pose[:2] - self._path[-1][:2])) < 0.8 * STEP_M:
@@ -87,8 +94,8 @@ class PushMonitor:
         self._path.append(pose)
         self._angle.append(angle)
         if len(self._path) == 2:
-            way = self._path[1][:2] - self._path[0][:2]
-            self._lateral = np.array([-way[1], way[0]]) / max(float(np.hypot(*way)), 1e-9)
+            chord = self._path[1][:2] - self._path[0][:2]
+            self._lateral = np.array([-chord[1], chord[0]]) / max(float(np.hypot(*chord)), 1e-9)
         if len(self._path) > 3 and np.isfinite(self._angle).sum() >= 2:
             self._fit()
         return True
@@ -108,7 +115,7 @@ class PushMonitor:
 
     def corrected(
         self,
-        rest_path_m: Float[np.ndarray, "k 3"],
+        remaining_path_m: Float[np.ndarray, "k 3"],
         rng: np.random.Generator,
         *,
         allowed: Callable[[Float[np.ndarray, "k 3"], PushTrace], bool] | None = None,
@@ -116,35 +123,39 @@ class PushMonitor:
         samples: int = 8,
         fraction: float = 0.8,
     ) -> Float[np.ndarray, "k 3"] | None:
-        """The rest of the path with the smallest side step of its end that still drops the object.
+        """The remaining path with the smallest lateral shift of its end that still releases the object.
 
         Parameters
         ----------
-        rest_path_m
-            What is left of the plan, from the platform's present pose.
+        remaining_path_m
+            What is left of the plan, from the platform's present pose: x, y [m], heading [rad].
+        rng
+            Of the sampled models.
         allowed
-            Says whether path and motion of the object meet no obstacle.
+            Tells whether path and motion of the object are free of collisions.
         reserve_m
-            The drop point has to lie so far before the end.
-        samples, share
-            Drawn models, and the share of them that has to succeed.
+            Minimum distance of the release from the end [m].
+        samples
+            Number of sampled models.
+        fraction
+            Of the sampled models that has to succeed.
 
         Returns
         -------
         The path, or ``None``: the manipulation has failed, plan anew.
         """
-        begin, end = rest_path_m[0], rest_path_m[-1]
-        way = end[:2] - begin[:2]
-        length = float(np.hypot(*way))
+        begin, end = remaining_path_m[0], remaining_path_m[-1]
+        chord = end[:2] - begin[:2]
+        length = float(np.hypot(*chord))
         if length < 2 * STEP_M:
-            return rest_path_m
-        aside = np.array([-way[1], way[0]]) / length
-        draws = [self._value]
+            return remaining_path_m
+        aside = np.array([-chord[1], chord[0]]) / length
+        candidates = [self._value]
         root = np.linalg.cholesky(self._covariance + 1e-12 * np.eye(4))
-        draws += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
+        candidates += [self._value + root @ rng.standard_normal(4) for _ in range(samples)]
         for step in ASIDE_M:
-            path = rest_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
-            won = [self._drops(value, path, allowed, reserve_m) for value in draws]
+            path = remaining_path_m if step == 0.0 else arc_path(begin[:2], end[:2] + step * aside, 0.0)
+            won = [self._drops(value, path, allowed, reserve_m) for value in candidates]
             if won[0] and sum(won) >= fraction * len(won):
                 return path
         return None
@@ -185,8 +196,8 @@ class PushMonitor:
             return simulate_push(model, start, path, self._radius_m)
         except InputError:
             # The changed place reaches into the platform: begin the drive earlier.
-            way = path[1] - path[0]
-            back = path[0] - way * (0.05 / max(float(np.hypot(way[0], way[1])), 1e-9))
+            chord = path[1] - path[0]
+            back = path[0] - chord * (0.05 / max(float(np.hypot(chord[0], chord[1])), 1e-9))
             trace = simulate_push(model, start, np.concatenate([back[None], path]), self._radius_m)
             return replace(
                 trace,
@@ -204,11 +215,11 @@ class PushMonitor:
             return prior
         trace = self._simulate(value)
         away = trace.contact_m - trace.platform_m[:, :2]
-        told = np.arctan2(away[:, 1], away[:, 0])
-        # Contact seen where none is foreseen counts as far off, but not more than that.
-        off = wrap_angle(told - angle)[rows]
-        off = np.clip(np.nan_to_num(off, nan=0.3), -0.5, 0.5)
-        return np.concatenate([off * self._radius_m / CONTACT_SIGMA_M, prior])
+        predicted = np.arctan2(away[:, 1], away[:, 0])
+        # Contact observed where none is predicted counts as a large residual, but not more than that.
+        residual = wrap_angle(predicted - angle)[rows]
+        residual = np.clip(np.nan_to_num(residual, nan=0.3), -0.5, 0.5)
+        return np.concatenate([residual * self._radius_m / CONTACT_SIGMA_M, prior])
 
     def _fit(self) -> None:
         """A few steps of Gauss and Newton with damping from where the last fit ended."""

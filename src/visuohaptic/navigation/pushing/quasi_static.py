@@ -132,7 +132,15 @@ def remaining_m(path_m: Float[np.ndarray, "k 3"], row: int) -> float:
 def line_path(
     start_m: Float[np.ndarray, "2"], end_m: Float[np.ndarray, "2"], step_m: float = STEP_M
 ) -> Float[np.ndarray, "k 3"]:
-    """Poses on a straight line, heading along it."""
+    """Poses on a straight line, heading along it.
+
+    Parameters
+    ----------
+    start_m, end_m
+        x, y [m].
+    step_m
+        Distance between poses [m].
+    """
     return arc_path(start_m, end_m, 0.0, step_m)
 
 
@@ -142,7 +150,22 @@ def arc_path(
     turn_rad: float,
     step_m: float = STEP_M,
 ) -> Float[np.ndarray, "k 3"]:
-    """Poses on an arc between two points that turns by ``turn_rad`` (left is positive; 0 is a line)."""
+    """Poses on an arc between two points.
+
+    Parameters
+    ----------
+    start_m, end_m
+        x, y [m].
+    turn_rad
+        Change of heading [rad]; left is positive, 0 is a line.
+    step_m
+        Distance between poses [m].
+
+    Raises
+    ------
+    InputError
+        Both ends are one point, or the turn is a full circle or more.
+    """
     start, end = np.asarray(start_m, dtype=np.float64), np.asarray(end_m, dtype=np.float64)
     chord = end - start
     length = float(np.hypot(chord[0], chord[1]))
@@ -168,7 +191,20 @@ def arc_path(
 
 
 def check_path(where: str, path_m: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
-    """The path as contiguous doubles, or an error that says what is wrong with it."""
+    """The path as a contiguous array of float64, after checking it.
+
+    Parameters
+    ----------
+    where
+        Name of the caller, for error messages.
+    path_m
+        Poses: x, y [m], heading [rad].
+
+    Raises
+    ------
+    InputError
+        Fewer than two poses, another shape, or values that are not finite.
+    """
     path = np.ascontiguousarray(path_m, dtype=np.float64)
     if path.ndim != 2 or path.shape[1] != 3 or len(path) < 2 or not np.isfinite(path).all():
         raise InputError(

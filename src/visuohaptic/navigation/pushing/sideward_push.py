@@ -127,7 +127,7 @@ def sideward_candidates(
     )
     front = (points - centre) @ ahead < -0.3 * radius_m
     begins = _with_room(scene, points[front])
-    # Ends: over the directions within a right angle of the way out, near and far.
+    # Ends: over the directions within a right angle of the direction of leaving, near and far.
     angle = np.linspace(-1.2, 1.2, 2 * ends + 1)
     reach = float(ring.distance(shapely.Point(*centre)))
     far = np.array([1.0, 0.75]) * (slide_m + reach)

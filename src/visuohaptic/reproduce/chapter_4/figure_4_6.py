@@ -9,7 +9,8 @@ from matplotlib.collections import LineCollection
 
 from ...core.errors import InputError
 from ...navigation.grid.footprints import find_footprints
-from ...navigation.planning.joint_graph import JointGraph, extend_graph
+from ...navigation.planning.joint_builder import extend_graph
+from ...navigation.planning.joint_graph import JointGraph
 from ...navigation.planning.policies import alternatives, make_plan
 from ...navigation.problem.node_types import ManipulationNode
 from ...navigation.problem.path_plan import Plan

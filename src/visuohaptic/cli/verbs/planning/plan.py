@@ -82,9 +82,9 @@ def run(args: Any) -> dict[str, Any]:
     if args.prove:
         result["proof"] = _prove(args, problem, found)
     if args.plot:
-        from ....navigation.plots.plan_plots import plot_plan
+        from ....navigation.plots.plan_plots import plot_path_plan
 
-        plot_plan(problem, found, args.plot)
+        plot_path_plan(problem, found, args.plot)
         args.report(f"written to {args.plot}")
     return result
 

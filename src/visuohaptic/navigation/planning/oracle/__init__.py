@@ -1,4 +1,4 @@
-"""Exact search of small problems, to certify a plan or its absence."""
+"""Exact search of small problems by Dijkstra, to certify a plan or its absence."""
 
 import lazy_loader
 

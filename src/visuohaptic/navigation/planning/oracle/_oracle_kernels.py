@@ -66,10 +66,10 @@ def product_search(
     goals: np.ndarray,
     goal_cost: np.ndarray,
 ) -> tuple[int, int]:
-    """Cheapest way of robot and obstacles together to the goal; cost and number of states settled.
+    """Cheapest path of robot and obstacles together to the goal; cost and number of states settled.
 
     A state is (place of body 0, place of body 1, robot), the robot on one of
-    ``cells`` cells or at the stand of one of the pushes. All costs are whole units.
+    ``cells`` cells or at the approach pose of one of the pushes. All costs are whole units.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def product_search(
     blocks, blocks_start
         For each body and place (flat: body * most + place), the sorted cells that it denies the robot.
     together
-        Whether both bodies may stand at their places at once (places0 x places1).
+        Whether both bodies may be at their places at once (places0 x places1).
     places
         Number of places of each body.
     push_body
@@ -96,7 +96,7 @@ def product_search(
     tables
         Cost of a push by push and whole cells.
     link_cells, link_cost
-        Cells around the stand of a push and the cost of moving there, by push and place, -1 padded.
+        Cells around the approach pose of a push and the cost of moving there, by push and place, -1 padded.
     """
     bodies = len(places)
     pushes = len(push_body)
@@ -201,7 +201,7 @@ def product_search(
                     place = p0 if push_body[p] == 0 else p1
                     middle = link_cells[p, place, 0]
                     if middle < 0 or denied[middle] == stamp:
-                        continue  # another body is where the robot would stand
+                        continue  # another body is where the robot would be
                     for i in range(link_cells.shape[2]):
                         if link_cells[p, place, i] == robot:
                             found_state[number] = config * robots + cells + p

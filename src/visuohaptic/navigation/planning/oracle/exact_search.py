@@ -1,16 +1,17 @@
 """Exact search of small problems: every place of the robot times every place of one or two objects.
 
-A test instrument, and ``visuohaptic plan --prove``. It shares with the planner
+A test instrument, and ``visuohaptic plan --prove``. It has in common with the planner
 what a push costs and where an object may be touched, and nothing of its
 search: Dijkstra over the whole product of robot cells and object places, with
 straight pushes along the grid's axes by whole cells. Where its queue runs
-empty, there is no plan of that kind. Objects that stand across the grid have no
+empty, there is no plan of that kind. Objects oblique to the grid have no
 such pushes; for them the planner's own exhausted search is the proof.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from ....core.errors import InputError
 from ...problem.planning_problem import PlanningProblem
 from ...problem.push_costs import PushCosts, push_cost
 from ...pushing.contact_candidates import PushContact
-from ..push_search import search_pushes
-from ..push_states import SearchLimits, seed_cells
-from ..push_successors import STAND_OFF, STAND_SLACK
-from ..search_domain import Body, SearchDomain, build_search_domain, grid_from_world, lower_clearance
+from ..search.push_search import search_pushes
+from ..search.push_states import SearchLimits, seed_cells
+from ..search.push_successors import STAND_OFF, STAND_SLACK
+from ..search.search_domain import Body, SearchDomain, build_search_domain, grid_from_world, lower_clearance
 
 __all__ = ["GridOptimum", "Proof", "certify", "solve_exact"]
 
@@ -71,7 +72,7 @@ class _Links:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Places:
-    """Where one body may stand: whole-cell shifts at which it covers no occupied cell."""
+    """Where one body may be: whole-cell shifts at which it covers no occupied cell."""
 
     shifts: Int32[np.ndarray, "q 2"]
     index: Int32[np.ndarray, "rows columns"]  #: place by shift - lowest shift, -1 where there is none
@@ -88,25 +89,23 @@ def certify(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
     costs
         What a push costs.
     """
-    costs = costs or PushCosts()
+    costs, limits = costs or PushCosts(), SearchLimits(expansions=100_000, pushes=30)
     domain = build_search_domain(problem, costs)
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
     try:
         found = solve_exact(problem, costs)
     except InputError as error:
-        limits = SearchLimits(expansions=100_000, pushes=30)
         result = search_pushes(domain, start, goal, costs, limits)
         cost_s = domain.seconds(result.cost)
         if result.found:
             return Proof(True, True, cost_s, f"{error.problem}; the search found a plan of {cost_s:.1f} s")
-        said = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
-        return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {said}")
+        status = "exhausted: there is no plan" if result.exhausted else "not exhausted: nothing is proved"
+        return Proof(False, result.exhausted, float("inf"), f"{error.problem}; the search is {status}")
     if found.reachable:
         return Proof(True, True, found.cost_s, f"the optimum on the grid is {found.cost_s:.1f} s")
-    axes = all(_on_axes(body) for body in domain.bodies)
-    if axes:
+    if all(_on_axes(contact) for body in domain.bodies for contact in body.contacts):
         return Proof(False, True, float("inf"), f"no plan, all {found.states} states were looked at")
-    result = search_pushes(domain, start, goal, costs, SearchLimits(expansions=100_000, pushes=30))
+    result = search_pushes(domain, start, goal, costs, limits)
     return Proof(
         result.found,
         result.found or result.exhausted,
@@ -116,8 +115,8 @@ def certify(problem: PlanningProblem, costs: PushCosts | None = None) -> Proof:
     )
 
 
-def _on_axes(body: Body) -> bool:
-    return all(float(np.abs(contact.direction).max()) > 1 - 1e-9 for contact in body.contacts)
+def _on_axes(contact: PushContact) -> bool:
+    return float(np.abs(contact.direction).max()) > 1 - 1e-9
 
 
 def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> GridOptimum:
@@ -135,7 +134,7 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
     InputError
         More than two objects that can be pushed, or more states than fit.
     """
-    from .._travel_kernels import UNITS
+    from ..search._travel_kernels import UNITS
     from ._oracle_kernels import NEVER, product_search
 
     costs = costs or PushCosts()
@@ -144,18 +143,15 @@ def solve_exact(problem: PlanningProblem, costs: PushCosts | None = None) -> Gri
         raise InputError(
             "solve_exact", f"found {len(domain.bodies)} objects that can be pushed, expected at most 2"
         )
-    rows, columns = domain.clearance.shape
+    columns = domain.clearance.shape[1]
     start, goal = (grid_from_world(problem.map, p) for p in (problem.start_m, problem.goal_m))
-    number = np.full(rows * columns, -1, np.int32)
+    number = np.full(domain.clearance.size, -1, np.int32)
     fits = np.flatnonzero(domain.clearance.ravel() >= domain.radius)
     number[fits] = np.arange(len(fits), dtype=np.int32)
     places = [_places(domain, body) for body in domain.bodies]
     counts = np.array([len(place.shifts) for place in places], dtype=np.int64)
     pushes = [
-        (b, contact)
-        for b, body in enumerate(domain.bodies)
-        for contact in body.contacts
-        if float(np.abs(contact.direction).max()) > 1 - 1e-9
+        (b, contact) for b, body in enumerate(domain.bodies) for contact in body.contacts if _on_axes(contact)
     ]
     states = int(np.prod(counts)) * (len(fits) + len(pushes))
     if states > MAX_STATES:
@@ -208,7 +204,7 @@ def _push_costs(
     domain: SearchDomain, problem: PlanningProblem, costs: PushCosts, bodies: list[int]
 ) -> Int32[np.ndarray, "pushes steps"]:
     """Cost of each push by its length in whole cells [units]."""
-    from .._travel_kernels import UNITS
+    from ..search._travel_kernels import UNITS
     from ._oracle_kernels import NEVER
 
     longest = int(costs.longest_push_m / problem.map.resolution_m) + 2
@@ -230,7 +226,7 @@ def _cells_at(
     reach: int,
 ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
     """The free cell of a point, or those around it, with their costs to the point [units]."""
-    from .._travel_kernels import UNITS
+    from ..search._travel_kernels import UNITS
 
     own = seed_cells(clearance, point, domain.radius, domain.slow, UNITS, reach=0)
     return (
@@ -240,9 +236,10 @@ def _cells_at(
 
 def _places(domain: SearchDomain, body: Body) -> _Places:
     """By brute force, a cell at a time: the truth that the planner's sweep is tested against."""
-    rows, columns = domain.occupied.shape
     low = -np.floor(body.samples.min(axis=0)).astype(np.int32)
-    high = np.array([columns, rows], dtype=np.int32) - np.ceil(body.samples.max(axis=0)).astype(np.int32)
+    high = np.array(domain.occupied.shape[::-1], dtype=np.int32) - np.ceil(body.samples.max(axis=0)).astype(
+        np.int32
+    )
     inner = np.concatenate([body.samples, _inside(body)])
     leans = _hits(domain, inner)
     size = high - low + 1
@@ -261,8 +258,7 @@ def _inside(body: Body) -> Float[np.ndarray, "k 2"]:
     """Points of a half-cell grid inside the outline."""
     from shapely import Polygon, contains_xy
 
-    x0, y0 = body.outline.min(axis=0)
-    x1, y1 = body.outline.max(axis=0)
+    (x0, y0), (x1, y1) = body.outline.min(axis=0), body.outline.max(axis=0)
     xs, ys = np.meshgrid(np.arange(x0, x1, 0.5), np.arange(y0, y1, 0.5))
     inside = contains_xy(Polygon(body.outline).buffer(-0.15), xs, ys)
     return np.column_stack([xs[inside], ys[inside]])
@@ -306,7 +302,7 @@ def _links(
     domain: SearchDomain, place: _Places, index: int, contact: PushContact, number: Int32[np.ndarray, "n"]
 ) -> _Links:
     """The links of one push."""
-    from .._travel_kernels import UNITS, clearance_at
+    from ..search._travel_kernels import UNITS, clearance_at
 
     body = domain.bodies[index]
     step = np.rint(contact.direction).astype(np.int32)
@@ -383,17 +379,16 @@ def _moves(
     rows, columns = domain.clearance.shape
     r, c = np.divmod(fits, columns)
     sources, targets, lengths = [], [], []
-    for dr in (-1, 0, 1):
-        for dc in (-1, 0, 1):
-            if dr == 0 and dc == 0:
-                continue
-            inside = (r + dr >= 0) & (r + dr < rows) & (c + dc >= 0) & (c + dc < columns)
-            source = np.flatnonzero(inside)
-            target = number[(r[source] + dr) * columns + c[source] + dc]
-            source, target = source[target >= 0], target[target >= 0]
-            sources.append(source)
-            targets.append(target)
-            lengths.append(np.full(len(source), np.hypot(dr, dc)))
+    for dr, dc in product((-1, 0, 1), repeat=2):
+        if dr == 0 and dc == 0:
+            continue
+        inside = (r + dr >= 0) & (r + dr < rows) & (c + dc >= 0) & (c + dc < columns)
+        source = np.flatnonzero(inside)
+        target = number[(r[source] + dr) * columns + c[source] + dc]
+        source, target = source[target >= 0], target[target >= 0]
+        sources.append(source)
+        targets.append(target)
+        lengths.append(np.full(len(source), np.hypot(dr, dc)))
     source = np.concatenate(sources)
     order = source.argsort(kind="stable")
     starts = np.searchsorted(source[order], np.arange(len(fits) + 1))

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ..pushing._outline_kernels import inside_polygon, polygon_distance
+from ....core.kernels import kernel
+from ...pushing._outline_kernels import inside_polygon, polygon_distance
 from ._travel_kernels import clearance_at
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ._search_kernels import half_edges
+from ....core.kernels import kernel
+from .._search_kernels import half_edges
 
 __all__ = ["keep_edges", "label_components", "prune"]
 
@@ -29,6 +29,17 @@ def prune(
     dead goes if it is shorter than ``stub_length_m``; where that is negative, if it reaches
     less than the clearance of its other end beyond the disc of that clearance, each of its
     own ends taken as a disc too. All stubs of a round go at once, so that no order is in the result.
+
+    Parameters
+    ----------
+    clearance
+        Of the nodes (n,) [m].
+    ends
+        Nodes of each edge, (m, 2).
+    lengths
+        Of the edges [m].
+    stub_length_m
+        Minimum length of a dead end [m]; negative for the rule by clearance.
     """
     count = len(clearance)
     start, half = half_edges(count, ends)
@@ -51,19 +62,19 @@ def prune(
             tip = tips[k]
             begin = gone
             length = 0.0
-            way = _onward(tip, -1, start, half, alive)
+            half_edge = _onward(tip, -1, start, half, alive)
             while True:
-                edge = way >> 1
+                edge = half_edge >> 1
                 going[gone] = edge
                 gone += 1
                 length += lengths[edge]
-                came = way ^ 1
+                came = half_edge ^ 1
                 node = ends[edge, came & 1]
                 if degree[node] != 2:
                     break
-                way = _onward(node, came, start, half, alive)
+                half_edge = _onward(node, came, start, half, alive)
             if degree[node] == 1 and (clearance[tip], -tip) > (clearance[node], -node):
-                gone = begin  # a line with two ends is judged from its narrower one
+                gone = begin  # a line with two ends is measured from its narrower one
                 continue
             if stub_length_m >= 0.0:
                 stub = length < stub_length_m
@@ -114,7 +125,7 @@ def _keep_one(
     stays: np.ndarray,
     root: np.ndarray,
 ) -> None:
-    """Where a round left nothing of a tree, its inner end stays: stubs of one junction share that.
+    """Where a round left nothing of a tree, its inner end stays: stubs of one junction have that in common.
 
     ``root`` (n,) int32 is used in between.
     """
@@ -156,6 +167,19 @@ def keep_edges(
 
     A ring of such nodes keeps its widest. Edges run from the smaller node to the larger. Returns cells of the
     nodes, ends and measures of the edges, and of which half-edges of the raw graph each is made (CSR form).
+
+    Parameters
+    ----------
+    cells
+        Of the nodes (n,), flat.
+    clearance
+        Of the nodes (n,) [m].
+    ends
+        Nodes of each edge, (m, 2).
+    measures
+        Length [m], cost [s] and clearance [m] of each edge, (m, 3).
+    alive, stays, degree
+        Which edges and nodes are left, and the degree of each node; from :func:`prune`.
     """
     count = len(cells)
     start, half = half_edges(count, ends)
@@ -168,28 +192,28 @@ def keep_edges(
     for node in range(count):
         if number[node] == 0:
             for k in range(start[node], start[node + 1]):
-                way = half[k]
-                if not alive[way >> 1]:
+                half_edge = half[k]
+                if not alive[half_edge >> 1]:
                     continue
                 while True:
-                    seen[way >> 1] = True
-                    came = way ^ 1
-                    other = ends[way >> 1, came & 1]
+                    seen[half_edge >> 1] = True
+                    came = half_edge ^ 1
+                    other = ends[half_edge >> 1, came & 1]
                     if number[other] == 0:
                         break
-                    way = _onward(other, came, start, half, alive)
+                    half_edge = _onward(other, came, start, half, alive)
     for edge in range(len(ends)):
         if not alive[edge] or seen[edge]:
             continue
-        way = 2 * edge
+        half_edge = 2 * edge
         widest = ends[edge, 0]
-        while not seen[way >> 1]:
-            seen[way >> 1] = True
-            came = way ^ 1
-            other = ends[way >> 1, came & 1]
+        while not seen[half_edge >> 1]:
+            seen[half_edge >> 1] = True
+            came = half_edge ^ 1
+            other = ends[half_edge >> 1, came & 1]
             if (clearance[other], -other) > (clearance[widest], -widest):
                 widest = other
-            way = _onward(other, came, start, half, alive)
+            half_edge = _onward(other, came, start, half, alive)
         number[widest] = 0
     total = 0
     for node in range(count):
@@ -205,30 +229,30 @@ def keep_edges(
     out_ends = np.empty((len(ends), 2), np.int32)
     out_measures = np.empty((len(ends), 3))
     edge_ways = np.zeros(len(ends) + 1, np.int32)
-    ways = np.empty(len(ends), np.int32)
+    halves = np.empty(len(ends), np.int32)
     edges = 0
     size = 0
     for node in range(count):
         if number[node] < 0:
             continue
         for k in range(start[node], start[node + 1]):
-            way = half[k]
-            if not alive[way >> 1] or seen[way >> 1]:
+            half_edge = half[k]
+            if not alive[half_edge >> 1] or seen[half_edge >> 1]:
                 continue
             length, cost, width = 0.0, 0.0, np.inf
             while True:
-                edge = way >> 1
+                edge = half_edge >> 1
                 seen[edge] = True
                 length += measures[edge, 0]
                 cost += measures[edge, 1]
                 width = min(width, measures[edge, 2])
-                ways[size] = way
+                halves[size] = half_edge
                 size += 1
-                came = way ^ 1
+                came = half_edge ^ 1
                 other = ends[edge, came & 1]
                 if number[other] >= 0:
                     break
-                way = _onward(other, came, start, half, alive)
+                half_edge = _onward(other, came, start, half, alive)
             out_ends[edges, 0] = number[node]
             out_ends[edges, 1] = number[other]
             out_measures[edges, 0] = length
@@ -241,13 +265,21 @@ def keep_edges(
         out_ends[:edges].copy(),
         out_measures[:edges].copy(),
         edge_ways[: edges + 1].copy(),
-        ways[:size].copy(),
+        halves[:size].copy(),
     )
 
 
 @kernel(error_model="numpy", boundscheck=False)
 def label_components(count: int, ends: np.ndarray) -> tuple[np.ndarray, int]:
-    """Component of each node, numbered by their smallest nodes, and how many there are."""
+    """Connected component of each node, numbered by their smallest nodes, and how many there are.
+
+    Parameters
+    ----------
+    count
+        Number of nodes.
+    ends
+        Nodes of each edge, (m, 2).
+    """
     root = np.arange(count).astype(np.int32)
     for edge in range(len(ends)):
         a, b = ends[edge, 0], ends[edge, 1]

@@ -1,4 +1,4 @@
-"""The domain that the search over pushes moves in: what never moves, and where each object is.
+"""The domain of the search over pushes: static obstacles with their clearance, and where each object is.
 
 Everything here is in grid coordinates: cells, x along the columns and y along
 the rows of the map, so that a turned origin needs no thought further in.
@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
-from ...core.geometry import rotation_2d
-from ...io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
-from ..grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
-from ..problem.planning_problem import MovableObject, PlanningProblem, RobotModel
-from ..problem.push_costs import Manipulability, PushCosts, manipulability
-from ..pushing.contact_candidates import PushContact, push_contacts
+from ....core.geometry import rotation_2d
+from ....io.maps.occupancy_map import FREE, OCCUPIED, OccupancyMap
+from ...grid.cost_grid import OBSTACLE_FROM, SpeedLimits, grid_layers
+from ...problem.planning_problem import MovableObject, PlanningProblem, RobotModel
+from ...problem.push_costs import Manipulability, PushCosts, manipulability
+from ...pushing.contact_candidates import PushContact, push_contacts
 
 __all__ = [
     "Body",
@@ -76,7 +76,15 @@ class SearchDomain:
     def clearance_with(
         self, shifts: Float[np.ndarray, "bodies 2"], without: int = -1
     ) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out."""
+        """Distance to the nearest obstacle [cells] with every body shifted, one of them left out.
+
+        Parameters
+        ----------
+        shifts
+            Of the bodies from where the map has them [cells].
+        without
+            Index of the body left out; -1 for none.
+        """
         layer = self.clearance.copy()
         for index in range(len(self.bodies)):
             if index != without:
@@ -86,7 +94,15 @@ class SearchDomain:
         return layer
 
     def clearance_of(self, index: int, shift: Float[np.ndarray, "2"]) -> Float32[np.ndarray, "rows columns"]:
-        """Distance to the nearest obstacle [cells] with one body alone."""
+        """Distance to the nearest obstacle [cells] with one body alone.
+
+        Parameters
+        ----------
+        index
+            Of the body.
+        shift
+            From where the map has it [cells].
+        """
         layer = self.clearance.copy()
         patch, row, column = self._patch(index, shift)
         part = layer[row : row + patch.shape[0], column : column + patch.shape[1]]
@@ -96,7 +112,7 @@ class SearchDomain:
     def _patch(
         self, index: int, shift: Float[np.ndarray, "2"]
     ) -> tuple[Float32[np.ndarray, "r c"], int, int]:
-        from ..pushing._outline_kernels import distance_patch
+        from ...pushing._outline_kernels import distance_patch
 
         key = (index, float(shift[0]), float(shift[1]))
         if key not in self.patches:
@@ -107,14 +123,28 @@ class SearchDomain:
         return self.patches[key]
 
     def seconds(self, cells_at_full_speed: float) -> float:
-        """Cost in seconds of a cost in cells at full speed."""
+        """Cost [s] of a cost in cells at full speed.
+
+        Parameters
+        ----------
+        cells_at_full_speed
+            Cost in the unit of the grid search [cells].
+        """
         return cells_at_full_speed * self.map.resolution_m / self.robot.v_max_m_s
 
 
 def grid_from_world(
     map: OccupancyMap, points_m: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Grid coordinates [cells] of points in the map frame."""
+    """Grid coordinates [cells] of points in the map frame.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points_m
+        x, y in the map frame [m].
+    """
     x, y, yaw = map.origin
     return (np.asarray(points_m, dtype=np.float64) - (x, y)) @ rotation_2d(yaw) / map.resolution_m
 
@@ -122,7 +152,15 @@ def grid_from_world(
 def world_from_grid(
     map: OccupancyMap, points: Float[np.ndarray, "*batch 2"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Points in the map frame [m] of grid coordinates."""
+    """Points in the map frame [m] of grid coordinates.
+
+    Parameters
+    ----------
+    map
+        The grid.
+    points
+        x along the columns, y along the rows [cells].
+    """
     x, y, yaw = map.origin
     c, s = np.cos(yaw), np.sin(yaw)
     return np.asarray(points) * map.resolution_m @ np.array([[c, s], [-s, c]]) + (x, y)
@@ -149,7 +187,7 @@ def build_search_domain(
     unknown
         Whether objects that were never touched may be pushed after exploration.
     oblique
-        Whether pushes may slant against a face, which friction has to hold.
+        Whether pushes may be oblique to a face, which friction has to hold.
     """
     costs = costs or PushCosts()
     grid, robot = problem.map, problem.robot
@@ -157,7 +195,7 @@ def build_search_domain(
     margin = robot.push_margin_m / grid.resolution_m
     # Cells that were never seen are obstacles, too.
     occupied = (grid.cells >= OBSTACLE_FROM) | (grid.cells < 0)
-    drawn = occupied.copy()
+    mapped = occupied.copy()
     movable: list[Body] = []
     fixed: list[MovableObject] = []
     why: dict[str, str] = {}
@@ -186,7 +224,7 @@ def build_search_domain(
     for obj in fixed:
         outline = grid_from_world(grid, obj.footprint_m)
         lower_clearance(clearance, outline, _reach(radius))
-        _keep_cells(occupied, drawn, outline)
+        _keep_cells(occupied, mapped, outline)
     return SearchDomain(
         grid,
         robot,
@@ -233,7 +271,7 @@ def lower_clearance(
     clearance: Float32[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"], reach: float
 ) -> None:
     """Bring an object at an outline [cells] into a clearance layer, in place, as far as ``reach``."""
-    from ..pushing._outline_kernels import distance_patch
+    from ...pushing._outline_kernels import distance_patch
 
     patch, row, column = distance_patch(*clearance.shape, outline, reach)
     part = clearance[row : row + patch.shape[0], column : column + patch.shape[1]]
@@ -260,7 +298,7 @@ def _samples(outline: Float[np.ndarray, "p 2"], outside: float) -> Float[np.ndar
 
 def _keep_cells(
     occupied: Bool[np.ndarray, "rows columns"],
-    drawn: Bool[np.ndarray, "rows columns"],
+    mapped: Bool[np.ndarray, "rows columns"],
     outline: Float[np.ndarray, "p 2"],
 ) -> None:
     """Occupy the cells of an object that stays as the map draws it, for what is pushed beside it.
@@ -271,8 +309,8 @@ def _keep_cells(
     if not occupied[window].size:
         return
     touched = _touched(outline, window)
-    shown = drawn[window] | ~_covered(outline, window)
-    occupied[window] |= touched & drawn[window] if shown.all() else touched
+    shown = mapped[window] | ~_covered(outline, window)
+    occupied[window] |= touched & mapped[window] if shown.all() else touched
 
 
 def _covered(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> Bool[np.ndarray, "r c"]:
@@ -302,8 +340,16 @@ def _touched(outline: Float[np.ndarray, "p 2"], window: tuple[slice, slice]) -> 
 
 
 def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Free an object's cells in place: those it covers, and crumbs beside it that belong to nothing else."""
-    from ._joint_kernels import free_object
+    """Free an object's cells in place: those it covers, and spurious components beside it.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
+    from .._joint_kernels import free_object
 
     window = _window(occupied.shape, outline, 4.0)
     part = np.ascontiguousarray(occupied[window])
@@ -313,7 +359,15 @@ def clear_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.nd
 
 
 def fill_cells(occupied: Bool[np.ndarray, "rows columns"], outline: Float[np.ndarray, "p 2"]) -> None:
-    """Occupy the cells that an object covers, in place."""
+    """Occupy the cells that an object covers, in place.
+
+    Parameters
+    ----------
+    occupied
+        Whether a cell is an obstacle; changed in place.
+    outline
+        Corners in grid coordinates [cells].
+    """
     window = _window(occupied.shape, outline, 1.0)
     if occupied[window].size:
         occupied[window] |= _touched(outline, window)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...core.kernels import kernel
+from ....core.kernels import kernel
 
 __all__ = ["ADJACENT", "COLUMN_STEP", "KEPT", "ROW_STEP", "refine", "start", "survey"]
 
@@ -68,6 +68,15 @@ def survey(distance: np.ndarray, step: np.ndarray, mark: np.ndarray) -> int:
     """Mark the cells that stay if every neighbour with a smaller key goes; returns how many.
 
     ``distance`` (rows, columns) float32, ``step`` uint16 (0 = not reachable), ``mark`` uint8, filled.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell, (rows, columns) float32.
+    step
+        Cost of a step, (rows, columns) uint16; 0 = not reachable.
+    mark
+        Marks, (rows, columns) uint8.
     """
     rows, columns = distance.shape
     masks = np.zeros(columns, np.uint8)
@@ -120,7 +129,17 @@ def _higher(distance: np.ndarray, row: int, column: int) -> int:
 
 @kernel(error_model="numpy", boundscheck=False)
 def start(distance: np.ndarray, mark: np.ndarray, kept: np.ndarray) -> np.ndarray:
-    """Cells that have to be looked at again after :func:`survey`: those above a cell that stays."""
+    """Cells that have to be looked at again after :func:`survey`: those above a cell that stays.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell, (rows, columns) float32.
+    mark
+        Marks, (rows, columns) uint8.
+    kept
+        Number of cells that stay, from :func:`survey`.
+    """
     columns = distance.shape[1]
     found = np.empty(8 * len(kept), np.int32)
     count = 0
@@ -146,7 +165,19 @@ def _grown(array: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def refine(distance: np.ndarray, step: np.ndarray, mark: np.ndarray, queue: np.ndarray) -> np.ndarray:
-    """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice)."""
+    """Work the recursion out from the queued cells; returns the cells whose mark was turned (some twice).
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell, (rows, columns) float32.
+    step
+        Cost of a step, (rows, columns) uint16; 0 = not reachable.
+    mark
+        Marks, (rows, columns) uint8.
+    queue
+        Cells (flat) to decide again.
+    """
     rows, columns = distance.shape
     capacity = max(1024, 2 * len(queue))
     stack = np.empty(capacity, np.int32)

@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ..pushing._outline_kernels import polygon_distance
+from ....core.kernels import kernel
+from ...pushing._outline_kernels import polygon_distance
 
 #: Whole units of travel cost per straight cell at full speed: errors stay below 0.2 %.
 UNITS = 256
@@ -107,11 +107,11 @@ def travel_field(
     for i in range(len(seed_cost)):
         top = max(top, seed_cost[i])
     count = (int(slow * UNITS * 1.5) + top) // UNITS + 4
-    price = np.zeros(n, np.int32)  # of a cell [units], 0 where the robot does not fit
+    cell_cost = np.zeros(n, np.int32)  # of a cell [units], 0 where the robot does not fit
     for i in range(n):
         if flat[i] >= radius:
             fraction = min((flat[i] / radius - 1.0) * 0.5, 1.0)
-            price[i] = int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
+            cell_cost[i] = int((slow + fraction * (1.0 - slow)) * UNITS + 0.5)
     heads = np.full(count, -1, np.int32)
     capacity = max(1024, n // 4)
     pool_cell = np.empty(capacity, np.int32)
@@ -122,7 +122,7 @@ def travel_field(
     waiting = 0
     for i in range(len(seeds)):
         s = seeds[i]
-        if price[s] > 0 and seed_cost[i] < cost[s]:
+        if cell_cost[s] > 0 and seed_cost[i] < cost[s]:
             cost[s] = seed_cost[i]
             slot = (cost[s] // UNITS) % count
             pool_cell[used] = s
@@ -158,9 +158,9 @@ def travel_field(
                     if cc < 0 or cc >= columns or (dr == 0 and dc == 0):
                         continue
                     v = rr * columns + cc
-                    if price[v] == 0:
+                    if cell_cost[v] == 0:
                         continue
-                    step = price[u] + price[v]
+                    step = cell_cost[u] + cell_cost[v]
                     # Half of it for a straight step, sqrt(1/2) of it for a diagonal one.
                     step = (step * 512 if dr == 0 or dc == 0 else step * 724) >> 10
                     if charged and labels[u] > 0 and labels[v] == 0:

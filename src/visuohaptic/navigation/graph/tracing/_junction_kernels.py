@@ -1,6 +1,6 @@
 """From lines to a raw graph: junction cells that are one decision become one node, lines are led on to it.
 
-Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is told by its two slots and
+Works on the slots of ``_line_kernels`` alone and copies no paths: an edge is known by its two slots and
 its line, and :func:`edge_paths` writes the cells of all edges when somebody asks for them.
 """
 
@@ -10,8 +10,8 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
-from ._line_kernels import BITS
+from ....core.kernels import kernel
+from ._line_end_kernels import BITS
 from ._path_kernels import cost, longer, measure
 
 __all__ = ["edge_paths", "gather_junctions", "join_lines", "measure_paths"]
@@ -28,21 +28,34 @@ def gather_junctions(
     resolution_m: float,
     speeds: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Leader of each slot, the next slot on the way there (-1 for leaders), and that way's measures.
+    """Leader of each slot, the next slot on the path to it (-1 for leaders), and that path's measures.
 
     From the cell with the largest key on, a node takes the junction cells that are linked to
     it through others, as far as its own clearance (at least the cells that touch it).
     Measures (slots, 3): length [m], cost [s], clearance [m].
+
+    Parameters
+    ----------
+    cell, masks, keys, links
+        The slots: flat cell, linked neighbours, clearance and links; see the module.
+    order
+        Slots in use by ascending cell.
+    columns
+        Number of columns of the map.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     owner = np.full(len(cell), -1, np.int32)
     parent = np.full(len(cell), -1, np.int32)
-    way = np.zeros((len(cell), 3))
+    to_leader = np.zeros((len(cell), 3))
     joined = np.empty(len(order), np.int32)
     depth = np.empty(len(order), np.float32)
     queue = np.empty(len(order) + 1, np.int32)
     several = 0
     for slot in order:
-        way[slot, 2] = keys[slot]
+        to_leader[slot, 2] = keys[slot]
         owner[slot] = slot
         if BITS[masks[slot]] < 3:
             continue
@@ -79,12 +92,12 @@ def gather_junctions(
                 owner[other] = leader
                 parent[other] = here
                 length, seconds = _step(keys[here], keys[other], j, resolution_m, speeds)
-                way[other, 0] = way[here, 0] + length
-                way[other, 1] = way[here, 1] + seconds
-                way[other, 2] = min(way[here, 2], float(keys[other]))
+                to_leader[other, 0] = to_leader[here, 0] + length
+                to_leader[other, 1] = to_leader[here, 1] + seconds
+                to_leader[other, 2] = min(to_leader[here, 2], float(keys[other]))
                 queue[tail] = other
                 tail += 1
-    return owner, parent, way
+    return owner, parent, to_leader
 
 
 @kernel(error_model="numpy", boundscheck=False)
@@ -106,7 +119,7 @@ def join_lines(
     order: np.ndarray,
     owner: np.ndarray,
     parent: np.ndarray,
-    way: np.ndarray,
+    to_leader: np.ndarray,
     table: np.ndarray,
     measured: np.ndarray,
     used: int,
@@ -117,6 +130,27 @@ def join_lines(
 
     A piece is first and last slot, and where in the lines' path the inner cells begin and stop;
     the slots of a ring are -1. The order does not depend on the numbers of slots and lines.
+
+    Parameters
+    ----------
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    cell, masks, keys, links
+        The slots: flat cell, linked neighbours, clearance and links; see the module.
+    order
+        Slots in use by ascending cell.
+    owner, parent, to_leader
+        From :func:`gather_junctions`.
+    table
+        The lines, see the module.
+    table, measured
+        The lines: first and last cell and place in ``path``; length, cost and clearance.
+    used
+        Number of lines in ``table``.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
     """
     rings = np.empty(256, np.int32)
     ring_cells = np.empty(256, np.int32)
@@ -156,9 +190,9 @@ def join_lines(
                 clearance = min(float(keys[first]), float(keys[last]))
             pieces[edges, 0], pieces[edges, 1] = first, last
             ends[edges, 0], ends[edges, 1] = owner[first], owner[last]
-            measures[edges, 0] = length + way[first, 0] + way[last, 0]
-            measures[edges, 1] = seconds + way[first, 1] + way[last, 1]
-            measures[edges, 2] = min(clearance, min(way[first, 2], way[last, 2]))
+            measures[edges, 0] = length + to_leader[first, 0] + to_leader[last, 0]
+            measures[edges, 1] = seconds + to_leader[first, 1] + to_leader[last, 1]
+            measures[edges, 2] = min(clearance, min(to_leader[first, 2], to_leader[last, 2]))
             edges += 1
     ring_order = np.argsort(ring_cells[:ring_count])
     # Nodes in the order of their cells; ``number`` says which one a leader has become.
@@ -199,8 +233,8 @@ def join_lines(
 
 @kernel(error_model="numpy", boundscheck=False)
 def edge_paths(
-    edge_ways: np.ndarray,
-    ways: np.ndarray,
+    edge_start: np.ndarray,
+    halves: np.ndarray,
     pieces: np.ndarray,
     cell: np.ndarray,
     parent: np.ndarray,
@@ -208,17 +242,30 @@ def edge_paths(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Cells (flat) of edges from node to node, in CSR form.
 
-    Edge e is made of the half-edges ``ways[edge_ways[e] : edge_ways[e + 1]]`` of the raw graph, 2 r for piece r
+    Edge e is made of the half-edges ``halves[edge_start[e] : edge_start[e + 1]]`` of the raw graph, 2 r for piece r
     as it is, 2 r + 1 for piece r backwards.
+
+    Parameters
+    ----------
+    edge_start, halves
+        Half-edges of each edge in CSR form.
+    pieces
+        Edges of the raw graph, from :func:`join_lines`.
+    cell
+        Flat cell of each slot.
+    parent
+        From :func:`gather_junctions`.
+    path
+        Cells (flat) of all lines, one after the other.
     """
-    count = len(edge_ways) - 1
+    count = len(edge_start) - 1
     start = np.zeros(count + 1, np.int32)
     out = np.empty(4096, np.int32)
     size = 0
     for edge in range(count):
         begin = size
-        for k in range(edge_ways[edge], edge_ways[edge + 1]):
-            piece = pieces[ways[k] >> 1]
+        for k in range(edge_start[edge], edge_start[edge + 1]):
+            piece = pieces[halves[k] >> 1]
             inner = piece[3] - piece[2]
             room = size + inner
             for side in range(2):
@@ -245,7 +292,7 @@ def edge_paths(
                 out[size] = cell[here]
                 size += 1
                 here = parent[here]
-            if ways[k] & 1:
+            if halves[k] & 1:
                 _reverse(out, low, size)
         start[edge + 1] = size
     return start, out[:size].copy()
@@ -255,7 +302,19 @@ def edge_paths(
 def measure_paths(
     path_start: np.ndarray, path: np.ndarray, distance: np.ndarray, resolution_m: float, speeds: np.ndarray
 ) -> np.ndarray:
-    """Length [m], cost [s] and clearance [m] of each path, (m, 3)."""
+    """Length [m], cost [s] and clearance [m] of each path, (m, 3).
+
+    Parameters
+    ----------
+    path_start, path
+        Cells (flat) of each path in CSR form.
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
+    """
     measures = np.empty((len(path_start) - 1, 3))
     for k in range(len(path_start) - 1):
         length, seconds, clearance = measure(

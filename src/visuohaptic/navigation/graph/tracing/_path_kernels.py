@@ -6,14 +6,20 @@ import math
 
 import numpy as np
 
-from ...core.kernels import kernel
+from ....core.kernels import kernel
 
 __all__ = ["cost", "longer", "measure"]
 
 
 @kernel(error_model="numpy", boundscheck=False)
 def longer(array: np.ndarray) -> np.ndarray:
-    """The same array with room for as much again."""
+    """The same array with room for as many values again.
+
+    Parameters
+    ----------
+    array
+        Values (n,).
+    """
     larger = np.empty(2 * len(array) + 16, array.dtype)
     larger[: len(array)] = array
     return larger
@@ -21,7 +27,15 @@ def longer(array: np.ndarray) -> np.ndarray:
 
 @kernel(error_model="numpy", boundscheck=False)
 def cost(distance: float, speeds: np.ndarray) -> float:
-    """Eq. (4.1) [s/m]; ``speeds`` = (radius, 1 / v_min, 1 / v_max)."""
+    """Travel cost at a clearance, Eq. (4.1) [s/m].
+
+    Parameters
+    ----------
+    distance
+        Clearance [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
+    """
     fraction = min(max((distance / speeds[0] - 1.0) / 2.0, 0.0), 1.0)
     return speeds[1] + fraction * (speeds[2] - speeds[1])
 
@@ -35,7 +49,21 @@ def measure(
     resolution_m: float,
     speeds: np.ndarray,
 ) -> tuple[float, float, float]:
-    """Length [m], cost [s] and clearance [m] of path cells ``begin..end - 1``."""
+    """Length [m], cost [s] and clearance [m] of path cells ``begin..end - 1``.
+
+    Parameters
+    ----------
+    path
+        Cells (flat).
+    begin, end
+        First and past-the-last place in ``path``.
+    distance
+        Clearance of each cell [m], (rows, columns) float32.
+    resolution_m
+        Edge length of a cell [m].
+    speeds
+        Radius [m], 1 / v_min and 1 / v_max [s/m], as in Eq. (4.1).
+    """
     columns = distance.shape[1]
     flat = distance.ravel()
     straight, diagonal = 0, 0

@@ -20,7 +20,7 @@ STAND_SLACK = 0.15
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Expansion:
-    """A state with what all its pushes share."""
+    """A state with what all its pushes have in common."""
 
     state: SearchState
     clearance: Float32[np.ndarray, "rows columns"]

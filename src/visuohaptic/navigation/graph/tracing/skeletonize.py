@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, UInt8
 
-from ..grid.cost_grid import GridLayers
+from ...grid.cost_grid import GridLayers
 
 __all__ = ["skeleton", "skeleton_marks"]
 
 
 def skeleton_marks(layers: GridLayers) -> UInt8[np.ndarray, "rows columns"]:
-    """1 on the skeleton of the reachable cells, 0 elsewhere; see :func:`skeleton`."""
+    """1 on the skeleton of the reachable cells, 0 elsewhere; see :func:`skeleton`.
+
+    Parameters
+    ----------
+    layers
+        Costmap: clearance and cost of each cell.
+    """
     from ._skeleton_kernels import refine, start, survey
 
     mark = np.zeros(layers.shape, np.uint8)
@@ -27,5 +33,10 @@ def skeleton(layers: GridLayers) -> Bool[np.ndarray, "rows columns"]:
     Cells are deleted in the order of their distance, equal ones in that of their index, if that
     changes neither the components (8-connected) nor the holes (4-connected) and they are not
     the end of a line. The result has exactly the components and loops of the reachable cells.
+
+    Parameters
+    ----------
+    layers
+        Costmap: clearance and cost of each cell.
     """
     return skeleton_marks(layers).view(np.bool_)

@@ -7,13 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Float32, Int32, UInt8
 
-from ..grid.cost_grid import GridLayers
+from ...grid.cost_grid import GridLayers
 
 __all__ = ["RawGraph", "SkeletonLines", "speeds"]
 
 
 def speeds(layers: GridLayers) -> Float[np.ndarray, "3"]:
-    """Radius [m], and one by the smallest and by the largest speed [s/m], for the kernels."""
+    """Radius [m], and the reciprocals of the minimum and maximum speed [s/m], as kernels take them.
+
+    Parameters
+    ----------
+    layers
+        Of the map.
+    """
     limits = layers.limits
     return np.array([limits.radius_m, 1.0 / limits.v_min_m_s, 1.0 / limits.v_max_m_s])
 
@@ -35,19 +41,32 @@ class RawGraph:
     path: Int32[np.ndarray, "p"]  #: cells of all lines; nothing that was written is ever overwritten
 
     def paths(
-        self, edge_ways: Int32[np.ndarray, "e+1"], ways: Int32[np.ndarray, "w"]
+        self, edge_start: Int32[np.ndarray, "e+1"], halves: Int32[np.ndarray, "w"]
     ) -> tuple[Int32[np.ndarray, "e+1"], Int32[np.ndarray, "p"]]:
-        """Cells (flat) of edges that are made of half-edges of this graph, in CSR form."""
+        """Cells (flat) of edges that are made of half-edges of this graph, in CSR form.
+
+        Parameters
+        ----------
+        edge_start, halves
+            Half-edges of each edge in CSR form: 2 r for piece r, 2 r + 1 for it backwards.
+        """
         from ._junction_kernels import edge_paths
 
-        start, cells = edge_paths(edge_ways, ways, self.pieces, self.slot_cell, self.slot_parent, self.path)
+        start, cells = edge_paths(
+            edge_start, halves, self.pieces, self.slot_cell, self.slot_parent, self.path
+        )
         return start, cells
 
 
 class SkeletonLines:
     """Lines between the cells of a skeleton where lines meet or end.
 
-    A whole build and an edit take the same way: forget what touched cells are on, walk what is missing.
+    A whole build and an edit take the same steps: forget what touched cells are on, walk what is missing.
+
+    Parameters
+    ----------
+    shape
+        Rows and columns of the map.
     """
 
     def __init__(self, shape: tuple[int, int]) -> None:
@@ -69,11 +88,19 @@ class SkeletonLines:
     ) -> RawGraph:
         """Bring the lines up to date and return their graph.
 
-        ``touched`` (flat, some twice) are all cells whose mark or distance changed, and those beside a
-        changed mark; before the first call, all cells of the skeleton.
+        Parameters
+        ----------
+        layers
+            Of the map as it is now.
+        mark
+            Marks of its skeleton.
+        touched
+            All cells (flat, some twice) whose mark or distance changed, and those beside a changed mark; before the
+            first call, all cells of the skeleton.
         """
         from ._junction_kernels import gather_junctions, join_lines
-        from ._line_kernels import find_ends, find_lines, forget_lines, gather_paths
+        from ._line_end_kernels import find_ends, forget_lines
+        from ._line_kernels import find_lines, gather_paths
 
         scale = (layers.map.resolution_m, speeds(layers))
         distance = layers.distance_m
@@ -93,8 +120,8 @@ class SkeletonLines:
             )
             self._lost = 0
         ends = (self._cell, self._masks, self._keys, self._links, self._order)
-        owner, parent, way = gather_junctions(*ends, layers.shape[1], *scale)
+        owner, parent, to_leader = gather_junctions(*ends, layers.shape[1], *scale)
         cells, clearance_m, joined, measures, pieces = join_lines(
-            distance, *ends, owner, parent, way, self._table, self._measured, self._used, *scale
+            distance, *ends, owner, parent, to_leader, self._table, self._measured, self._used, *scale
         )
         return RawGraph(cells, clearance_m, joined, measures, pieces, self._cell.copy(), parent, self._path)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Float32, Int32
 
-from ..problem.push_costs import PushCosts, push_cost
+from ...problem.push_costs import PushCosts, push_cost
 from .push_states import SearchState, seed_cells
 from .search_domain import Body, SearchDomain
 

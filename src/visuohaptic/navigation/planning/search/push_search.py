@@ -3,7 +3,7 @@
 A state is where every body stands and where the robot is. A successor drives to a
 stable contact and pushes straight by a whole number of cells; the last step
 drives to the goal. The heuristic is the admissible lower bound of
-:mod:`~visuohaptic.navigation.planning.push_heuristic`, so that the first solution
+:mod:`~visuohaptic.navigation.planning.search.push_heuristic`, so that the first solution
 taken from the queue is the cheapest of the model. A push that frees no cell
 beside the goal's component needs another one after it, and is charged for that
 at once.
@@ -31,7 +31,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
-from ..problem.push_costs import PushCosts
+from ...problem.push_costs import PushCosts
 from .push_heuristic import PushHeuristic
 from .push_states import (
     SearchLimits,
@@ -75,7 +75,7 @@ class _Queue:
 
 
 class _Search:
-    """What all passes from one start share."""
+    """What all passes from one start have in common."""
 
     def __init__(
         self,
@@ -138,7 +138,7 @@ class _Search:
                 continue
             for estimate, successor in successors:
                 queue.push(estimate, successor)
-        reason = "no plan with so few pushes" if cut else "no sequence of straight pushes opens a way"
+        reason = "no plan with so few pushes" if cut else "no sequence of straight pushes clears a path"
         return SearchResult(False, expanded=expanded, exhausted=not cut, reason=reason)
 
     def _refined(self, state: SearchState, settings: SearchPass) -> float | None:
