@@ -79,48 +79,68 @@ class Load:
             raise InputError("Load", f"found {self.mass_kg} kg at {self.centre_m}, expected > 0 and finite")
 
 
-def wall_density_kg_per_m3(thing: ShellObject) -> float | None:
-    """Density of the wall's material, None when the library does not have the material or its density."""
-    entry = MATERIALS.get(thing.material.name)
+def wall_density_kg_per_m3(container: ShellObject) -> float | None:
+    """Density of the wall's material [kg/m^3], or None where the library does not have it.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    """
+    entry = MATERIALS.get(container.material.name)
     return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
 
 
 def object_load(
-    thing: ShellObject,
+    container: ShellObject,
     fill: float = 0.0,
     *,
     liquid_kg_per_m3: float = 1000.0,
     wall_kg_per_m3: float | None = None,
 ) -> Load:
-    """Wall and liquid of a container that stands upright.
+    """Mass and centre of mass of wall and liquid of a container that stands upright.
 
-    ``wall_kg_per_m3`` is that of the material by default; a material that is not in the library
-    needs it.
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    fill
+        Fraction of the volume that is liquid, 0 to 1.
+    liquid_kg_per_m3
+        Density of the liquid [kg/m^3].
+    wall_kg_per_m3
+        Density of the wall [kg/m^3]; that of the material by default. A material that is not in the library needs
+        it.
+
+    Raises
+    ------
+    InputError
+        A number out of range, an unknown density, or no volume to fill.
     """
     if not 0 <= fill <= 1:
         raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
     for name, density in (("liquid_kg_per_m3", liquid_kg_per_m3), ("wall_kg_per_m3", wall_kg_per_m3)):
         if density is not None and not 0 < density < float("inf"):
             raise InputError("object_load", f"found {density}, expected > 0", field=name)
-    mesh = thing.mesh
+    mesh = container.mesh
     if wall_kg_per_m3 is None:
-        wall_kg_per_m3 = wall_density_kg_per_m3(thing)
+        wall_kg_per_m3 = wall_density_kg_per_m3(container)
         if wall_kg_per_m3 is None:
             raise InputError(
-                f"material {thing.material.name}", "has no density", remedy="give wall_kg_per_m3"
+                f"material {container.material.name}", "has no density", remedy="give wall_kg_per_m3"
             )
     corners = mesh.vertices_m[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     wall = wall_kg_per_m3 * area * np.asarray(mesh.fraction) * np.asarray(mesh.thickness_m)
     mass, moment = float(wall.sum()), wall @ corners.mean(axis=1)
     if fill > 0:
-        level = mesh.vertices_m[:, 2].min() + liquid_level_m(thing, fill)
+        level = mesh.vertices_m[:, 2].min() + liquid_level_m(container, fill)
         cut = mesh.vertices_m.copy()
         cut[:, 2] = np.minimum(cut[:, 2], level)
         volume, first = 0.0, np.zeros(3)
         for faces, fraction in (
             (mesh.faces, np.asarray(mesh.fraction)),
-            (thing.lid, np.ones(len(thing.lid))),
+            (container.lid, np.ones(len(container.lid))),
         ):
             a, b, c = (cut[faces[:, k]] for k in range(3))
             part = fraction * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
@@ -128,9 +148,9 @@ def object_load(
             # Tetrahedra from the origin: the foot is at z = 0, or has triangles of its own.
             first = first + part @ (a + b + c) / 4
         if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) <= 0:
-            raise InputError(thing.name, "encloses no volume that could be filled")
-        # In a mesh with inner walls the cut is not exactly the share that was asked for.
-        liquid = liquid_kg_per_m3 * fill * thing.volume_m3
+            raise InputError(container.name, "encloses no volume that could be filled")
+        # In a mesh with inner walls the cut is not exactly the fraction that was asked for.
+        liquid = liquid_kg_per_m3 * fill * container.volume_m3
         mass += liquid
         moment = moment + liquid * first / volume
     centre = moment / mass
@@ -145,7 +165,7 @@ def required_force_N(
     gripper: GripperModel,
     handling: Handling | None = None,
 ) -> Float[np.ndarray, "m"]:
-    """Force of each finger that holds the load; infinite where friction can't.
+    """Force of each finger that holds the load [N]; infinite where friction cannot.
 
     Parameters
     ----------
@@ -153,6 +173,12 @@ def required_force_N(
         Where the fingers touch.
     slant_rad
         Angle between force and inward normal: its tangential part uses friction up.
+    load
+        Mass and centre of mass.
+    gripper
+        Friction and radius of the fingers.
+    handling
+        Acceleration, tilt and safety factor.
 
     Notes
     -----

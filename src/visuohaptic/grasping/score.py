@@ -8,7 +8,7 @@ the deformation small. Where the text leaves something open or is misprinted:
 - (6.6) divides by the number of neighbours. The factor ``1 - sqrt(r / d)`` has the mean 1/5 over a
   disc, so that no grasp could pass ``S_G > 0.5``. Here the sum of the factors divides: a flat,
   perpendicular contact scores w_n.
-- "Partial overlap is penalised": the contact score is multiplied with the share of the finger's
+- "Partial overlap is penalised": the contact score is multiplied with the fraction of the finger's
   disc (with the same factors) that has wall in front of it.
 - The unit of the curvature is not printed. With w_c = 5 and centimetres nothing rounder than a
   radius of 5 cm reaches 0.5, no bottle does; in millimetres a ridge of 2.5 mm radius scores 0.
@@ -31,7 +31,7 @@ from ..deformation.shells.stiffness_map import DualTips, opposing_points
 __all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
 
 #: Points that a second-order polynomial is fitted to, at least.
-FEWEST_NEIGHBOURS = 10
+MIN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class GraspScores:
     curvature: Float[np.ndarray, "v"]  #: S_c
     height: Float[np.ndarray, "v"]  #: S_h
     deformation: Float[np.ndarray, "v"]  #: S_d
-    overlap: Float[np.ndarray, "v"]  #: share of the finger that has wall in front of it
+    overlap: Float[np.ndarray, "v"]  #: fraction of the finger that has wall in front of it
     perpendicular: Float[np.ndarray, "v"]  #: weighted mean of F . n around the point, -1..1
     tips: DualTips  #: where the other finger is
     deformation_m: Float[np.ndarray, "v"]  #: expected deformation of one side under the force
@@ -84,7 +84,13 @@ class GraspScores:
         return np.where(self.tips.valid, np.minimum(self.total, self.opposite(self.total)), 0.0)
 
     def opposite(self, values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
-        """A map at the other finger of each vertex."""
+        """Values of a map at the other finger of each vertex.
+
+        Parameters
+        ----------
+        values
+            One for each vertex.
+        """
         out: np.ndarray = np.einsum("mk,mk->m", self.tips.weights, values[self.tips.second])
         return out
 
@@ -101,7 +107,7 @@ def grasp_scores(
     Parameters
     ----------
     surface
-        Physical local stiffness [N/m], z up. Infinite stiffness does not give way.
+        Physical local stiffness [N/m], z up. Infinite stiffness does not deform.
     force_N
         F_G, of each finger; one number, or one for the grasp at each vertex.
     parameters
@@ -137,7 +143,15 @@ def grasp_scores(
 def deformation_score(
     deformation_m: Float[np.ndarray, "v"], parameters: ScoreParameters
 ) -> Float[np.ndarray, "v"]:
-    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known."""
+    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known.
+
+    Parameters
+    ----------
+    deformation_m
+        Expected deformation of one side [m].
+    parameters
+        Weight w_d and bound delta_max.
+    """
     excess = deformation_m / parameters.max_deformation_m - 1
     score = 0.5 - 0.5 * np.tanh(parameters.deformation_weight * excess)
     return np.nan_to_num(_clamped(score), nan=0.0)
@@ -171,7 +185,7 @@ def vertex_normals(
 def _contact(
     mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], direction: Float[np.ndarray, "v 3"], d: float
 ) -> tuple[Float[np.ndarray, "v"], Float[np.ndarray, "v"]]:
-    """Weighted mean of F . n around each vertex, and the share of the disc in front of which wall is."""
+    """Weighted mean of F . n around each vertex, and the fraction of the disc in front of which wall is."""
     places, normals, area = _samples(mesh, (d / 6) ** 2)
     count = len(mesh.vertices_m)
     mean_top, mean_low, covered = np.zeros(count), np.zeros(count), np.zeros(count)
@@ -204,7 +218,7 @@ def _smallest_quadratic(
     first, second = _tangents(normal)
     moments, right = np.zeros((count, 36)), np.zeros((count, 6))
     used = np.unique(mesh.faces)
-    for vertex, other in _neighbours(points, points[used], d, fewest=FEWEST_NEIGHBOURS):
+    for vertex, other in _neighbours(points, points[used], d, fewest=MIN_NEIGHBOURS):
         away = points[used[other]] - points[vertex]
         same = np.einsum("pi,pi->p", normal[used[other]], normal[vertex]) > 0
         x = np.einsum("pi,pi->p", away, first[vertex]) / d
