@@ -9,12 +9,13 @@ on a disc). A point has no patch and holds no moment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
+from ..core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
@@ -31,52 +32,40 @@ NO_MOMENT = 1e-9
 class GripperModel:
     """Two parallel fingers that close on each other."""
 
-    opening_m: float = 0.11  #: widest
-    finger_radius_m: float = 0.01  #: of the patch that touches; 0 is a point
-    max_force_N: float = 60.0  #: of one finger
-    friction: float = 0.6  #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
+    opening_m: float = field(default=0.11, metadata=POSITIVE)  #: largest
+    finger_radius_m: float = field(default=0.01, metadata=NON_NEGATIVE)  #: of the contact patch; 0 is a point
+    max_force_N: float = field(default=60.0, metadata=POSITIVE)  #: of one finger
+    #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
+    friction: float = field(default=0.6, metadata=POSITIVE)
 
     def __post_init__(self) -> None:
-        for name in ("opening_m", "max_force_N", "friction"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise InputError("GripperModel", f"found {getattr(self, name)}, expected > 0", field=name)
-        if not 0 <= self.finger_radius_m < float("inf"):
-            raise InputError(
-                "GripperModel", f"found {self.finger_radius_m} m, expected >= 0", field="finger_radius_m"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Handling:
     """What is done with the object once it is held."""
 
-    acceleration_m_per_s2: float = 1.0  #: of the arm, upwards at worst
-    tilt_rad: float = 0.17  #: about the grasp axis, that must be held against (10 degrees)
-    safety: float = 1.5  #: factor on the force
+    #: of the arm, upwards in the worst case
+    acceleration_m_per_s2: float = field(default=1.0, metadata=within(0, 1000))
+    #: about the grasp axis, that must be held against (10 degrees)
+    tilt_rad: float = field(default=0.17, metadata=within(0, np.pi / 2))
+    safety: float = field(default=1.5, metadata=within(1, 100))  #: factor on the force
 
     def __post_init__(self) -> None:
-        if not 0 <= self.acceleration_m_per_s2 < 1000:
-            raise InputError(
-                "Handling",
-                f"found {self.acceleration_m_per_s2}, expected 0 to 1000",
-                field="acceleration_m_per_s2",
-            )
-        if not 0 <= self.tilt_rad <= np.pi / 2:
-            raise InputError("Handling", f"found {self.tilt_rad}, expected 0 to pi/2", field="tilt_rad")
-        if not 1 <= self.safety < 100:
-            raise InputError("Handling", f"found {self.safety}, expected 1 to 100", field="safety")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
     """What has to be lifted."""
 
-    mass_kg: float
-    centre_m: tuple[float, float, float]  #: centre of mass in the object's frame
+    mass_kg: float = field(metadata=POSITIVE)
+    #: centre of mass in the object's frame
+    centre_m: tuple[float, float, float] = field(metadata=at_least(-np.inf))
 
     def __post_init__(self) -> None:
-        if not (0 < self.mass_kg < float("inf") and np.isfinite(self.centre_m).all()):
-            raise InputError("Load", f"found {self.mass_kg} kg at {self.centre_m}, expected > 0 and finite")
+        check_ranges(self)
 
 
 def wall_density_kg_per_m3(container: ShellObject) -> float | None:

@@ -18,13 +18,14 @@ the deformation small. Where the text leaves something open or is misprinted:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..core.errors import InputError
 from ..core.objects import StiffnessMap
+from ..core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
@@ -38,25 +39,17 @@ MIN_NEIGHBOURS = 10
 class ScoreParameters:
     """Coefficients of the scores; defaults are those of the text."""
 
-    contact_weight: float = 1.0  #: w_n
-    curvature_weight: float = 5.0  #: w_c
-    height_weight: float = 0.5  #: w_h
-    deformation_weight: float = 5.0  #: w_d
-    max_deformation_m: float = 0.005  #: delta_max
-    neighbourhood_m: float = 0.01  #: d: radius of what a finger touches, by how well the arm aligns
-    curvature_unit_m: float = 0.001  #: w_c multiplies 1 / this
+    contact_weight: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_n
+    curvature_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_c
+    height_weight: float = field(default=0.5, metadata=within(0, 1))  #: w_h
+    deformation_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_d
+    max_deformation_m: float = field(default=0.005, metadata=POSITIVE)  #: delta_max
+    #: d: radius of what a finger touches, by how well the arm aligns
+    neighbourhood_m: float = field(default=0.01, metadata=POSITIVE)
+    curvature_unit_m: float = field(default=0.001, metadata=POSITIVE)  #: w_c multiplies 1 / this
 
     def __post_init__(self) -> None:
-        for name in ("max_deformation_m", "neighbourhood_m", "curvature_unit_m"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected > 0", field=name)
-        for name in ("contact_weight", "curvature_weight", "deformation_weight"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected >= 0", field=name)
-        if not 0 <= self.height_weight <= 1:
-            raise InputError(
-                "ScoreParameters", f"found {self.height_weight}, expected 0 to 1", field="height_weight"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

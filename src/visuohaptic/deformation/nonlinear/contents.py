@@ -9,12 +9,13 @@ term of the stiffness, so the closed map of all pinches costs one solve more tha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
@@ -49,14 +50,12 @@ class Contents:
     """
 
     closed: bool = True  #: nothing can escape
-    fill: float = 0.0  #: fraction of the volume that is liquid, 0..1; 1 is incompressible
-    ambient_Pa: float = AMBIENT_PRESSURE_Pa
+    #: fraction of the volume that is liquid; 1 is incompressible
+    fill: float = field(default=0.0, metadata=within(0, 1))
+    ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
 
     def __post_init__(self) -> None:
-        if not 0 <= self.fill <= 1:
-            raise InputError("Contents", f"found {self.fill}, expected 0 to 1", field="fill")
-        if not 0 < self.ambient_Pa < float("inf"):
-            raise InputError("Contents", f"found {self.ambient_Pa} Pa, expected > 0", field="ambient_Pa")
+        check_ranges(self)
 
     def bulk_stiffness(self, volume_m3: float) -> float:
         """kappa = -dp/dV in the undeformed state [Pa/m^3]; infinite without gas, zero when open.

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import check_ranges, within
 from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown
 
@@ -60,11 +61,10 @@ class ContentsState:
     """A hypothesis."""
 
     closed: bool  #: nothing can get out, and the rim keeps its shape
-    fill: float = 0.0  #: fraction of the volume that a liquid takes
+    fill: float = field(default=0.0, metadata=within(0, 1))  #: fraction of the volume that is liquid
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.fill <= 1.0:
-            raise InputError("ContentsState", f"found {self.fill}, expected 0 to 1", field="fill")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
