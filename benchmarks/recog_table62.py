@@ -61,7 +61,7 @@ def campaign(
     model9 = calibrate(fit_model(three, settings=settings), three, rng)
     five = data.of_classes(FIVE, world.GROUPS)
     tree, tree9 = train_tree(five), train_tree(three)
-    plain = grow_tree(five, reuse=0.0, alpha=tree.alpha, draws=0)
+    plain = grow_tree(five, reuse=0.0, alpha=tree.alpha, samples=0)
 
     def judge(name: str, draw: int, thing: world.RealObject, salt: int) -> dict[str, Any]:
         rng = np.random.default_rng([seed, draw, len(name), salt])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.deformation.maps import object_map, object_stiffness
-from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.maps.confidence_band import nearest_value
 from visuohaptic.deformation.shapes import (
     ContainerDescription,
     WallProperties,
@@ -57,9 +57,9 @@ def test_a_mesh_is_as_stiff_as_its_description(
     )
     surface(foot, mouth, height, shift).export(tmp_path / "same.stl")
     described = object_map(mesh_container(description), band=False)
-    thing = import_container(tmp_path / "same.stl", wall=WallProperties(thickness_m=0.0006))
-    imported = object_map(thing, band=False)
-    assert thing.axis_point_m == pytest.approx((0, 0), abs=1e-5)
+    container = import_container(tmp_path / "same.stl", wall=WallProperties(thickness_m=0.0006))
+    imported = object_map(container, band=False)
+    assert container.axis_point_m == pytest.approx((0, 0), abs=1e-5)
     for fraction in (0.25, 0.5, 0.75, 1.0):
         for angle in (0.0, 0.8, np.pi / 2, 3.0, -np.pi / 2):
             place = np.array(
@@ -81,13 +81,13 @@ def test_a_tip_inside_a_face_is_a_point_as_well() -> None:
     tube = ContainerDescription.model_validate(
         {"base": {"radius": 0.035}, "sections": [{"height": 0.2}], "wall": 0.0005}
     )
-    thing = mesh_container(tube, around=48)
-    z = thing.mesh.vertices_m[:, 2]
+    container = mesh_container(tube, around=48)
+    z = container.mesh.vertices_m[:, 2]
     ring = np.flatnonzero(np.isclose(z, z[np.argmin(np.abs(z - 0.06))]))
-    straight = opposing_points(thing.mesh, ring)
+    straight = opposing_points(container.mesh, ring)
     # By 1.1 mm the line through the axis turns by 1.8 degrees, half a cell is 3.75 degrees.
-    beside = opposing_points(thing.mesh, ring, axis_point_m=(0.0011, 0.0007))
+    beside = opposing_points(container.mesh, ring, axis_point_m=(0.0011, 0.0007))
     assert straight.weights.max(axis=1).min() == 1
     assert 0.4 < beside.weights.max(axis=1).min() < 0.7
-    on, inside = (object_stiffness(thing, tips, band=False)[0] for tips in (straight, beside))
+    on, inside = (object_stiffness(container, tips, band=False)[0] for tips in (straight, beside))
     assert inside == pytest.approx(on, rel=0.02)

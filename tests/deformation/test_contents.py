@@ -34,7 +34,7 @@ BASES = {
 }
 
 
-def thing(base: str, around: int = 48, *, even: bool = False) -> ShellObject:
+def container(base: str, around: int = 48, *, even: bool = False) -> ShellObject:
     found = ContainerDescription.model_validate(
         {
             "base": BASES[base],
@@ -56,7 +56,7 @@ def test_enclosed_air_and_water_stiffen_an_ellipse_and_not_a_round_tube() -> Non
     states = [Contents(), Contents(fill=0.95), Contents(closed=False)]
     ratio = {}
     for base in BASES:
-        found = thing(base, 64)
+        found = container(base, 64)
         model = found.model()
         tips = opposing_points(found.mesh, side_vertex(found, 64, 1))
         c = dual_tip_compliance(model, tips)
@@ -67,7 +67,7 @@ def test_enclosed_air_and_water_stiffen_an_ellipse_and_not_a_round_tube() -> Non
 
 
 def test_the_rank_one_update_equals_a_dense_solve_and_the_iteration_where_it_converges() -> None:
-    found = thing("ellipse", 16)
+    found = container("ellipse", 16)
     model = found.model()
     tips = opposing_points(found.mesh, side_vertex(found, 16, 1))
     what = Contents(fill=0.3)
@@ -89,7 +89,7 @@ def test_the_rank_one_update_equals_a_dense_solve_and_the_iteration_where_it_con
 
 
 def test_pressure_obeys_boyle_under_large_deformation() -> None:
-    found = thing("ellipse", 24)
+    found = container("ellipse", 24)
     model = found.model()
     tips = opposing_points(found.mesh, side_vertex(found, 24, 1))
     force = []
@@ -129,7 +129,7 @@ def test_the_law_is_smooth_and_its_slope_true() -> None:
 @settings(deadline=None)  # the first call imports scipy.optimize
 @given(st.floats(0.0, 1.0))
 def test_the_level_leaves_the_right_volume_below(fill: float) -> None:
-    found = thing("round", 16, even=True)  # a prism, with as many corners at the rim as below
+    found = container("round", 16, even=True)  # a prism, with as many corners at the rim as below
     level = liquid_level_m(found, fill)
     assert level == pytest.approx(0.2 * fill, abs=1e-6)  # a tube
 
@@ -151,7 +151,7 @@ def test_hydrostatic_forces_balance_the_weight() -> None:
 
 
 def test_walls_that_would_touch_end_the_path() -> None:
-    found = thing("ellipse", 16)
+    found = container("ellipse", 16)
     model = found.model()
     tips = opposing_points(found.mesh, side_vertex(found, 16, 1))
     assert wall_gap_m(found.mesh.vertices_m, tips) == pytest.approx(0.05, rel=1e-6)
@@ -167,14 +167,14 @@ def test_bad_contents_are_refused(more: dict[str, float]) -> None:
 
 
 def test_enclosed_volume_needs_the_lid() -> None:
-    found = thing("round", 64)
+    found = container("round", 64)
     mesh = found.mesh
     assert enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) < found.volume_m3
 
 
 def test_the_level_does_not_depend_on_where_the_object_stands() -> None:
     """As an imported mesh with its own origin, whose foot is closed by the lid's triangles."""
-    found = thing("ellipse", 32)
+    found = container("ellipse", 32)
     mesh = found.mesh
     low = ShellMesh(mesh.vertices_m - [0.01, 0.02, 0.13], mesh.faces, mesh.thickness_m, mesh.fraction)
     floor = ring_lid(np.arange(32)[::-1])

@@ -27,10 +27,10 @@ def shipped(name: str, around: int = 16) -> ShellObject:
 
 def test_small_deformations_give_the_linear_features() -> None:
     for name in ("elliptic", "cleaner"):
-        thing = shipped(name, 24)
+        container = shipped(name, 24)
         for contents in (None, Contents(fill=0.5)):
-            linear = linear_features(thing, contents).values
-            found = nonlinear_features(thing, contents, deformation_m=(1e-6, 2e-6), heights=[5, 12])
+            linear = linear_features(container, contents).values
+            found = nonlinear_features(container, contents, deformation_m=(1e-6, 2e-6), heights=[5, 12])
             for row in (4, 11):
                 # The force has an error of 1e-5, its curvature is of the order of d / t.
                 np.testing.assert_allclose(found.values[row, :, :2], linear[row, :, :2], rtol=5e-3)
@@ -44,14 +44,14 @@ def test_small_deformations_give_the_linear_features() -> None:
 
 
 def test_a_coefficient_is_the_linear_one_times_what_the_curve_says() -> None:
-    thing = shipped("elliptic")
+    container = shipped("elliptic")
     steps = (0.0005, 0.001, 0.002, 0.004)
-    found = nonlinear_features(thing, deformation_m=steps, heights=[8])
-    vertex = int(np.argmin(np.linalg.norm(thing.mesh.vertices_m - found.points_m[7, 2], axis=1)))
-    plane = PinchPlane(thing, np.pi / 2, one_way=True)
+    found = nonlinear_features(container, deformation_m=steps, heights=[8])
+    vertex = int(np.argmin(np.linalg.norm(container.mesh.vertices_m - found.points_m[7, 2], axis=1)))
+    plane = PinchPlane(container, np.pi / 2, one_way=True)
     curve = plane.curve(vertex, deformation_m=steps)
     wanted = np.array(curve_coefficients(curve.first_m, curve.force_N)) * plane.linear(vertex)[0]
-    linear = linear_features(thing).values[7, 2, 0]
+    linear = linear_features(container).values[7, 2, 0]
     np.testing.assert_allclose(found.values[7, 2], linear * wanted, rtol=1e-6)
     # A flat side softens, then stiffens.
     assert found.values[7, 2, 0] < linear
@@ -129,10 +129,10 @@ def test_between_two_curves_is_valid_what_is_valid_in_both() -> None:
 
 
 def test_rings_where_the_features_are() -> None:
-    thing = mesh_container(load_container("cien").middle(), around=24, levels=16)
-    points, corners, weights = feature_locations(thing)
+    container = mesh_container(load_container("cien").middle(), around=24, levels=16)
+    points, corners, weights = feature_locations(container)
     nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
-    away = np.abs(thing.mesh.vertices_m[nearest, 2] - points[..., 2])
+    away = np.abs(container.mesh.vertices_m[nearest, 2] - points[..., 2])
     # Some give way to a break of the profile close by, none is farther off than a quarter of a cell.
     assert (away < 1e-9).mean() > 0.7
     assert away.max() < 0.25 * 2 * np.pi * 0.04 / 24

@@ -110,9 +110,9 @@ def test_coefficients_of_a_known_curve(a: float, b: float) -> None:
 
 
 def test_features_of_curves_start_from_the_linear_ones() -> None:
-    thing = mesh_container(load_container("cup-rim").middle(), around=24)
-    linear = linear_features(thing).values
-    curved = nonlinear_features(thing, deformation_m=(2e-5, 4e-5), heights=[8]).values
+    container = mesh_container(load_container("cup-rim").middle(), around=24)
+    linear = linear_features(container).values
+    curved = nonlinear_features(container, deformation_m=(2e-5, 4e-5), heights=[8]).values
     # Nearest vertex instead of the place itself, on a coarse mesh: some percent.
     assert curved[7, 0, 0] == pytest.approx(linear[7, 0, 0], rel=0.1)
     assert curved[7, 2, 0] == pytest.approx(curved[7, 0, 0])  # round: computed once

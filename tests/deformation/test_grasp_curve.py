@@ -24,10 +24,10 @@ def shipped(name: str, around: int = 16) -> ShellObject:
 def test_a_part_gives_the_curve_of_the_whole(
     name: str, side: str, copies: int, contents: Contents | None
 ) -> None:
-    thing = shipped(name)
+    container = shipped(name)
     steps = [0.0005, 0.002, 0.004]
-    part = grasp_curve(thing, side=side, deformation_m=steps, contents=contents)
-    whole = grasp_curve(thing, side=side, deformation_m=steps, contents=contents, symmetric=False)
+    part = grasp_curve(container, side=side, deformation_m=steps, contents=contents)
+    whole = grasp_curve(container, side=side, deformation_m=steps, contents=contents, symmetric=False)
     assert (part.copies, whole.copies) == (copies, 1)
     assert part.complete
     assert whole.complete
@@ -40,7 +40,7 @@ def test_a_part_gives_the_curve_of_the_whole(
 
 
 def test_the_tube_of_other_codes() -> None:
-    thing = mesh_container(
+    container = mesh_container(
         ContainerDescription.model_validate(
             {
                 "base": {"radius": "35 mm"},
@@ -52,8 +52,8 @@ def test_the_tube_of_other_codes() -> None:
     )
     import dataclasses
 
-    thing = dataclasses.replace(thing, material=IsotropicMaterial(2.5e9, 0.38))
-    found = grasp_curve(thing, deformation_m=[0.0005, 0.001, 0.0015, 0.002, 0.003, 0.0045, 0.006])
+    container = dataclasses.replace(container, material=IsotropicMaterial(2.5e9, 0.38))
+    found = grasp_curve(container, deformation_m=[0.0005, 0.001, 0.0015, 0.002, 0.003, 0.0045, 0.006])
     assert found.copies == 4
     depth, force = np.r_[0, found.deformation_m], np.r_[0, found.force_N]
     for newton, millimetres in PINCH.items():
@@ -62,21 +62,21 @@ def test_the_tube_of_other_codes() -> None:
 
 
 def test_the_curve_starts_with_the_linear_stiffness() -> None:
-    thing = shipped("elliptic")
-    vertex = side_vertex(thing, "y+")
-    tips = opposing_points(thing.mesh, np.array([vertex]), axis_point_m=thing.axis_point_m)
+    container = shipped("elliptic")
+    vertex = side_vertex(container, "y+")
+    tips = opposing_points(container.mesh, np.array([vertex]), axis_point_m=container.axis_point_m)
     for contents in (None, Contents(fill=0.5)):
-        wanted = float(object_stiffness(thing, tips, contents, band=False)[0][0])
-        plane = PinchPlane(thing, np.pi / 2)
+        wanted = float(object_stiffness(container, tips, contents, band=False)[0][0])
+        plane = PinchPlane(container, np.pi / 2)
         assert 1 / plane.linear(vertex, contents).mean() == pytest.approx(wanted, rel=1e-6)
         curve = plane.curve(vertex, deformation_m=[1e-6], contents=contents)
         assert curve.force_N[0] / 1e-6 == pytest.approx(wanted, rel=1e-3)
 
 
 def test_forces_are_the_inverse_of_deformations() -> None:
-    thing = shipped("elliptic")
-    there = grasp_curve(thing, side="y+", deformation_m=[0.001, 0.003, 0.006])
-    back = grasp_curve(thing, side="y+", force_N=there.force_N.tolist())
+    container = shipped("elliptic")
+    there = grasp_curve(container, side="y+", deformation_m=[0.001, 0.003, 0.006])
+    back = grasp_curve(container, side="y+", force_N=there.force_N.tolist())
     assert back.complete
     np.testing.assert_allclose(back.deformation_m, there.deformation_m, rtol=1e-3)
     assert there.force_at(0.003) == pytest.approx(there.force_N[1])
@@ -84,9 +84,9 @@ def test_forces_are_the_inverse_of_deformations() -> None:
 
 
 def test_more_liquid_is_stiffer_and_pressure_rises() -> None:
-    thing = shipped("elliptic")
+    container = shipped("elliptic")
     curves = [
-        grasp_curve(thing, side="y+", deformation_m=[0.003], contents=what)
+        grasp_curve(container, side="y+", deformation_m=[0.003], contents=what)
         for what in (None, Contents(), Contents(fill=0.7), Contents(fill=0.95))
     ]
     force = [float(curve.force_N[0]) for curve in curves]
@@ -102,7 +102,7 @@ def test_a_point_between_the_axes_needs_the_whole_unless_the_object_is_round() -
 
 
 def test_walls_that_would_touch_end_the_curve() -> None:
-    thing = mesh_container(
+    container = mesh_container(
         ContainerDescription.model_validate(
             {
                 "base": {"shape": "ellipse", "radius": "40 mm", "radius_y": "6 mm"},
@@ -112,7 +112,7 @@ def test_walls_that_would_touch_end_the_curve() -> None:
         ),
         around=16,
     )
-    found = grasp_curve(thing, side="y+", height_m=0.06, deformation_m=[0.002, 0.004, 0.007])
+    found = grasp_curve(container, side="y+", height_m=0.06, deformation_m=[0.002, 0.004, 0.007])
     assert not found.complete
     assert "walls touch" in found.reason
     assert 0 < len(found.force_N) < 3

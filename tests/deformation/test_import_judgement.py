@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from visuohaptic.core import InputError
-from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.maps.confidence_band import nearest_value
 from visuohaptic.deformation.shapes import (
     ShellObject,
     WallProperties,
@@ -72,16 +72,16 @@ def pot(*, groove_m: float, foot: bool, top: bool) -> trimesh.Trimesh:
     return trimesh.Trimesh(points, np.concatenate(parts), process=False)
 
 
-def stiffness_at(thing: ShellObject, heights_m: tuple[float, ...]) -> np.ndarray:
+def stiffness_at(container: ShellObject, heights_m: tuple[float, ...]) -> np.ndarray:
     """Median of the ring of vertices of the wall nearest to each height [N/m]."""
-    points = thing.mesh.vertices_m
+    points = container.mesh.vertices_m
     outer = np.hypot(points[:, 0], points[:, 1]) > 0.8 * RADIUS_m
     found = []
     for height in heights_m:
         level = points[outer, 2][np.abs(points[outer, 2] - height).argmin()]
         ring = np.flatnonzero(outer & (np.abs(points[:, 2] - level) < 1e-6))[::8]
-        tips = opposing_points(thing.mesh, ring, axis_point_m=thing.axis_point_m)
-        found.append(np.median(dual_tip_map(thing.model(), tips)))
+        tips = opposing_points(container.mesh, ring, axis_point_m=container.axis_point_m)
+        found.append(np.median(dual_tip_map(container.model(), tips)))
     return np.array(found)
 
 
@@ -95,40 +95,40 @@ def test_a_clamped_foot_of_slivers_changes_nothing(
     found = []
     for number, mesh in enumerate(meshes):
         mesh.export(tmp_path / f"{number}.ply")
-        thing = import_container(
+        container = import_container(
             tmp_path / f"{number}.ply", wall=WallProperties(thickness_m=WALL_m), remesh=remesh
         )
-        away, _ = cKDTree(thing.mesh.vertices_m).query(mesh.vertices)
+        away, _ = cKDTree(container.mesh.vertices_m).query(mesh.vertices)
         # A PLY file has single precision: 4e-9 m at 0.11 m.
         assert away.max() < 1e-8
-        assert len(thing.mesh.vertices_m) == len(mesh.vertices)
-        found.append(stiffness_at(thing, heights))
+        assert len(container.mesh.vertices_m) == len(mesh.vertices)
+        found.append(stiffness_at(container, heights))
     # Triangles with three clamped corners have no stiffness: all that differs is rounding.
     np.testing.assert_allclose(found[0], found[1], rtol=1e-6)
 
 
 def test_a_grooved_pot_with_a_foot_of_slivers_is_as_stiff_as_the_series(tmp_path: Path) -> None:
     pot(groove_m=0.0015, foot=True, top=False).export(tmp_path / "pot.ply")
-    thing = import_container(tmp_path / "pot.ply", wall=WallProperties(thickness_m=WALL_m))
+    container = import_container(tmp_path / "pot.ply", wall=WallProperties(thickness_m=WALL_m))
     height = np.linspace(0, 0.11, 441)
     from_groove = np.clip((height - 0.055) / 0.0125, -1, 1)
     shell = RevolutionShell(RADIUS_m - 0.00075 * (1 + np.cos(np.pi * from_groove)), height, WALL_m)
-    expected = pinch_stiffness(shell, thing.material)[[120, 220, 320]]
+    expected = pinch_stiffness(shell, container.material)[[120, 220, 320]]
     # Cells of 2.3 by 2.5 mm: 2 % on a plain tube, and ten cells across the groove.
-    np.testing.assert_allclose(stiffness_at(thing, (0.03, 0.055, 0.08)), expected, rtol=0.05)
+    np.testing.assert_allclose(stiffness_at(container, (0.03, 0.055, 0.08)), expected, rtol=0.05)
 
 
 def test_right_angled_needles_are_used_and_right(tmp_path: Path) -> None:
     """Needles of 9 degrees: what spoils a triangle is a large angle, not a small one."""
     points, faces = revolved(np.full(140, RADIUS_m), np.linspace(0, 0.05, 140))
     trimesh.Trimesh(points, faces, process=False).export(tmp_path / "needles.ply")
-    thing = import_container(tmp_path / "needles.ply", wall=WallProperties(thickness_m=WALL_m))
-    assert len(thing.mesh.vertices_m) == len(points)
+    container = import_container(tmp_path / "needles.ply", wall=WallProperties(thickness_m=WALL_m))
+    assert len(container.mesh.vertices_m) == len(points)
     # The first ring above the base is within a hundredth of the height and is clamped as well.
     shell = RevolutionShell(np.full(139, RADIUS_m), np.linspace(0.05 / 139, 0.05, 139), WALL_m)
-    expected = pinch_stiffness(shell, thing.material)[69]
+    expected = pinch_stiffness(shell, container.material)[69]
     # Right-angled cells of 96 facets round: 1 to 2 %.
-    assert stiffness_at(thing, (0.05 * 70 / 139,))[0] == pytest.approx(expected, rel=0.03)
+    assert stiffness_at(container, (0.05 * 70 / 139,))[0] == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize(("cell", "refused"), [(0.18, False), (0.08, True)])
@@ -164,15 +164,15 @@ def two_sided(
 
 def test_a_measured_wall_is_used(tmp_path: Path) -> None:
     two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
-    thing = import_container(tmp_path / "jar.ply")
+    container = import_container(tmp_path / "jar.ply")
     # The distance between two facets of 96 is cos(pi / 96) of that between their circles: 0.05 %.
-    np.testing.assert_allclose(thing.mesh.thickness_m, 0.002, rtol=0.002)
-    assert thing.wall_spread < 0.01
-    assert any("as thick as measured: 2 mm ± 0.0" in note for note in thing.notes)
+    np.testing.assert_allclose(container.mesh.thickness_m, 0.002, rtol=0.002)
+    assert container.wall_spread < 0.01
+    assert any("as thick as measured: 2 mm ± 0.0" in note for note in container.notes)
     shell = RevolutionShell(np.full(301, RADIUS_m), np.linspace(0, 0.15, 301), 0.002)
-    expected = pinch_stiffness(shell, thing.material)[150]
+    expected = pinch_stiffness(shell, container.material)[150]
     # Facets 1.5 %, and the nearest ring is within 1.2 mm of half height: 0.5 %. At 0.5 mm it would be a 16th.
-    assert stiffness_at(thing, (0.075,))[0] == pytest.approx(expected, rel=0.03)
+    assert stiffness_at(container, (0.075,))[0] == pytest.approx(expected, rel=0.03)
 
 
 def test_a_slanted_wall_is_measured_along_its_normal(tmp_path: Path) -> None:
@@ -180,27 +180,27 @@ def test_a_slanted_wall_is_measured_along_its_normal(tmp_path: Path) -> None:
     radius = np.linspace(0.03, 0.08, 40)
     mesh = two_sided(radius, radius - 0.03, (0.5**0.5, -(0.5**0.5)), 0.002)
     mesh.export(tmp_path / "bowl.ply")
-    thing = import_container(tmp_path / "bowl.ply", open_top=True)
+    container = import_container(tmp_path / "bowl.ply", open_top=True)
     # The middle is taken horizontally: on a cone that is exact up to the facets, at the ends one row is cut.
-    assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.02)
+    assert np.median(container.mesh.thickness_m) == pytest.approx(0.002, rel=0.02)
 
 
 def test_the_noise_of_a_scan_is_the_uncertainty_of_its_wall(tmp_path: Path) -> None:
     mesh = two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002, noise_m=1e-4)
     mesh.export(tmp_path / "scan.ply")
-    thing = import_container(tmp_path / "scan.ply")
+    container = import_container(tmp_path / "scan.ply")
     # Two surfaces: 0.14 of 2 mm, 7 % at a vertex. Between three vertices a facet averages down to 1 / sqrt(3) of it.
-    assert 0.07 / 3**0.5 * 0.9 < thing.wall_spread < 0.07 * 1.1
-    assert np.median(thing.mesh.thickness_m) == pytest.approx(0.002, rel=0.01)
+    assert 0.07 / 3**0.5 * 0.9 < container.wall_spread < 0.07 * 1.1
+    assert np.median(container.mesh.thickness_m) == pytest.approx(0.002, rel=0.01)
 
 
 def test_a_thickness_given_wins_and_a_contradiction_is_said(tmp_path: Path) -> None:
     two_sided(np.full(60, RADIUS_m), np.linspace(0, 0.15, 60), (1, 0), 0.002).export(tmp_path / "jar.ply")
     for given, contradicts in ((0.0005, True), (0.0021, False)):
-        thing = import_container(tmp_path / "jar.ply", wall=WallProperties(thickness_m=given))
-        np.testing.assert_allclose(thing.mesh.thickness_m, given, rtol=1e-12)
-        assert any("contradicts the mesh, 2 mm" in note for note in thing.notes) == contradicts
-        assert thing.wall_spread == pytest.approx(0.1)
+        container = import_container(tmp_path / "jar.ply", wall=WallProperties(thickness_m=given))
+        np.testing.assert_allclose(container.mesh.thickness_m, given, rtol=1e-12)
+        assert any("contradicts the mesh, 2 mm" in note for note in container.notes) == contradicts
+        assert container.wall_spread == pytest.approx(0.1)
 
 
 def with_boards(width: float) -> tuple[trimesh.Trimesh, float]:

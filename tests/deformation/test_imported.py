@@ -31,9 +31,9 @@ def write(mesh: trimesh.Trimesh, path: Path) -> Path:
 
 
 def middle_stiffness(path: Path, convention: MeshConvention | None = None) -> float:
-    thing = import_container(path, convention=convention)
-    found = dual_tip_map(thing.model())
-    z = thing.mesh.vertices_m[:, 2]
+    container = import_container(path, convention=convention)
+    found = dual_tip_map(container.model())
+    z = container.mesh.vertices_m[:, 2]
     z = (z - z.min()) / np.ptp(z)
     return float(np.median(found[np.abs(z - 0.5) < 0.02]))
 
@@ -60,9 +60,9 @@ def test_the_unit_is_guessed_said_and_can_be_given(
     mesh = tube()
     mesh.apply_scale(scale)
     path = write(mesh, tmp_path / "t.stl")
-    thing = import_container(path)
-    assert thing.height_m == pytest.approx(0.2, rel=1e-4)
-    assert any(f"unit taken as {unit}" in note for note in thing.notes)
+    container = import_container(path)
+    assert container.height_m == pytest.approx(0.2, rel=1e-4)
+    assert any(f"unit taken as {unit}" in note for note in container.notes)
     assert import_container(path, convention=MeshConvention(unit)).height_m == pytest.approx(0.2, rel=1e-4)
 
 
@@ -113,9 +113,9 @@ def test_two_surfaces_become_one_wall(tmp_path: Path) -> None:
     outer, inner = tube(96, 60, 0.0352), tube(96, 60, 0.0348)
     inner.invert()
     path = write(trimesh.util.concatenate([outer, inner]), tmp_path / "double.stl")
-    thing = import_container(path)
-    assert any("inner and outer surface, 0.4 mm apart" in note for note in thing.notes)
-    radius = np.hypot(thing.mesh.vertices_m[:, 0], thing.mesh.vertices_m[:, 1])
+    container = import_container(path)
+    assert any("inner and outer surface, 0.4 mm apart" in note for note in container.notes)
+    radius = np.hypot(container.mesh.vertices_m[:, 0], container.mesh.vertices_m[:, 1])
     np.testing.assert_allclose(radius, 0.035, rtol=1e-3)
 
 
@@ -124,7 +124,7 @@ def test_a_lid_is_kept_or_taken_off(tmp_path: Path) -> None:
     closed, opened = import_container(path), import_container(path, open_top=True)
     assert closed.volume_m3 == pytest.approx(np.pi * 0.035**2 * 0.15, rel=0.01)
     assert opened.volume_m3 == pytest.approx(closed.volume_m3, rel=0.01)
-    stiff, soft = (object_map(thing, band=False).stiffness_N_per_m for thing in (closed, opened))
+    stiff, soft = (object_map(container, band=False).stiffness_N_per_m for container in (closed, opened))
     assert np.nanmin(stiff) > 2 * np.nanmin(soft)
 
 
@@ -182,13 +182,13 @@ def test_all_real_meshes_give_a_map_or_a_reason(data: Path) -> None:
     for path in paths:
         try:
             # A coarse map of each keeps this short; the benchmark makes the fine ones.
-            thing = import_container(path, around=32, remesh="always")
-            found = object_map(thing, band=False).stiffness_N_per_m
-            assert np.isfinite(found[~thing.fixed]).mean() > 0.9, path
+            container = import_container(path, around=32, remesh="always")
+            found = object_map(container, band=False).stiffness_N_per_m
+            assert np.isfinite(found[~container.fixed]).mean() > 0.9, path
             assert (found[np.isfinite(found)] > 0).all()
-            assert 0.03 < thing.height_m < 0.3, path
-            assert math.isfinite(thing.volume_m3)
-            assert thing.volume_m3 > 2e-5
+            assert 0.03 < container.height_m < 0.3, path
+            assert math.isfinite(container.volume_m3)
+            assert container.volume_m3 > 2e-5
         except InputError as error:
             refused[path.name] = str(error)
     assert len(refused) <= 1, refused
@@ -201,8 +201,8 @@ def test_a_wall_thicker_than_the_container_is_refused(tmp_path: Path, remesh: st
     for thickness in (1.0, 0.036):
         with pytest.raises(InputError, match=r"the wall is 0\.035 m from the axis .* expected more than"):
             import_container(path, wall=WallProperties(thickness_m=thickness), remesh=remesh)
-    thing = import_container(path, wall=WallProperties(thickness_m=0.005), remesh=remesh)
-    assert any("14 % of the radius" in note for note in thing.notes)
+    container = import_container(path, wall=WallProperties(thickness_m=0.005), remesh=remesh)
+    assert any("14 % of the radius" in note for note in container.notes)
 
 
 def lying(axis: list[float], degrees: float) -> trimesh.Trimesh:
@@ -233,8 +233,8 @@ def test_what_is_told_to_be_up_is_up(tmp_path: Path, reference: float) -> None:
 def test_trays_and_pouches_stand(tmp_path: Path) -> None:
     """Longer than high, but with a foot as long and wide as they are."""
     for sides in ((0.2, 0.08, 0.05), (0.09, 0.02, 0.08), (0.04, 0.2, 0.06)):
-        thing = import_container(write(trimesh.creation.box(sides), tmp_path / "t.stl"))
-        assert thing.height_m == pytest.approx(sides[2], rel=0.02)
+        container = import_container(write(trimesh.creation.box(sides), tmp_path / "t.stl"))
+        assert container.height_m == pytest.approx(sides[2], rel=0.02)
 
 
 def test_two_shells_inside_each_other_are_refused(tmp_path: Path) -> None:
@@ -242,9 +242,9 @@ def test_two_shells_inside_each_other_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"two shells inside each other, 10 mm apart around height 0\.1"):
         import_container(write(trimesh.util.concatenate([tube(), inner]), tmp_path / "far.stl"))
     # Close ones are the two sides of one wall.
-    thing = import_container(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
-    assert any("1.5 mm apart" in note for note in thing.notes)
-    assert np.median(thing.mesh.thickness_m) == pytest.approx(0.0015, rel=0.01)
+    container = import_container(write(trimesh.util.concatenate([tube(), close]), tmp_path / "near.stl"))
+    assert any("1.5 mm apart" in note for note in container.notes)
+    assert np.median(container.mesh.thickness_m) == pytest.approx(0.0015, rel=0.01)
 
 
 def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None:
@@ -252,8 +252,8 @@ def test_a_handle_is_left_out_and_said(tmp_path: Path, reference: float) -> None
     handle.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, [1, 0, 0]))
     handle.apply_translation([0.055, 0, 0.08])
     path = write(trimesh.util.concatenate([tube(), handle]), tmp_path / "mug.stl")
-    thing = import_container(path)
-    assert any("(a handle?) is left out" in note and "from x towards y" in note for note in thing.notes)
+    container = import_container(path)
+    assert any("(a handle?) is left out" in note and "from x towards y" in note for note in container.notes)
     assert middle_stiffness(path) == pytest.approx(reference, rel=0.02)
 
 
@@ -266,9 +266,9 @@ def test_where_a_handle_joins_the_wall_goes_on(tmp_path: Path) -> None:
     shell = trimesh.creation.box((0.03, 0.013, 0.02))
     shell.apply_translation([0.046, 0, 0.1])
     shell.update_faces(shell.face_normals[:, 0] > -0.5)  # open towards the container
-    thing = import_container(
+    container = import_container(
         write(trimesh.util.concatenate([open_wall, shell]), tmp_path / "t.stl"), remesh="always"
     )
-    radius = np.hypot(*(thing.mesh.vertices_m[:, :2] - np.array(thing.axis_point_m)).T)
+    radius = np.hypot(*(container.mesh.vertices_m[:, :2] - np.array(container.axis_point_m)).T)
     assert radius.max() < 0.036
-    assert any("bridged behind what joins it" in note for note in thing.notes)
+    assert any("bridged behind what joins it" in note for note in container.notes)

@@ -10,7 +10,7 @@ import pytest
 
 from visuohaptic.core import InputError, StiffnessMap
 from visuohaptic.deformation.maps import colours, load_map, object_map, plot_map, save_map
-from visuohaptic.deformation.maps.banded_map import nearest_value
+from visuohaptic.deformation.maps.confidence_band import nearest_value
 from visuohaptic.deformation.nonlinear import Contents
 from visuohaptic.deformation.shapes import ShellObject, load_container, mesh_container
 

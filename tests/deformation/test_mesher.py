@@ -34,10 +34,10 @@ def tube(**more: object) -> ContainerDescription:
 SERIES = {0.02: 15_547.0, 0.05: 10_062.0, 0.10: 6_164.0, 0.15: 3_486.0, 0.20: 1_230.0}
 
 
-def rings(thing: ShellObject) -> tuple[np.ndarray, list[np.ndarray]]:
+def rings(container: ShellObject) -> tuple[np.ndarray, list[np.ndarray]]:
     """Heights of a tube's rings above the foot, and the stiffness of their vertices."""
-    stiffness = dual_tip_map(thing.model())
-    z = thing.mesh.vertices_m[:, 2]
+    stiffness = dual_tip_map(container.model())
+    z = container.mesh.vertices_m[:, 2]
     heights = np.unique(z)[1:]
     return heights, [stiffness[z == height] for height in heights]
 
@@ -70,25 +70,25 @@ def test_a_narrow_neck_is_not_finer_than_the_wall_needs() -> None:
 
 @pytest.mark.parametrize("name", class_names())
 def test_every_class_is_closed_by_its_lid_and_looks_outwards(name: str) -> None:
-    thing = mesh_container(load_container(name).middle(), around=32)
-    faces = np.concatenate([thing.surface_faces, thing.lid])
+    container = mesh_container(load_container(name).middle(), around=32)
+    faces = np.concatenate([container.surface_faces, container.lid])
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     assert len(np.unique(directed, axis=0)) == len(directed)
     edges, times = np.unique(np.sort(directed, axis=1), axis=0, return_counts=True)
     open_edges = edges[times == 1]
-    assert (thing.mesh.vertices_m[open_edges, 2] == 0).all()  # the foot, which the plane z = 0 closes
-    assert 5e-5 < thing.volume_m3 < 3e-3
+    assert (container.mesh.vertices_m[open_edges, 2] == 0).all()  # the foot, which the plane z = 0 closes
+    assert 5e-5 < container.volume_m3 < 3e-3
     # Both ways to halve the cells enclose about the same.
-    assert enclosed_volume(thing.mesh.vertices_m, faces) == pytest.approx(thing.volume_m3, rel=0.01)
-    assert thing.fixed.sum() == 32
+    assert enclosed_volume(container.mesh.vertices_m, faces) == pytest.approx(container.volume_m3, rel=0.01)
+    assert container.fixed.sum() == 32
 
 
 def test_volume_of_a_tube() -> None:
     for top in ("open", "closed"):
-        thing = mesh_container(tube(top={"kind": top}), around=96, even=True)
+        container = mesh_container(tube(top={"kind": top}), around=96, even=True)
         # A polygon of n corners has the area n / 2 sin(2 pi / n) r^2.
         area = 48 * np.sin(2 * np.pi / 96) * 0.035**2
-        assert thing.volume_m3 == pytest.approx(0.2 * area, rel=1e-9)
+        assert container.volume_m3 == pytest.approx(0.2 * area, rel=1e-9)
 
 
 def test_symmetry_is_detected_and_lost_by_a_dent_or_a_shift() -> None:
@@ -133,23 +133,23 @@ def test_bad_resolution_is_refused(around: int) -> None:
 
 
 def test_an_elastic_base_is_between_a_free_and_a_clamped_one() -> None:
-    thing = mesh_container(load_container("elliptic").middle(), around=16)
-    vertex = side_vertex(thing, "y+", 0.02)
-    tips = opposing_points(thing.mesh, np.array([vertex]))
+    container = mesh_container(load_container("elliptic").middle(), around=16)
+    vertex = side_vertex(container, "y+", 0.02)
+    tips = opposing_points(container.mesh, np.array([vertex]))
     stiff = [
         float(object_stiffness(body, tips, band=False)[0][0])
         for body in (
-            with_elastic_base(thing, 1e4),
-            with_elastic_base(thing, 1e6),
-            with_elastic_base(thing, 1e12),
-            thing,
+            with_elastic_base(container, 1e4),
+            with_elastic_base(container, 1e6),
+            with_elastic_base(container, 1e12),
+            container,
         )
     ]
     assert stiff == sorted(stiff)
     # Only the foot's rotation is left free: near the foot a few percent.
     assert stiff[2] == pytest.approx(stiff[3], rel=0.1)
     # Pushed sideways as a whole, it moves by force / stiffness, and tilts on top.
-    soft = with_elastic_base(thing, 1.0)
+    soft = with_elastic_base(container, 1.0)
     model = soft.model()
     load = np.zeros((model.nodes, 6))
     load[:16, 0] = 1 / 16
@@ -158,10 +158,10 @@ def test_an_elastic_base_is_between_a_free_and_a_clamped_one() -> None:
 
 
 def test_an_elastic_base_keeps_the_symmetry() -> None:
-    thing = with_elastic_base(mesh_container(load_container("elliptic").middle(), around=16), 2e4)
+    container = with_elastic_base(mesh_container(load_container("elliptic").middle(), around=16), 2e4)
     steps = [0.001, 0.003]
-    part = grasp_curve(thing, side="y+", height_m=0.03, deformation_m=steps)
-    whole = grasp_curve(thing, side="y+", height_m=0.03, deformation_m=steps, symmetric=False)
+    part = grasp_curve(container, side="y+", height_m=0.03, deformation_m=steps)
+    whole = grasp_curve(container, side="y+", height_m=0.03, deformation_m=steps, symmetric=False)
     assert (part.copies, whole.copies) == (4, 1)
     np.testing.assert_allclose(part.force_N, whole.force_N, rtol=1e-4)
 

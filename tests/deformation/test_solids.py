@@ -84,9 +84,9 @@ def test_a_thick_container_as_a_solid_and_as_a_shell():
     jar = ContainerDescription.model_validate(
         {"base": {"radius": "30 mm"}, "sections": [{"height": "60 mm"}], "wall": "4 mm", "material": "glass"}
     )
-    thing = mesh_container(jar, around=16)
-    chosen = [side_vertex(thing, "x+", height) for height in (0.02, 0.03, 0.05)]
-    solid = solid_stiffness(thing, chosen)
-    shell = dual_tip_map(thing.model(), opposing_points(thing.mesh, np.array(chosen)))
+    container = mesh_container(jar, around=16)
+    chosen = [side_vertex(container, "x+", height) for height in (0.02, 0.03, 0.05)]
+    solid = solid_stiffness(container, chosen)
+    shell = dual_tip_map(container.model(), opposing_points(container.mesh, np.array(chosen)))
     np.testing.assert_allclose(solid, shell, rtol=0.13)
     assert (np.diff(solid) < 0).all()

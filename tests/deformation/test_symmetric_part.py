@@ -36,9 +36,9 @@ def shipped(name: str) -> ShellObject:
 def test_the_part_is_as_small_as_the_mirrors_allow(
     name: str, angle: float, copies: int, round_: bool
 ) -> None:
-    thing = shipped(name)
-    assert detect_symmetry(thing).round == round_
-    part = symmetric_part(thing, angle_rad=angle)
+    container = shipped(name)
+    assert detect_symmetry(container).round == round_
+    part = symmetric_part(container, angle_rad=angle)
     assert part.copies == copies
     whole = part.whole.mesh.vertices_m
     np.testing.assert_allclose(part.expand(part.model.mesh.vertices_m), whole, atol=1e-9)
@@ -68,19 +68,21 @@ def test_any_linear_load_with_the_symmetry_gives_the_displacements_of_the_whole(
 
 
 def test_what_differs_a_little_is_no_mirror() -> None:
-    thing = shipped("bottle")
-    thick = np.asarray(thing.mesh.thickness_m).copy()
+    container = shipped("bottle")
+    thick = np.asarray(container.mesh.thickness_m).copy()
     thick[100] *= 1.05
     patched = replace(
-        thing, mesh=ShellMesh(thing.mesh.vertices_m, thing.mesh.faces, thick, thing.mesh.fraction)
+        container,
+        mesh=ShellMesh(container.mesh.vertices_m, container.mesh.faces, thick, container.mesh.fraction),
     )
     assert symmetric_part(patched).copies < 4
-    moved = thing.mesh.vertices_m.copy()
+    moved = container.mesh.vertices_m.copy()
     moved[85, 1] += 1e-4
     dented = replace(
-        thing, mesh=ShellMesh(moved, thing.mesh.faces, thing.mesh.thickness_m, thing.mesh.fraction)
+        container,
+        mesh=ShellMesh(moved, container.mesh.faces, container.mesh.thickness_m, container.mesh.fraction),
     )
     assert symmetric_part(dented).copies == 1
-    held = thing.fixed.copy()
+    held = container.fixed.copy()
     held[85] = True
-    assert symmetric_part(replace(thing, fixed=held)).copies == 1
+    assert symmetric_part(replace(container, fixed=held)).copies == 1

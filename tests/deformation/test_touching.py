@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.deformation.nonlinear import TouchGuard
+from visuohaptic.deformation.nonlinear import SelfContactGuard
 from visuohaptic.deformation.nonlinear import _touch_kernels as kernels
 from visuohaptic.deformation.shapes import (
     ContainerDescription,
@@ -60,18 +60,18 @@ def test_a_line_goes_through_a_triangle_where_the_determinant_says_so() -> None:
 
 @pytest.mark.parametrize("name", class_names())
 def test_nothing_touches_at_rest_or_moved_as_a_whole(name: str) -> None:
-    thing = mesh_container(load_container(name).middle(), around=32)
-    guard = TouchGuard(thing)
-    assert guard.vertex(thing.mesh.vertices_m) is None
-    assert guard.vertex(thing.mesh.vertices_m * 1.02 + 0.1) is None
+    container = mesh_container(load_container(name).middle(), around=32)
+    guard = SelfContactGuard(container)
+    assert guard.vertex(container.mesh.vertices_m) is None
+    assert guard.vertex(container.mesh.vertices_m * 1.02 + 0.1) is None
 
 
 def test_flanks_of_a_groove_that_close_are_noticed_with_their_place() -> None:
     """The wall above a groove comes down onto the wall below; across the axis nothing gets nearer."""
     groove = [{"z": "75 mm", "depth": "-12 mm", "width": "24 mm"}]
-    thing = tube(around=48, rings=groove)
-    guard = TouchGuard(thing)
-    points = thing.mesh.vertices_m.copy()
+    container = tube(around=48, rings=groove)
+    guard = SelfContactGuard(container)
+    points = container.mesh.vertices_m.copy()
     z = points[:, 2]
     # Everything above the groove's bottom sinks; the flank above folds down onto the one below.
     for sink, met in ((0.004, False), (0.0135, True)):
@@ -87,17 +87,17 @@ def test_flanks_of_a_groove_that_close_are_noticed_with_their_place() -> None:
 
 def test_a_finger_of_wall_through_the_wall_beside_it_is_noticed() -> None:
     """A dent deeper than the steps of a path: no vertex is near, but an edge goes through."""
-    thing = tube(around=32, top={"kind": "closed"})
-    guard = TouchGuard(thing)
-    points = thing.mesh.vertices_m.copy()
+    container = tube(around=32, top={"kind": "closed"})
+    guard = SelfContactGuard(container)
+    points = container.mesh.vertices_m.copy()
     cap = np.argmin(np.linalg.norm(points - [0, 0, 0.15], axis=1))
     points[cap] += [0.06, 0.0, -0.03]
     assert guard.vertex(points) is not None
 
 
 def test_what_meets_at_rest_does_not_count_for_ever() -> None:
-    thing = tube()
-    mesh = thing.mesh
+    container = tube()
+    mesh = container.mesh
     # One vertex pulled through the far wall before anything is loaded.
     rest = mesh.vertices_m.copy()
     from dataclasses import replace
@@ -106,7 +106,7 @@ def test_what_meets_at_rest_does_not_count_for_ever() -> None:
 
     vertex = int(np.argmin(np.linalg.norm(rest - [0.035, 0, 0.075], axis=1)))
     rest[vertex, 0] = -0.04
-    odd = replace(thing, mesh=ShellMesh(rest, mesh.faces, mesh.thickness_m, mesh.fraction))
-    guard = TouchGuard(odd)
+    odd = replace(container, mesh=ShellMesh(rest, mesh.faces, mesh.thickness_m, mesh.fraction))
+    guard = SelfContactGuard(odd)
     assert guard._meetings(rest)[2].min() == 0
     assert guard.vertex(rest) is None

@@ -107,8 +107,8 @@ def test_few_points_are_refused(shape):
 def test_gas_takes_part_in_the_prediction():
     from visuohaptic.deformation.nonlinear import Contents
 
-    thing = load_object("elliptic", around=32)
-    points = thing.mesh.vertices_m
+    container = load_object("elliptic", around=32)
+    points = container.mesh.vertices_m
     flat = int(np.argmin(np.abs(points[:, 2] - 0.06) - points[:, 1]))
-    free, shut = (predicted_shape(thing, flat, 5.0, what) for what in (None, Contents(fill=0.9)))
+    free, shut = (predicted_shape(container, flat, 5.0, what) for what in (None, Contents(fill=0.9)))
     assert shut.deformation_m < free.deformation_m

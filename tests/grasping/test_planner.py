@@ -105,35 +105,35 @@ def test_what_a_pinch_presses_out_agrees_with_the_volume_of_its_shape():
     from visuohaptic.deformation.nonlinear import enclosed_gradient
     from visuohaptic.deformation.nonlinear.contents import pinch_load
 
-    thing = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
-    plan = plan_grasps(thing, GraspTask(force_N=2.0), count=1)
-    model = thing.model()
-    spill = spill_of(thing, model, plan.scores, 0.9)
+    shell = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
+    plan = plan_grasps(shell, GraspTask(force_N=2.0), count=1)
+    model = shell.model()
+    spill = spill_of(shell, model, plan.scores, 0.9)
     vertex = plan.grasps[0].vertex
     moved = model.solve(pinch_load(model, plan.scores.tips, vertex))
-    change = float(np.sum(enclosed_gradient(thing, model) * moved))
+    change = float(np.sum(enclosed_gradient(shell, model) * moved))
     assert spill.pressed_out_m3_per_N[vertex] == pytest.approx(-change, rel=1e-6)
-    assert spill.headspace_m3 == pytest.approx(0.1 * thing.volume_m3)
+    assert spill.headspace_m3 == pytest.approx(0.1 * shell.volume_m3)
 
 
 def test_a_full_open_bottle_spills_at_its_flat_side():
-    thing = load_object("cleaner", around=32)
-    plan = plan_grasps(thing, GraspTask(force_N=15.0, fill=0.99), count=1)
+    shell = load_object("cleaner", around=32)
+    plan = plan_grasps(shell, GraspTask(force_N=15.0, fill=0.99), count=1)
     points = plan.surface.vertices_m
     side = int(np.argmin(np.linalg.norm(points - [0.0, points[:, 1].max(), 0.11], axis=1)))
     assert plan.feasibility.spill_limit_N[side] < 15
-    closed = plan_grasps(thing, GraspTask(force_N=15.0, fill=0.99, closed=True), count=1)
+    closed = plan_grasps(shell, GraspTask(force_N=15.0, fill=0.99, closed=True), count=1)
     assert np.isinf(closed.feasibility.spill_limit_N).all()
 
 
 def test_one_pinch_of_the_coupling_is_the_map_and_neighbours_add_up():
-    thing = container(around=48)
-    ring = thing.mesh.vertices_m[:, 2]
+    shell = container(around=48)
+    ring = shell.mesh.vertices_m[:, 2]
     level = np.unique(ring.round(6))
     low, near, far = (int(np.flatnonzero(ring.round(6) == level[k])[0]) for k in (20, 21, 35))
-    tips = opposing_points(thing.mesh, np.array([low, near, far]), axis_point_m=thing.axis_point_m)
-    k = dual_tip_map(thing.model(), tips)
-    both = multi_contact(thing, [low, near, far])
+    tips = opposing_points(shell.mesh, np.array([low, near, far]), axis_point_m=shell.axis_point_m)
+    k = dual_tip_map(shell.model(), tips)
+    both = multi_contact(shell, [low, near, far])
     np.testing.assert_allclose(np.diag(both.compliance), 1 / k, rtol=1e-9)
     np.testing.assert_allclose(both.compliance, both.compliance.T, rtol=1e-9)
     size = np.sqrt(np.diag(both.compliance))
@@ -141,24 +141,24 @@ def test_one_pinch_of_the_coupling_is_the_map_and_neighbours_add_up():
     assert alike[1] > 0.8  # "contact points that are close-by excite almost the same deformation"
     assert abs(alike[2]) < 0.8 * alike[1]
     with pytest.raises(InputError, match="vertices that differ"):
-        multi_contact(thing, [low, low])
+        multi_contact(shell, [low, low])
 
 
 def test_gas_couples_pinches_of_a_flat_bottle():
-    thing = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
-    z, y = thing.mesh.vertices_m[:, 2], thing.mesh.vertices_m[:, 1]
+    shell = container(base={"shape": "ellipse", "radius": "45 mm", "radius_y": "25 mm"})
+    z, y = shell.mesh.vertices_m[:, 2], shell.mesh.vertices_m[:, 1]
     chosen = [int(np.argmin(np.abs(z - h) - y)) for h in (0.07, 0.13)]
-    free, shut = multi_contact(thing, chosen), multi_contact(thing, chosen, closed=True)
+    free, shut = multi_contact(shell, chosen), multi_contact(shell, chosen, closed=True)
     assert (np.diag(shut.compliance) < np.diag(free.compliance)).all()
 
 
 def test_the_simulation_refuses_a_cup_that_the_map_would_grasp():
     """A thin cup near its mouth: linear theory promises 3 mm, the wall folds."""
-    thing = load_object("cup", around=32)
-    plan = plan_grasps(thing, GraspTask(force_N=5.0), count=1)
+    shell = load_object("cup", around=32)
+    plan = plan_grasps(shell, GraspTask(force_N=5.0), count=1)
     best = plan.grasps[0]
     assert best.deformation_m < 0.004
-    said = confirm_grasp(thing, best.vertex, 5.0, friction=0.2)
+    said = confirm_grasp(shell, best.vertex, 5.0, friction=0.2)
     assert not said.holds
     assert said.deformation_m > 0.005
     assert "allowed are 5 mm" in said.reason
@@ -166,21 +166,21 @@ def test_the_simulation_refuses_a_cup_that_the_map_would_grasp():
 
 
 def test_a_small_force_is_confirmed_as_the_map_says():
-    thing = container(around=32)
-    plan = plan_grasps(thing, GraspTask(force_N=0.3, load=Load(0.005, (0, 0, 0.1))), count=2, confirm=True)
+    shell = container(around=32)
+    plan = plan_grasps(shell, GraspTask(force_N=0.3, load=Load(0.005, (0, 0, 0.1))), count=2, confirm=True)
     assert len(plan.grasps) == 2
     for grasp in plan.grasps:
         assert grasp.confirmation is not None
-        # 0.3 N on a wall of 6 kN/m: second order is the share of deformation by wall, 0.1.
+        # 0.3 N on a wall of 6 kN/m: second order is the fraction of deformation by wall, 0.1.
         assert grasp.confirmation.deformation_m == pytest.approx(grasp.deformation_m, rel=0.1)
         assert abs(grasp.confirmation.pressed_out_m3) < 1e-6
 
 
 def test_symmetric_places_press_out_the_same():
-    thing = load_object("cup-rim", around=32)
-    z = thing.mesh.vertices_m[:, 2]
+    shell = load_object("cup-rim", around=32)
+    z = shell.mesh.vertices_m[:, 2]
     ring = np.flatnonzero(np.isclose(z, z[np.argmin(np.abs(z - 0.05))]))
-    found = [confirm_grasp(thing, int(ring[k]), 4.0).pressed_out_m3 for k in (0, 3)]
+    found = [confirm_grasp(shell, int(ring[k]), 4.0).pressed_out_m3 for k in (0, 3)]
     assert found[0] == pytest.approx(found[1], rel=1e-3)
 
 

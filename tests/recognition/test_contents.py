@@ -114,7 +114,7 @@ def test_the_squeeze_alone_doubts_a_smaller_volume_of_gas():
 
 
 def test_a_curve_that_no_state_has_is_not_known():
-    """A wall that gives way under load: the force falls off where every state would rise."""
+    """A wall that deforms under load: the force falls off where every state would rise."""
     model, _, _ = felt(0.0, False, np.random.default_rng(0))
     d = np.linspace(5e-4, 0.007, 10)
     told = model.probabilities([SqueezeSamples(0.1, d, 12.0 * np.sqrt(d / d[-1]))])

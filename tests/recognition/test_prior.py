@@ -180,7 +180,7 @@ def test_calibration_lowers_the_loss() -> None:
     # On looks that were not fitted to it must at least not get much worse: 16 looks, losses of about 0.5 each.
     assert loss(new) < before[1] + 0.4
     with pytest.raises(InputError, match="not stored"):
-        calibrate_prior(prior, [Example("stranger", image=label(1))] * 10)
+        calibrate_prior(prior, [Example("unknown object", image=label(1))] * 10)
     with pytest.raises(InputError, match="10 or more"):
         calibrate_prior(prior, seen[:5])
 

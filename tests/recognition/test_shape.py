@@ -40,7 +40,7 @@ def test_no_motion_changes_a_description(seed: int) -> None:
     moved = cloud @ _turn(rng).T + rng.normal(size=3)
     same = np.linalg.norm(describe_cloud(cloud) - describe_cloud(moved))
     other = np.linalg.norm(describe_cloud(cloud) - describe_cloud(_box(rng, (0.1, 0.1, 0.1))))
-    # Thinning by cubes depends on the direction: about 4000 pairs and 300 points, a share of 1/32 each.
+    # Thinning by cubes depends on the direction: about 4000 pairs and 300 points, a fraction of 1/32 each.
     assert same < 0.2 < other
 
 

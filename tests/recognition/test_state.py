@@ -53,9 +53,9 @@ def test_the_third_feature_has_no_scale() -> None:
 
 
 def test_simulated_curves_of_a_bottle_are_stiffer_closed() -> None:
-    thing = load_container("isana").middle()
+    shell = load_container("isana").middle()
     curves = simulate_state_curves(
-        thing, {"open": None, "closed": Contents()}, ["y+8"], variants=1, deformation_m=(0.001, 0.003, 0.005),
+        shell, {"open": None, "closed": Contents()}, ["y+8"], variants=1, deformation_m=(0.001, 0.003, 0.005),
         around=16,
     )  # fmt: skip
     opened, closed = curves

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from visuohaptic.core import InputError
 from visuohaptic.deformation.maps import normalised
 from visuohaptic.recognition.trees import (
-    DRAWS,
+    SAMPLES,
     grow_tree,
     grown,
     load_tree,
@@ -86,7 +86,7 @@ def test_draws_keep_middle_spread_and_weight_of_each_class() -> None:
     for k in range(3):
         own, drawn = values[data.number == k], more[number == k][40:8040]
         assert weight[number == k].sum() == pytest.approx(40)
-        # 8000 draws around 40 objects in turn: means within 4 standard errors, deviations within 4 * 0.8 %.
+        # 8000 samples around 40 objects in turn: means within 4 standard errors, deviations within 4 * 0.8 %.
         error = 4 * own.std(axis=0) / np.sqrt(8000)
         assert (np.abs(drawn.mean(axis=0) - own.mean(axis=0)) < error + 1e-9).all()
         np.testing.assert_allclose(drawn.std(axis=0), own.std(axis=0), rtol=0.035, atol=1e-9)
@@ -110,7 +110,7 @@ def test_known_pruning_while_growing_is_pruning_after_it() -> None:
 
 def test_each_alpha_prunes_to_the_least_cost_of_all_subtrees() -> None:
     data = synthetic(20, spread=0.8)
-    tree = grow_tree(data, draws=0)
+    tree = grow_tree(data, samples=0)
     alphas = pruning_alphas(tree)
     assert (np.diff(alphas) > 0).all()
     total = tree.counts[0].sum()
@@ -130,22 +130,22 @@ def test_each_alpha_prunes_to_the_least_cost_of_all_subtrees() -> None:
 def test_the_simplest_tree_within_one_standard_error() -> None:
     # 4 errors of 100: one standard error is 1.96 objects.
     assert simplest(np.array([9.0, 4, 5, 5.9, 6.5]), 100) == 3
-    # Without errors there is no doubt.
+    # Without errors there is no uncertainty.
     assert simplest(np.array([0.0, 0, 1]), 100) == 1
 
 
 def test_smoothing_helps_where_classes_touch() -> None:
     """Classes that overlap: thresholds between the objects of one sample are poor ones for the next."""
     unseen = synthetic(200, seed=99, spread=1.0)
-    wrong = dict.fromkeys((0, DRAWS), 0.0)
+    wrong = dict.fromkeys((0, SAMPLES), 0.0)
     for seed in range(4):
         data = synthetic(30, seed=seed, spread=1.0)
-        for draws in wrong:
-            tree = train_tree(data, draws=draws, rng=np.random.default_rng(seed))
-            wrong[draws] += np.mean(
+        for samples in wrong:
+            tree = train_tree(data, samples=samples, rng=np.random.default_rng(seed))
+            wrong[samples] += np.mean(
                 np.array(predict(tree, unseen.features[..., 0])) != np.array(unseen.label)
             )
-    assert wrong[DRAWS] < wrong[0]
+    assert wrong[SAMPLES] < wrong[0]
 
 
 def test_cross_validation_says_that_clear_classes_are_clear() -> None:
@@ -164,7 +164,7 @@ def test_without_reuse_and_draws_it_is_the_tree_of_scikit_learn() -> None:
     data = synthetic(20, spread=0.6)
     x = np.log1p(scaled_features(data.features[..., 0], "centre"))
     peer = DecisionTreeClassifier(random_state=0, ccp_alpha=0.0).fit(x, data.number)
-    tree = grow_tree(data, reuse=0.0, draws=0)
+    tree = grow_tree(data, reuse=0.0, samples=0)
     assert np.count_nonzero(tree.feature < 0) == peer.get_n_leaves()
     found = np.array([tree.classes.index(name) for name in predict(tree, data.features[..., 0])])
     assert np.array_equal(found, peer.predict(x))

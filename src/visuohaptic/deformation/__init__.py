@@ -1,4 +1,4 @@
-"""How a container gives way: shapes, shells, contents, stiffness maps (Alt 2016, Sec. 6.1)."""
+"""How a container deforms: shapes, shells, contents, stiffness maps (Alt 2016, Sec. 6.1)."""
 
 import lazy_loader
 

@@ -1,12 +1,12 @@
-from .maps.banded_map import nearest_value as nearest_value
-from .maps.banded_map import object_map as object_map
-from .maps.banded_map import object_stiffness as object_stiffness
 from .maps.build_plan import BuildJob as BuildJob
 from .maps.build_plan import BuildPlan as BuildPlan
 from .maps.build_plan import load_plan as load_plan
 from .maps.build_plan import plan_jobs as plan_jobs
 from .maps.class_build import BuildReport as BuildReport
 from .maps.class_build import build as build
+from .maps.confidence_band import nearest_value as nearest_value
+from .maps.confidence_band import object_map as object_map
+from .maps.confidence_band import object_stiffness as object_stiffness
 from .maps.curve_features import nonlinear_features as nonlinear_features
 from .maps.features import StiffnessFeatures as StiffnessFeatures
 from .maps.features import curve_coefficients as curve_coefficients
@@ -35,7 +35,7 @@ from .nonlinear.load_stepping import follow_displacement as follow_displacement
 from .nonlinear.load_stepping import follow_load as follow_load
 from .nonlinear.load_stepping import pinch_curve as pinch_curve
 from .nonlinear.load_stepping import reach_loads as reach_loads
-from .nonlinear.self_contact import TouchGuard as TouchGuard
+from .nonlinear.self_contact import SelfContactGuard as SelfContactGuard
 from .nonlinear.self_contact import wall_gap_m as wall_gap_m
 from .shapes.container import ContainerDescription as ContainerDescription
 from .shapes.container import class_names as class_names

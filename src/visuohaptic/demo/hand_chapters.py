@@ -281,7 +281,7 @@ def _weighed(
 
 def grasp_the_bottle(mission: Mission) -> ChapterResult:
     """Plan on the recognised class's stiffness map, corrected by what was felt; grasp and lift."""
-    from ..deformation.maps.banded_map import object_map
+    from ..deformation.maps.confidence_band import object_map
     from ..deformation.nonlinear.contents import Contents
     from ..deformation.shapes.mesher import mesh_container
     from ..grasping.grasp_task import GraspTask

@@ -1,4 +1,4 @@
-"""Where to grasp what gives way, and how hard (Alt 2016, Sec. 6.2)."""
+"""Where to grasp what deforms, and how hard (Alt 2016, Sec. 6.2)."""
 
 import lazy_loader
 

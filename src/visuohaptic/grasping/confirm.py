@@ -31,7 +31,7 @@ class Confirmation:
     holds: bool  #: nothing below speaks against it
     reason: str  #: what does
     force_N: float
-    deformation_m: float  #: of one side, at the force; infinite where the wall gives way before
+    deformation_m: float  #: of one side, at the force; infinite where the wall deforms before
     slant_rad: float  #: between force and the wall's inward normal, at the force or at the bound
     pressed_out_m3: float  #: decrease of the volume, at the force or at the bound
     curve_m: Float[np.ndarray, "k"]  #: deformations of the force-deformation curve
@@ -39,20 +39,33 @@ class Confirmation:
     shape_m: Float[np.ndarray, "v 3"]  #: vertices at the force, or at the end of the curve
 
 
-def pinch_at(thing: ShellObject, vertex: int) -> DualTips:
-    """The pair of tips of one vertex."""
-    if not 0 <= vertex < len(thing.mesh.vertices_m):
+def pinch_at(container: ShellObject, vertex: int) -> DualTips:
+    """The pair of contacts of one vertex and the point across the height axis.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    vertex
+        Of the first finger.
+
+    Raises
+    ------
+    InputError
+        No such vertex, or no wall across from it.
+    """
+    if not 0 <= vertex < len(container.mesh.vertices_m):
         raise InputError(
-            "pinch_at", f"found {vertex}, expected 0 to {len(thing.mesh.vertices_m) - 1}", field="vertex"
+            "pinch_at", f"found {vertex}, expected 0 to {len(container.mesh.vertices_m) - 1}", field="vertex"
         )
-    tips = opposing_points(thing.mesh, np.array([vertex]), axis_point_m=thing.axis_point_m)
+    tips = opposing_points(container.mesh, np.array([vertex]), axis_point_m=container.axis_point_m)
     if not tips.valid[0]:
         raise InputError("pinch_at", f"vertex {vertex} has no wall across the height axis")
     return tips
 
 
 def confirm_grasp(
-    thing: ShellObject,
+    container: ShellObject,
     vertex: int,
     force_N: float,
     *,
@@ -66,7 +79,7 @@ def confirm_grasp(
 
     Parameters
     ----------
-    thing, vertex
+    container, vertex
         Object and first finger.
     force_N
         Of each finger.
@@ -78,22 +91,24 @@ def confirm_grasp(
         Bound of the deformation of one side.
     friction
         mu of the fingers: the wall must not turn away further than ``atan(mu)``.
+    model
+        The container's shell model, where it is there already.
     """
     if not 0 < force_N < float("inf"):
         raise InputError("confirm_grasp", f"found {force_N} N, expected > 0", field="force_N")
-    model = model or thing.model()
-    tips = pinch_at(thing, vertex)
+    model = model or container.model()
+    tips = pinch_at(container, vertex)
     stiffness = 2.0 / max(float(dual_tip_compliance(model, tips)[0]), 1e-12)
     # A stiff place reaches the force long before the bound; a soft one may soften further.
     for far in (2.0 * force_N / stiffness, REACH * max_deformation_m):
         far = min(far, REACH * max_deformation_m)
         steps = far * np.arange(1, STEPS + 1) / STEPS
-        path = contained_curve(thing, model, tips, 0, list(steps), contents)
+        path = contained_curve(container, model, tips, 0, list(steps), contents)
         if far == REACH * max_deformation_m or (len(path.points) and path.load.max() >= force_N):
             break
     at = np.concatenate([[0.0], path.control_m])
     load = np.concatenate([[0.0], path.load])
-    shapes = [thing.mesh.vertices_m, *(point.state.points_m for point in path.points)]
+    shapes = [container.mesh.vertices_m, *(point.state.points_m for point in path.points)]
     reached = np.flatnonzero(load >= force_N)
     if len(reached):
         # Up to the first time: behind it may be a snap.
@@ -103,8 +118,8 @@ def confirm_grasp(
         shape = shapes[k - 1] + fraction * (shapes[k] - shapes[k - 1])
     else:
         deformation, shape = float("inf"), shapes[-1]
-    slant = _slant_rad(thing, tips, shape)
-    pressed_out = _volume_m3(thing, thing.mesh.vertices_m) - _volume_m3(thing, shape)
+    slant = _slant_rad(container, tips, shape)
+    pressed_out = _volume_m3(container, container.mesh.vertices_m) - _volume_m3(container, shape)
     reason = ""
     if deformation > max_deformation_m:
         reached_text = (
@@ -122,12 +137,12 @@ def confirm_grasp(
     return Confirmation(not reason, reason, force_N, deformation, slant, pressed_out, at, load, shape)
 
 
-def _volume_m3(thing: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
+def _volume_m3(container: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
     """Enclosed volume with the mouth closed by a fan: a bent mouth has no plane, and no favoured chord."""
-    wall = enclosed_volume(points, thing.mesh.faces, thing.mesh.fraction)
-    if not len(thing.lid):
+    wall = enclosed_volume(points, container.mesh.faces, container.mesh.fraction)
+    if not len(container.lid):
         return wall
-    edges = np.concatenate([thing.lid[:, [0, 1]], thing.lid[:, [1, 2]], thing.lid[:, [2, 0]]])
+    edges = np.concatenate([container.lid[:, [0, 1]], container.lid[:, [1, 2]], container.lid[:, [2, 0]]])
     _, inverse, often = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
     rim = edges[often[inverse.ravel()] == 1]
     centre = points[rim[:, 0]].mean(axis=0)
@@ -135,9 +150,9 @@ def _volume_m3(thing: ShellObject, points: Float[np.ndarray, "v 3"]) -> float:
     return wall + float(np.einsum("i,fi->", centre, np.cross(a, b))) / 6
 
 
-def _slant_rad(thing: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:
+def _slant_rad(container: ShellObject, tips: DualTips, points: Float[np.ndarray, "v 3"]) -> float:
     """Larger of the angles of both fingers to the deformed wall's inward normal."""
-    normal = vertex_normals(points, thing.mesh.faces)
+    normal = vertex_normals(points, container.mesh.faces)
     force = tips.direction[0]
     first = -normal[tips.first[0]]
     second = -(tips.weights[0] @ normal[tips.second[0]])

@@ -18,7 +18,7 @@ from .score import GraspScores
 
 __all__ = ["FeasibilityMap", "Spill", "Verdict", "feasibility_map", "spill_of"]
 
-#: Share of the finger that must have wall in front of it.
+#: Fraction of the finger that must have wall in front of it.
 MIN_OVERLAP = 0.5
 #: The volume that a pinch presses out grows faster than the force: in nonlinear simulations of flat
 #: sides twice as fast within the allowed deformation.
@@ -26,7 +26,7 @@ SPILL_MARGIN = 2.0
 
 
 class Verdict(IntEnum):
-    """The first thing that speaks against a grasp."""
+    """The first container that speaks against a grasp."""
 
     FEASIBLE = 0
     NOTHING_OPPOSITE = 1
@@ -73,10 +73,22 @@ class FeasibilityMap:
         return out
 
 
-def spill_of(thing: ShellObject, model: ShellModel, scores: GraspScores, fill: float) -> Spill:
-    """What each pinch presses out of an open container: one solve for all, by reciprocity."""
-    w = model.solve(enclosed_gradient(thing, model))
-    return Spill((1 - fill) * thing.volume_m3, -tip_approach(scores.tips, w, model.mesh.vertices_m))
+def spill_of(container: ShellObject, model: ShellModel, scores: GraspScores, fill: float) -> Spill:
+    """What each pinch presses out of an open container: one solve for all, by reciprocity.
+
+    Parameters
+    ----------
+    container
+        Open container, upright.
+    model
+        Its shell model.
+    scores
+        Of its stiffness map: they say where the fingers are.
+    fill
+        Fraction of the volume that is liquid, 0 to 1.
+    """
+    w = model.solve(enclosed_gradient(container, model))
+    return Spill((1 - fill) * container.volume_m3, -tip_approach(scores.tips, w, model.mesh.vertices_m))
 
 
 def feasibility_map(

@@ -9,12 +9,13 @@ on a disc). A point has no patch and holds no moment.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ..core.errors import InputError
+from ..core.ranges import NON_NEGATIVE, POSITIVE, at_least, check_ranges, within
 from ..deformation.nonlinear.contents import liquid_level_m
 from ..deformation.shapes.mesher import ShellObject
 from ..deformation.shells.shell import enclosed_volume
@@ -31,96 +32,104 @@ NO_MOMENT = 1e-9
 class GripperModel:
     """Two parallel fingers that close on each other."""
 
-    opening_m: float = 0.11  #: widest
-    finger_radius_m: float = 0.01  #: of the patch that touches; 0 is a point
-    max_force_N: float = 60.0  #: of one finger
-    friction: float = 0.6  #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
+    opening_m: float = field(default=0.11, metadata=POSITIVE)  #: largest
+    finger_radius_m: float = field(default=0.01, metadata=NON_NEGATIVE)  #: of the contact patch; 0 is a point
+    max_force_N: float = field(default=60.0, metadata=POSITIVE)  #: of one finger
+    #: mu; 0.2 for steel on polyethylene, about 1 for rubber (Alt 2016, Sec. 6.2)
+    friction: float = field(default=0.6, metadata=POSITIVE)
 
     def __post_init__(self) -> None:
-        for name in ("opening_m", "max_force_N", "friction"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise InputError("GripperModel", f"found {getattr(self, name)}, expected > 0", field=name)
-        if not 0 <= self.finger_radius_m < float("inf"):
-            raise InputError(
-                "GripperModel", f"found {self.finger_radius_m} m, expected >= 0", field="finger_radius_m"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Handling:
     """What is done with the object once it is held."""
 
-    acceleration_m_per_s2: float = 1.0  #: of the arm, upwards at worst
-    tilt_rad: float = 0.17  #: about the grasp axis, that must be held against (10 degrees)
-    safety: float = 1.5  #: factor on the force
+    #: of the arm, upwards in the worst case
+    acceleration_m_per_s2: float = field(default=1.0, metadata=within(0, 1000))
+    #: about the grasp axis, that must be held against (10 degrees)
+    tilt_rad: float = field(default=0.17, metadata=within(0, np.pi / 2))
+    safety: float = field(default=1.5, metadata=within(1, 100))  #: factor on the force
 
     def __post_init__(self) -> None:
-        if not 0 <= self.acceleration_m_per_s2 < 1000:
-            raise InputError(
-                "Handling",
-                f"found {self.acceleration_m_per_s2}, expected 0 to 1000",
-                field="acceleration_m_per_s2",
-            )
-        if not 0 <= self.tilt_rad <= np.pi / 2:
-            raise InputError("Handling", f"found {self.tilt_rad}, expected 0 to pi/2", field="tilt_rad")
-        if not 1 <= self.safety < 100:
-            raise InputError("Handling", f"found {self.safety}, expected 1 to 100", field="safety")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Load:
     """What has to be lifted."""
 
-    mass_kg: float
-    centre_m: tuple[float, float, float]  #: centre of mass in the object's frame
+    mass_kg: float = field(metadata=POSITIVE)
+    #: centre of mass in the object's frame
+    centre_m: tuple[float, float, float] = field(metadata=at_least(-np.inf))
 
     def __post_init__(self) -> None:
-        if not (0 < self.mass_kg < float("inf") and np.isfinite(self.centre_m).all()):
-            raise InputError("Load", f"found {self.mass_kg} kg at {self.centre_m}, expected > 0 and finite")
+        check_ranges(self)
 
 
-def wall_density_kg_per_m3(thing: ShellObject) -> float | None:
-    """Density of the wall's material, None when the library does not have the material or its density."""
-    entry = MATERIALS.get(thing.material.name)
+def wall_density_kg_per_m3(container: ShellObject) -> float | None:
+    """Density of the wall's material [kg/m^3], or None where the library does not have it.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    """
+    entry = MATERIALS.get(container.material.name)
     return None if entry is None or entry.density_kg_per_m3 is None else entry.density_kg_per_m3.value
 
 
 def object_load(
-    thing: ShellObject,
+    container: ShellObject,
     fill: float = 0.0,
     *,
     liquid_kg_per_m3: float = 1000.0,
     wall_kg_per_m3: float | None = None,
 ) -> Load:
-    """Wall and liquid of a container that stands upright.
+    """Mass and centre of mass of wall and liquid of a container that stands upright.
 
-    ``wall_kg_per_m3`` is that of the material by default; a material that is not in the library
-    needs it.
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    fill
+        Fraction of the volume that is liquid, 0 to 1.
+    liquid_kg_per_m3
+        Density of the liquid [kg/m^3].
+    wall_kg_per_m3
+        Density of the wall [kg/m^3]; that of the material by default. A material that is not in the library needs
+        it.
+
+    Raises
+    ------
+    InputError
+        A number out of range, an unknown density, or no volume to fill.
     """
     if not 0 <= fill <= 1:
         raise InputError("object_load", f"found {fill}, expected 0 to 1", field="fill")
     for name, density in (("liquid_kg_per_m3", liquid_kg_per_m3), ("wall_kg_per_m3", wall_kg_per_m3)):
         if density is not None and not 0 < density < float("inf"):
             raise InputError("object_load", f"found {density}, expected > 0", field=name)
-    mesh = thing.mesh
+    mesh = container.mesh
     if wall_kg_per_m3 is None:
-        wall_kg_per_m3 = wall_density_kg_per_m3(thing)
+        wall_kg_per_m3 = wall_density_kg_per_m3(container)
         if wall_kg_per_m3 is None:
             raise InputError(
-                f"material {thing.material.name}", "has no density", remedy="give wall_kg_per_m3"
+                f"material {container.material.name}", "has no density", remedy="give wall_kg_per_m3"
             )
     corners = mesh.vertices_m[mesh.faces]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
     wall = wall_kg_per_m3 * area * np.asarray(mesh.fraction) * np.asarray(mesh.thickness_m)
     mass, moment = float(wall.sum()), wall @ corners.mean(axis=1)
     if fill > 0:
-        level = mesh.vertices_m[:, 2].min() + liquid_level_m(thing, fill)
+        level = mesh.vertices_m[:, 2].min() + liquid_level_m(container, fill)
         cut = mesh.vertices_m.copy()
         cut[:, 2] = np.minimum(cut[:, 2], level)
         volume, first = 0.0, np.zeros(3)
         for faces, fraction in (
             (mesh.faces, np.asarray(mesh.fraction)),
-            (thing.lid, np.ones(len(thing.lid))),
+            (container.lid, np.ones(len(container.lid))),
         ):
             a, b, c = (cut[faces[:, k]] for k in range(3))
             part = fraction * np.einsum("fi,fi->f", a, np.cross(b, c)) / 6
@@ -128,9 +137,9 @@ def object_load(
             # Tetrahedra from the origin: the foot is at z = 0, or has triangles of its own.
             first = first + part @ (a + b + c) / 4
         if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) <= 0:
-            raise InputError(thing.name, "encloses no volume that could be filled")
-        # In a mesh with inner walls the cut is not exactly the share that was asked for.
-        liquid = liquid_kg_per_m3 * fill * thing.volume_m3
+            raise InputError(container.name, "encloses no volume that could be filled")
+        # In a mesh with inner walls the cut is not exactly the fraction that was asked for.
+        liquid = liquid_kg_per_m3 * fill * container.volume_m3
         mass += liquid
         moment = moment + liquid * first / volume
     centre = moment / mass
@@ -145,7 +154,7 @@ def required_force_N(
     gripper: GripperModel,
     handling: Handling | None = None,
 ) -> Float[np.ndarray, "m"]:
-    """Force of each finger that holds the load; infinite where friction can't.
+    """Force of each finger that holds the load [N]; infinite where friction cannot.
 
     Parameters
     ----------
@@ -153,6 +162,12 @@ def required_force_N(
         Where the fingers touch.
     slant_rad
         Angle between force and inward normal: its tangential part uses friction up.
+    load
+        Mass and centre of mass.
+    gripper
+        Friction and radius of the fingers.
+    handling
+        Acceleration, tilt and safety factor.
 
     Notes
     -----

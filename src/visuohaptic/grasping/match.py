@@ -59,21 +59,35 @@ class ShapeMatch:
 
 
 def predicted_shape(
-    thing: ShellObject, vertex: int, force_N: float, contents: Contents | None = None
+    container: ShellObject, vertex: int, force_N: float, contents: Contents | None = None
 ) -> DeformedShape:
-    """Linear deformation under a pinch, one solve; see :class:`.Confirmation` for the nonlinear one."""
+    """Linear deformation under a pinch, one solve; see :class:`.Confirmation` for the nonlinear one.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    vertex
+        Of the first finger.
+    force_N
+        Of each finger [N].
+    contents
+        What is enclosed; open by default.
+    """
     if not 0 < force_N < float("inf"):
         raise InputError("predicted_shape", f"found {force_N} N, expected > 0", field="force_N")
-    model = thing.model()
-    load = pinch_load(model, pinch_at(thing, vertex), 0)
+    model = container.model()
+    load = pinch_load(model, pinch_at(container, vertex), 0)
     moved = model.solve(force_N * load)
     if contents is not None and contents.closed:
-        a = enclosed_gradient(thing, model)
+        a = enclosed_gradient(container, model)
         w = model.solve(a)
-        kappa = contents.bulk_stiffness(thing.volume_m3)
+        kappa = contents.bulk_stiffness(container.volume_m3)
         moved = moved - w * (np.sum(a * moved) / (1 / kappa + np.sum(a * w)))
     deformation = 0.5 * float(np.sum(load * moved))
-    return DeformedShape(thing.mesh.vertices_m, thing.surface_faces, moved[:, :3], force_N, deformation)
+    return DeformedShape(
+        container.mesh.vertices_m, container.surface_faces, moved[:, :3], force_N, deformation
+    )
 
 
 def match_shape(

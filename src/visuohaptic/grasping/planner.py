@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from ..core.errors import InputError
 from ..core.objects import StiffnessMap
-from ..deformation.maps.banded_map import object_map
+from ..deformation.maps.confidence_band import object_map
 from ..deformation.maps.grasp_patterns import GraspCoupling, couple
 from ..deformation.nonlinear.contents import Contents, enclosed_gradient, tip_approach
 from ..deformation.shapes.mesher import ShellObject
@@ -88,7 +88,7 @@ class GraspPlan:
 
 
 def plan_grasps(
-    thing: ShellObject,
+    container: ShellObject,
     task: GraspTask | None = None,
     *,
     count: int = 5,
@@ -100,7 +100,7 @@ def plan_grasps(
 
     Parameters
     ----------
-    thing
+    container
         Parametric or imported container.
     task
         Force, state, hand.
@@ -123,17 +123,17 @@ def plan_grasps(
     """
     task = task or GraspTask()
     contents = Contents(fill=task.fill) if task.closed else None
-    surface = surface or object_map(thing, contents)
-    load = task.load or object_load(thing, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
-    model = thing.model() if confirm or (task.fill > 0 and not task.closed) else None
-    headspace = None if task.closed or not task.fill else (1 - task.fill) * thing.volume_m3
+    surface = surface or object_map(container, contents)
+    load = task.load or object_load(container, task.fill, liquid_kg_per_m3=task.liquid_kg_per_m3)
+    model = container.model() if confirm or (task.fill > 0 and not task.closed) else None
+    headspace = None if task.closed or not task.fill else (1 - task.fill) * container.volume_m3
 
     def spill(scores: GraspScores) -> Spill | None:
         if model is None or headspace is None:
             return None
-        return spill_of(thing, model, scores, task.fill)
+        return spill_of(container, model, scores, task.fill)
 
-    even = confirm and detect_symmetry(thing).round
+    even = confirm and detect_symmetry(container).round
     known: dict[tuple[float, float], Confirmation] = {}
 
     def check(grasp: Grasp) -> Confirmation | None:
@@ -142,7 +142,7 @@ def plan_grasps(
             # Another vertex of the same ring: the same curve, the shape turned; one refusal is enough.
             return known[place] if known[place].holds else None
         known[place] = confirm_grasp(
-            thing,
+            container,
             grasp.vertex,
             grasp.force_N,
             contents=contents,
@@ -153,7 +153,9 @@ def plan_grasps(
         )
         return known[place]
 
-    return _plan(surface, task, load, thing.axis_point_m, spill, count, arm_cost, check if confirm else None)
+    return _plan(
+        surface, task, load, container.axis_point_m, spill, count, arm_cost, check if confirm else None
+    )
 
 
 def plan_map(
@@ -162,6 +164,22 @@ def plan_map(
     """Ranked grasps of a stiffness map alone, as one from a file or a database.
 
     Without a wall the weight is not known: the task gives the force, or the load.
+
+    Parameters
+    ----------
+    surface
+        Stiffness map, z up.
+    task
+        With a force, or a load.
+    count
+        Of grasps, at most.
+    arm_cost
+        Order of the goals; by score without it. An infinite cost drops the goal.
+
+    Raises
+    ------
+    InputError
+        The task has neither force nor load, or asks for an open container with liquid.
     """
     if task.force_N is None and task.load is None:
         raise InputError(
@@ -263,30 +281,41 @@ def _goals(surface: StiffnessMap, scores: GraspScores, found: FeasibilityMap, ta
 
 
 def multi_contact(
-    thing: ShellObject, vertices: Sequence[int], *, closed: bool = False, fill: float = 0.0
+    container: ShellObject, vertices: Sequence[int], *, closed: bool = False, fill: float = 0.0
 ) -> GraspCoupling:
     """How several pinches work on each other: the coupling matrix of Sec. 7.2.
 
     The pinches act at once and in linear superposition: ``deformation_m(forces)`` of the result is
     the mean deformation of both sides of each pinch, ``force_N`` its inverse. Pinches close to each
     other add up, distant ones may even lift each other's walls.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    vertices
+        First vertex of each pinch.
+    closed
+        The contents cannot escape.
+    fill
+        Fraction of the volume that is liquid, 0 to 1; of a closed container.
     """
     if len(set(vertices)) < len(vertices) or not vertices:
         raise InputError("multi_contact", f"found {list(vertices)}, expected vertices that differ")
-    model = thing.model()
-    tips = opposing_points(thing.mesh, np.array(vertices), axis_point_m=thing.axis_point_m)
+    model = container.model()
+    tips = opposing_points(container.mesh, np.array(vertices), axis_point_m=container.axis_point_m)
     coupling = couple(model, tips).compliance
     if closed:
-        coupling = coupling - _gas(thing, model, tips, fill)
+        coupling = coupling - _gas(container, model, tips, fill)
     # Approach of the two tips of a pinch to deformation of one side, as in a stiffness map.
     return GraspCoupling(0.5 * coupling)
 
 
-def _gas(thing: ShellObject, model: ShellModel, tips: DualTips, fill: float) -> Float[np.ndarray, "m m"]:
+def _gas(container: ShellObject, model: ShellModel, tips: DualTips, fill: float) -> Float[np.ndarray, "m m"]:
     """What enclosed gas takes off each entry: Sherman and Morrison, as in :func:`.closed_compliance`."""
-    a = enclosed_gradient(thing, model)
+    a = enclosed_gradient(container, model)
     w = model.solve(a)
     along = tip_approach(tips, w, model.mesh.vertices_m)
-    kappa = Contents(fill=fill).bulk_stiffness(thing.volume_m3)
+    kappa = Contents(fill=fill).bulk_stiffness(container.volume_m3)
     out: np.ndarray = np.outer(along, along) / (1 / kappa + float(np.sum(a * w)))
     return out

@@ -20,7 +20,13 @@ _COLOURS = np.array([[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], 
 
 
 def score_colours(score: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Dark is 0, yellow is 1."""
+    """Colours of a score: dark is 0, yellow is 1.
+
+    Parameters
+    ----------
+    score
+        Of each vertex, 0 to 1.
+    """
     place = np.clip(np.nan_to_num(score), 0, 1) * (len(_COLOURS) - 1)
     out = np.stack([np.interp(place, np.arange(len(_COLOURS)), _COLOURS[:, k]) for k in range(3)], axis=1)
     return out.round().astype(np.uint8)

@@ -8,7 +8,7 @@ the deformation small. Where the text leaves something open or is misprinted:
 - (6.6) divides by the number of neighbours. The factor ``1 - sqrt(r / d)`` has the mean 1/5 over a
   disc, so that no grasp could pass ``S_G > 0.5``. Here the sum of the factors divides: a flat,
   perpendicular contact scores w_n.
-- "Partial overlap is penalised": the contact score is multiplied with the share of the finger's
+- "Partial overlap is penalised": the contact score is multiplied with the fraction of the finger's
   disc (with the same factors) that has wall in front of it.
 - The unit of the curvature is not printed. With w_c = 5 and centimetres nothing rounder than a
   radius of 5 cm reaches 0.5, no bottle does; in millimetres a ridge of 2.5 mm radius scores 0.
@@ -18,7 +18,7 @@ the deformation small. Where the text leaves something open or is misprinted:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -26,38 +26,31 @@ from jaxtyping import Bool, Float, Int
 from ..core.errors import InputError
 from ..core.geometry import vertex_normals
 from ..core.objects import StiffnessMap
+from ..core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ..deformation.shells.shell import ShellMesh
 from ..deformation.shells.stiffness_map import DualTips, opposing_points
 
 __all__ = ["GraspScores", "ScoreParameters", "deformation_score", "grasp_scores"]
 
 #: Points that a second-order polynomial is fitted to, at least.
-FEWEST_NEIGHBOURS = 10
+MIN_NEIGHBOURS = 10
 
 
 @dataclass(frozen=True, slots=True)
 class ScoreParameters:
     """Coefficients of the scores; defaults are those of the text."""
 
-    contact_weight: float = 1.0  #: w_n
-    curvature_weight: float = 5.0  #: w_c
-    height_weight: float = 0.5  #: w_h
-    deformation_weight: float = 5.0  #: w_d
-    max_deformation_m: float = 0.005  #: delta_max
-    neighbourhood_m: float = 0.01  #: d: radius of what a finger touches, by how well the arm aligns
-    curvature_unit_m: float = 0.001  #: w_c multiplies 1 / this
+    contact_weight: float = field(default=1.0, metadata=NON_NEGATIVE)  #: w_n
+    curvature_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_c
+    height_weight: float = field(default=0.5, metadata=within(0, 1))  #: w_h
+    deformation_weight: float = field(default=5.0, metadata=NON_NEGATIVE)  #: w_d
+    max_deformation_m: float = field(default=0.005, metadata=POSITIVE)  #: delta_max
+    #: d: radius of what a finger touches, by how well the arm aligns
+    neighbourhood_m: float = field(default=0.01, metadata=POSITIVE)
+    curvature_unit_m: float = field(default=0.001, metadata=POSITIVE)  #: w_c multiplies 1 / this
 
     def __post_init__(self) -> None:
-        for name in ("max_deformation_m", "neighbourhood_m", "curvature_unit_m"):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected > 0", field=name)
-        for name in ("contact_weight", "curvature_weight", "deformation_weight"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise InputError("ScoreParameters", f"found {getattr(self, name)}, expected >= 0", field=name)
-        if not 0 <= self.height_weight <= 1:
-            raise InputError(
-                "ScoreParameters", f"found {self.height_weight}, expected 0 to 1", field="height_weight"
-            )
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +61,7 @@ class GraspScores:
     curvature: Float[np.ndarray, "v"]  #: S_c
     height: Float[np.ndarray, "v"]  #: S_h
     deformation: Float[np.ndarray, "v"]  #: S_d
-    overlap: Float[np.ndarray, "v"]  #: share of the finger that has wall in front of it
+    overlap: Float[np.ndarray, "v"]  #: fraction of the finger that has wall in front of it
     perpendicular: Float[np.ndarray, "v"]  #: weighted mean of F . n around the point, -1..1
     tips: DualTips  #: where the other finger is
     deformation_m: Float[np.ndarray, "v"]  #: expected deformation of one side under the force
@@ -85,7 +78,13 @@ class GraspScores:
         return np.where(self.tips.valid, np.minimum(self.total, self.opposite(self.total)), 0.0)
 
     def opposite(self, values: Float[np.ndarray, "v"]) -> Float[np.ndarray, "v"]:
-        """A map at the other finger of each vertex."""
+        """Values of a map at the other finger of each vertex.
+
+        Parameters
+        ----------
+        values
+            One for each vertex.
+        """
         out: np.ndarray = np.einsum("mk,mk->m", self.tips.weights, values[self.tips.second])
         return out
 
@@ -102,7 +101,7 @@ def grasp_scores(
     Parameters
     ----------
     surface
-        Physical local stiffness [N/m], z up. Infinite stiffness does not give way.
+        Physical local stiffness [N/m], z up. Infinite stiffness does not deform.
     force_N
         F_G, of each finger; one number, or one for the grasp at each vertex.
     parameters
@@ -138,7 +137,15 @@ def grasp_scores(
 def deformation_score(
     deformation_m: Float[np.ndarray, "v"], parameters: ScoreParameters
 ) -> Float[np.ndarray, "v"]:
-    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known."""
+    """S_d, Eq. (6.8): 1 for small deformations, 1/2 at delta_max; 0 where it is not known.
+
+    Parameters
+    ----------
+    deformation_m
+        Expected deformation of one side [m].
+    parameters
+        Weight w_d and bound delta_max.
+    """
     excess = deformation_m / parameters.max_deformation_m - 1
     score = 0.5 - 0.5 * np.tanh(parameters.deformation_weight * excess)
     return np.nan_to_num(_clamped(score), nan=0.0)
@@ -159,7 +166,7 @@ def outward_faces(surface: StiffnessMap) -> Int[np.ndarray, "f 3"]:
 def _contact(
     mesh: ShellMesh, normal: Float[np.ndarray, "v 3"], direction: Float[np.ndarray, "v 3"], d: float
 ) -> tuple[Float[np.ndarray, "v"], Float[np.ndarray, "v"]]:
-    """Weighted mean of F . n around each vertex, and the share of the disc in front of which wall is."""
+    """Weighted mean of F . n around each vertex, and the fraction of the disc in front of which wall is."""
     places, normals, area = _samples(mesh, (d / 6) ** 2)
     count = len(mesh.vertices_m)
     mean_top, mean_low, covered = np.zeros(count), np.zeros(count), np.zeros(count)
@@ -192,7 +199,7 @@ def _smallest_quadratic(
     first, second = _tangents(normal)
     moments, right = np.zeros((count, 36)), np.zeros((count, 6))
     used = np.unique(mesh.faces)
-    for vertex, other in _neighbours(points, points[used], d, fewest=FEWEST_NEIGHBOURS):
+    for vertex, other in _neighbours(points, points[used], d, fewest=MIN_NEIGHBOURS):
         away = points[used[other]] - points[vertex]
         same = np.einsum("pi,pi->p", normal[used[other]], normal[vertex]) > 0
         x = np.einsum("pi,pi->p", away, first[vertex]) / d

@@ -2,6 +2,7 @@ from .classifier_file import Classifier as Classifier
 from .classifier_file import load_classifier as load_classifier
 from .classifier_file import save_classifier as save_classifier
 from .data.data_set import FeatureSet as FeatureSet
+from .data.data_set import join_feature_sets as join_feature_sets
 from .data.data_set import load_feature_set as load_feature_set
 from .data.data_set import read_build as read_build
 from .data.data_set import save_feature_set as save_feature_set
@@ -17,6 +18,8 @@ from .data.readings import TouchReading as TouchReading
 from .data.readings import fit_curve as fit_curve
 from .data.readings import read_curves as read_curves
 from .data.readings import stiffness_grid as stiffness_grid
+from .haptic_classifier import HapticClassifier as HapticClassifier
+from .haptic_classifier import TouchPrediction as TouchPrediction
 from .touch.bayes import TouchExploration as TouchExploration
 from .touch.bayes import explore as explore
 from .touch.bayes import touch_gains as touch_gains

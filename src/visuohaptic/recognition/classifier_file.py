@@ -30,7 +30,15 @@ class Classifier:
     plain: tuple[float, float] | None = None
 
     def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
-        """The Bayesian planner of the same objects."""
+        """The Bayesian model of the same objects.
+
+        Parameters
+        ----------
+        use_width
+            Widths of the object count as evidence.
+        prior
+            Of vision, by answer; uniform by default.
+        """
         settings = ModelSettings(use_width=use_width)
         fitted = fit_model(self.data, self.groups, settings=settings, prior=prior)
         with_width = self.temperature, self.unknown_from
@@ -38,7 +46,15 @@ class Classifier:
 
 
 def save_classifier(path: Path | str, found: Classifier) -> None:
-    """Write ``path`` (JSON) and the same name with ``.npz``."""
+    """Write the tree as JSON, and the training objects beside it as NPZ.
+
+    Parameters
+    ----------
+    path
+        With the suffix .json; the NPZ file has the same name.
+    found
+        Classifier.
+    """
     path = Path(path)
     if path.suffix != ".json":
         raise InputError(path, f"found suffix {path.suffix!r}, expected .json")
@@ -53,7 +69,18 @@ def save_classifier(path: Path | str, found: Classifier) -> None:
 
 
 def load_classifier(path: Path | str) -> Classifier:
-    """Read what :func:`save_classifier` wrote."""
+    """Read what :func:`save_classifier` wrote.
+
+    Parameters
+    ----------
+    path
+        JSON file of :func:`save_classifier`, with the NPZ file beside it.
+
+    Raises
+    ------
+    InputError
+        A file is missing or damaged, or the two do not belong together.
+    """
     path = Path(path)
     tree = load_tree(path)
     data = load_feature_set(path.with_suffix(".npz"))

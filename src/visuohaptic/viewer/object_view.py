@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from ..core.errors import VisuohapticError
 from ..core.objects import StiffnessMap
-from ..deformation.maps.banded_map import object_map
+from ..deformation.maps.confidence_band import object_map
 from ..deformation.maps.map_file import colours
 from ..deformation.nonlinear.contents import Contents
 from ..deformation.shapes.mesher import ShellObject

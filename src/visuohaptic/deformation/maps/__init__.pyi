@@ -1,5 +1,3 @@
-from .banded_map import object_map as object_map
-from .banded_map import object_stiffness as object_stiffness
 from .build_plan import BUILD_FORMAT as BUILD_FORMAT
 from .build_plan import BuildJob as BuildJob
 from .build_plan import BuildPlan as BuildPlan
@@ -8,6 +6,8 @@ from .build_plan import plan_jobs as plan_jobs
 from .class_build import BuildReport as BuildReport
 from .class_build import build as build
 from .class_build import compute as compute
+from .confidence_band import object_map as object_map
+from .confidence_band import object_stiffness as object_stiffness
 from .curve_features import nonlinear_features as nonlinear_features
 from .features import HEIGHTS as HEIGHTS
 from .features import SIDES as SIDES

@@ -25,8 +25,8 @@ from ...core.errors import InputError, MissingExtraError, VisuohapticError
 from ...core.files import atomic_path, read_npz, write_text
 from ..nonlinear.contents import Contents
 from ..shapes.mesher import ShellObject, mesh_container
-from .banded_map import object_map
 from .build_plan import BUILD_FORMAT, BuildJob
+from .confidence_band import object_map
 from .curve_features import nonlinear_features
 from .features import HEIGHTS, StiffnessFeatures, linear_features
 
@@ -62,13 +62,13 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
         The bytes of an NPZ file and no reason; or no bytes and the reason.
     """
     try:
-        thing = mesh_container(job.description(), around=job.around)
-        found = object_map(thing, band=job.band)
+        shell = mesh_container(job.description(), around=job.around)
+        found = object_map(shell, band=job.band)
         coarse = None
         if job.curve_around:
             coarse = mesh_container(job.description(), around=job.curve_around, levels=HEIGHTS)
         grids = [
-            _features(job, thing, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
+            _features(job, shell, coarse, Contents(closed=closed, fill=fill)) for closed, fill in job.states
         ]
     except VisuohapticError as error:
         return b"", str(error)
@@ -95,11 +95,11 @@ def compute(job: BuildJob) -> tuple[bytes, str]:
 
 
 def _features(
-    job: BuildJob, thing: ShellObject, coarse: ShellObject | None, contents: Contents
+    job: BuildJob, shell: ShellObject, coarse: ShellObject | None, contents: Contents
 ) -> StiffnessFeatures:
     if coarse is None:
-        return linear_features(thing, contents)
-    return nonlinear_features(thing, contents, heights=job.curve_heights, fill_in=True, coarse=coarse)
+        return linear_features(shell, contents)
+    return nonlinear_features(shell, contents, heights=job.curve_heights, fill_in=True, coarse=coarse)
 
 
 def build(

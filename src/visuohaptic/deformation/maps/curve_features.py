@@ -43,13 +43,13 @@ MAX_ITERATIONS = 100
 #: Root mean square distance of a curve from its parabola, by that of its forces, above which II says little.
 MAX_RESIDUAL = 0.2
 #: Cells of the curves' mesh to what holds the wall, below which II is that of the mesh.
-FEWEST_CELLS = 2.0
+MIN_CELLS = 2.0
 #: Why nothing is known where no curve was asked for.
 NO_CURVE = "no curve was computed here"
 
 
 def nonlinear_features(
-    thing: ShellObject,
+    container: ShellObject,
     contents: Contents | None = None,
     *,
     deformation_m: Sequence[float] = DEFORMATIONS_m,
@@ -61,7 +61,7 @@ def nonlinear_features(
 
     Parameters
     ----------
-    thing
+    container
         The object.
     contents
         Open by default.
@@ -79,8 +79,8 @@ def nonlinear_features(
     chosen = list(range(1, HEIGHTS + 1)) if heights is None else sorted(set(heights))
     if not chosen or not 1 <= chosen[0] <= chosen[-1] <= HEIGHTS:
         raise InputError("nonlinear_features", f"found {heights}, expected 1 to {HEIGHTS}", field="heights")
-    linear = linear_features(thing, contents)
-    body = thing if coarse is None else coarse
+    linear = linear_features(container, contents)
+    body = container if coarse is None else coarse
     points, corners, weights = feature_locations(body)
     nearest = np.take_along_axis(corners, weights.argmax(axis=2)[..., None], axis=2)[..., 0]
     departure = np.full((HEIGHTS, len(SIDES), 3), np.nan)
@@ -123,9 +123,7 @@ def _close_to_an_end(body: ShellObject) -> Shaped[np.ndarray, "v"]:
     """
     points, faces = body.mesh.vertices_m, body.surface_faces
     sides = points[faces[:, 1:]] - points[faces[:, :1]]
-    reach = FEWEST_CELLS * float(
-        np.sqrt(np.median(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)))
-    )
+    reach = MIN_CELLS * float(np.sqrt(np.median(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))))
     low, high = points[faces, 2].min(), points[faces, 2].max()
     out = np.full(len(points), "", dtype=object)
     out[points[:, 2] < low + reach] = "within two cells of the foot: II is that of the mesh"

@@ -53,11 +53,17 @@ class StiffnessFeatures:
     #: Whether a coefficient is to be trusted: a curve may end early, or snap through.
     valid: Bool[np.ndarray, "16 4 3"]
     reason: Shaped[np.ndarray, "16 4"]  #: why not all three are, or nothing
-    #: Of a curve: share of the deformations asked for that was reached; NaN without a curve there.
+    #: Of a curve: fraction of the deformations asked for that was reached; NaN without a curve there.
     reached: Float[np.ndarray, "16 4"] | None = None
 
     def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:
-        """i and I without scale, see :func:`normalised`."""
+        """Linear coefficients i and I without scale, see :func:`normalised`.
+
+        Parameters
+        ----------
+        scheme
+            ``norm``, ``centre`` or ``point``.
+        """
         return np.stack([normalised(self.values[..., k], scheme) for k in range(2)], axis=-1)
 
 
@@ -94,6 +100,18 @@ def curve_coefficients(
 
     II is the quadratic coefficient of ``F = a d + b d^2``, times (1 cm)^2 / 50 N. NaN where too few
     points are in the range.
+
+    Parameters
+    ----------
+    deformation_m
+        Of the side's own point [m].
+    force_N
+        Of one tip at these deformations [N].
+
+    Raises
+    ------
+    InputError
+        The arrays differ in shape or are not finite.
     """
     d, f = np.asarray(deformation_m, dtype=float), np.asarray(force_N, dtype=float)
     if d.shape != f.shape or d.ndim != 1 or not (np.isfinite(d).all() and np.isfinite(f).all()):
@@ -109,13 +127,21 @@ def curve_coefficients(
     return slope(low), slope(d > 0), quadratic * NOMINAL_m**2 / NOMINAL_N
 
 
-def linear_features(thing: ShellObject, contents: Contents | None = None) -> StiffnessFeatures:
-    """Features of linear elasticity: i = I, II = 0, from one factorisation and a few pinches."""
-    model = thing.model()
-    points, corners, weights = feature_locations(thing)
+def linear_features(container: ShellObject, contents: Contents | None = None) -> StiffnessFeatures:
+    """Features of linear elasticity: i = I, II = 0, from one factorisation and a few pinches.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    contents
+        What is enclosed; open by default.
+    """
+    model = container.model()
+    points, corners, weights = feature_locations(container)
     names, inverse = np.unique(corners, return_inverse=True)
-    tips = opposing_points(thing.mesh, names, axis_point_m=thing.axis_point_m)
-    own = _own(thing, model, tips, contents)
+    tips = opposing_points(container.mesh, names, axis_point_m=container.axis_point_m)
+    own = _own(container, model, tips, contents)
     tips_valid = (tips.valid[inverse].reshape(corners.shape) | (weights == 0)).all(axis=2)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Between vertices the compliance is linear: it is finite where the wall is held.
@@ -127,7 +153,7 @@ def linear_features(thing: ShellObject, contents: Contents | None = None) -> Sti
 
 
 def explore_line(
-    thing: ShellObject,
+    container: ShellObject,
     side: str,
     force_N: tuple[float, float],
     *,
@@ -136,6 +162,21 @@ def explore_line(
     rng: np.random.Generator | None = None,
 ) -> tuple[Float[np.ndarray, "s"], Float[np.ndarray, "s"]]:
     """Virtual curve-based exploration: slide down one side twice with two forces.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    side
+        One of ``x+``, ``x-``, ``y+``, ``y-``.
+    force_N
+        Forces of the two passes, the smaller first [N].
+    noise_m
+        Standard deviation of a measured position [m].
+    samples
+        Places along the line.
+    rng
+        Source of the noise; needed where there is any.
 
     Returns
     -------
@@ -150,7 +191,7 @@ def explore_line(
         raise InputError(
             "explore_line", f"found {low} and {high} N, expected 0 <= first < second", field="force_N"
         )
-    found = linear_features(thing)
+    found = linear_features(container)
     column = SIDES.index(side)
     grid = found.points_m[:, column, 2]
     height = np.linspace(grid[-1], grid[0], samples)
@@ -165,34 +206,50 @@ def explore_line(
 
 
 def _own(
-    thing: ShellObject, model: ShellModel, tips: DualTips, contents: Contents | None
+    container: ShellObject, model: ShellModel, tips: DualTips, contents: Contents | None
 ) -> Float[np.ndarray, "m"]:
     pinch = dual_tip_compliance(model, tips)
     own = np.where(tips.valid, own_compliance(model, tips, np.nan_to_num(pinch)), np.nan)
     if contents is None or not contents.closed:
         return own
-    # The gas takes the same pressure at both tips; each tip moves back by its own share of w.
-    a = enclosed_gradient(thing, model)
+    # The gas takes the same pressure at both tips; each tip moves back by its own fraction of w.
+    a = enclosed_gradient(container, model)
     w = model.solve(a)
     along = tip_approach(tips, w, model.mesh.vertices_m)
     first = np.einsum("mi,mi->m", tips.direction, w[tips.first, :3])
-    less = pinch - closed_compliance(thing, model, tips, pinch, [contents])[0]
+    less = pinch - closed_compliance(container, model, tips, pinch, [contents])[0]
     with np.errstate(divide="ignore", invalid="ignore"):
         return own - np.where(along != 0, less * first / along, 0.0)
 
 
 def feature_locations(
-    thing: ShellObject,
+    container: ShellObject,
 ) -> tuple[Float[np.ndarray, "16 4 3"], Int[np.ndarray, "16 4 3"], Float[np.ndarray, "16 4 3"]]:
-    """Outermost surface points on the four sides: place, corners of their face, weights."""
-    mesh = thing.mesh
-    faces = thing.surface_faces
+    """Outermost surface points of the 16 heights on the four sides.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+
+    Returns
+    -------
+    tuple
+        Points (16, 4, 3) [m]; vertices of their faces (16, 4, 3); barycentric weights (16, 4, 3).
+
+    Raises
+    ------
+    InputError
+        There is no wall at one of the places.
+    """
+    mesh = container.mesh
+    faces = container.surface_faces
     low = float(mesh.vertices_m[:, 2].min())
-    levels = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * thing.height_m
+    levels = low + (np.arange(HEIGHTS) + 0.5) / HEIGHTS * container.height_m
     points = np.zeros((HEIGHTS, len(SIDES), 3))
     corners = np.zeros((HEIGHTS, len(SIDES), 3), dtype=np.int64)
     weights = np.zeros((HEIGHTS, len(SIDES), 3))
-    centred = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+    centred = mesh.vertices_m - np.array([*container.axis_point_m, 0.0])
     places = ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0))
     for column, (axis, sign) in enumerate(places):
         flat = np.stack([centred[:, 1 - axis], centred[:, 2]], axis=1)
@@ -207,7 +264,7 @@ def feature_locations(
             inside = np.asarray((fractions >= -1e-9).all(axis=1))
             if not inside.any():
                 raise InputError(
-                    thing.name,
+                    container.name,
                     f"no wall on side {SIDES[column]} at height {level - low:.4g} m above the foot",
                 )
             out = np.einsum("fk,fk->f", fractions, reach[faces[some]])

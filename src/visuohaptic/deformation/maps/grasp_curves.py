@@ -18,7 +18,7 @@ from ...core.errors import InputError
 from ..nonlinear.contents import Contents
 from ..nonlinear.equilibrium_path import EquilibriumPath
 from ..nonlinear.load_stepping import follow_displacement, reach_loads
-from ..nonlinear.self_contact import TouchGuard
+from ..nonlinear.self_contact import SelfContactGuard
 from ..shapes.mesher import ShellObject
 from ..shapes.symmetry_reduction import SymmetricPart, symmetric_part
 from ..shells.corotational import CorotationalShell, PressureLaw, Tangent
@@ -54,6 +54,11 @@ class GraspCurve:
         """Force [N] at a mean deformation of both tips, by a monotone curve through the points.
 
         NaN beyond the last point.
+
+        Parameters
+        ----------
+        deformation_m
+            Mean deformation of both tips [m].
         """
         from scipy.interpolate import PchipInterpolator
 
@@ -68,7 +73,7 @@ class PinchPlane:
 
     Parameters
     ----------
-    thing
+    container
         The object.
     angle_rad
         Direction round the height axis, from x+ towards y+.
@@ -79,11 +84,11 @@ class PinchPlane:
     """
 
     def __init__(
-        self, thing: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True, one_way: bool = False
+        self, container: ShellObject, angle_rad: float = 0.0, *, symmetric: bool = True, one_way: bool = False
     ) -> None:
-        self.thing, self.angle_rad = thing, angle_rad
+        self.container, self.angle_rad = container, angle_rad
         self.part: SymmetricPart = symmetric_part(
-            thing, angle_rad=angle_rad, reduce=symmetric, one_way=one_way
+            container, angle_rad=angle_rad, reduce=symmetric, one_way=one_way
         )
         lid, signs = self.part.lid
         self._shell = CorotationalShell(
@@ -92,8 +97,8 @@ class PinchPlane:
         self._rest: dict[Contents | None, Tangent] = {}
 
     @cached_property
-    def _guard(self) -> TouchGuard:
-        return TouchGuard(self.part.whole)
+    def _guard(self) -> SelfContactGuard:
+        return SelfContactGuard(self.part.whole)
 
     def curve(
         self,
@@ -104,7 +109,26 @@ class PinchPlane:
         contents: Contents | None = None,
         max_iterations: int = 5000,
     ) -> GraspCurve:
-        """Pinch at a vertex, see :func:`grasp_curve`."""
+        """Pinch at a vertex, see :func:`grasp_curve`.
+
+        Parameters
+        ----------
+        vertex
+            Where the first tip is.
+        deformation_m
+            Mean deformations of both tips, ascending [m].
+        force_N
+            Instead of these: forces of one tip, ascending [N].
+        contents
+            What is enclosed; open by default.
+        max_iterations
+            Newton iterations of the whole curve, which ends where they are used up.
+
+        Raises
+        ------
+        InputError
+            The vertex is held, has nothing opposite, or does not lie in this plane.
+        """
         tips, load = self._pinch(vertex)
         shell = self._shell.with_pressure(self._law(contents))
         control = load * (self.part.copies / 2)
@@ -114,7 +138,15 @@ class PinchPlane:
         return self._read(path, shell, tips, vertex)
 
     def linear(self, vertex: int, contents: Contents | None = None) -> Float[np.ndarray, "2"]:
-        """Deformation of each tip per newton of one tip, for small deformation [m/N]."""
+        """Deformation of each tip per newton of one tip, for small deformation [m/N].
+
+        Parameters
+        ----------
+        vertex
+            Where the first tip is.
+        contents
+            What is enclosed; open by default.
+        """
         tips, load = self._pinch(vertex)
         if contents not in self._rest:
             shell = self._shell.with_pressure(self._law(contents))
@@ -123,8 +155,14 @@ class PinchPlane:
         return self._tips_moved(self.part.expand(moved[:, :3]), tips)
 
     def can_pinch(self, vertex: int) -> bool:
-        """Whether the vertex can move and there is a wall across from it."""
-        return bool(not self.thing.fixed[vertex] and self._across(vertex).valid[0])
+        """Whether the vertex can move and there is a wall across from it.
+
+        Parameters
+        ----------
+        vertex
+            Where the first tip would be.
+        """
+        return bool(not self.container.fixed[vertex] and self._across(vertex).valid[0])
 
     def _across(self, vertex: int) -> DualTips:
         whole = self.part.whole
@@ -133,10 +171,10 @@ class PinchPlane:
         return opposing_points(whole.mesh, np.array([vertex]), axis_point_m=(0.0, beside))
 
     def _pinch(self, vertex: int) -> tuple[DualTips, Float[np.ndarray, "p 6"]]:
-        """The pair, and the part's share of the load of 1 N on each tip."""
+        """The pair, and the part's fraction of the load of 1 N on each tip."""
         part, whole = self.part, self.part.whole
         tips = self._across(vertex)
-        points = self.thing.mesh.vertices_m
+        points = self.container.mesh.vertices_m
         where = f"({', '.join(f'{value:.4g}' for value in points[vertex])}) m"
         if not tips.valid[0]:
             raise InputError("grasp_curve", f"no wall across the height axis from {where}")
@@ -174,7 +212,7 @@ class PinchPlane:
     ) -> GraspCurve:
         part = self.part
         rest = part.whole.mesh.vertices_m
-        original = self.thing.mesh.vertices_m
+        original = self.container.mesh.vertices_m
         rows, reason = [], path.reason
         for point in path.points:
             points = part.expand(point.state.points_m)
@@ -206,7 +244,7 @@ class PinchPlane:
 
 
 def grasp_curve(
-    thing: ShellObject,
+    container: ShellObject,
     *,
     height_m: float | None = None,
     side: str = "x+",
@@ -220,7 +258,7 @@ def grasp_curve(
 
     Parameters
     ----------
-    thing
+    container
         Parametric or imported container, see :func:`.load_object`.
     height_m, side
         Where: height above the foot, on the side x+, x-, y+ or y-; half the height by default.
@@ -243,26 +281,38 @@ def grasp_curve(
     >>> found.copies, found.complete
     (4, True)
     """
-    vertex = side_vertex(thing, side, height_m) if point_m is None else _nearest(thing, point_m)
-    away = thing.mesh.vertices_m[vertex, :2] - np.array(thing.axis_point_m)
-    plane = PinchPlane(thing, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
+    vertex = side_vertex(container, side, height_m) if point_m is None else _nearest(container, point_m)
+    away = container.mesh.vertices_m[vertex, :2] - np.array(container.axis_point_m)
+    plane = PinchPlane(container, float(np.arctan2(away[1], away[0])), symmetric=symmetric)
     return plane.curve(vertex, deformation_m=deformation_m, force_N=force_N, contents=contents)
 
 
-def side_vertex(thing: ShellObject, side: str = "x+", height_m: float | None = None) -> int:
-    """The vertex on a side (x+, x-, y+, y-) at a height above the foot, half-way up by default."""
+def side_vertex(container: ShellObject, side: str = "x+", height_m: float | None = None) -> int:
+    """The vertex on a side at a height.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    side
+        One of ``x+``, ``x-``, ``y+``, ``y-``.
+    height_m
+        Above the foot [m]; half the height by default.
+    """
     from .features import SIDES
 
     if side not in SIDES:
         raise InputError("side_vertex", f"found {side!r}, expected one of {', '.join(SIDES)}", field="side")
-    level = 0.5 * thing.height_m if height_m is None else float(height_m)
-    if not 0 <= level <= thing.height_m:
+    level = 0.5 * container.height_m if height_m is None else float(height_m)
+    if not 0 <= level <= container.height_m:
         raise InputError(
-            "side_vertex", f"found {level} m, expected 0 to {thing.height_m:.4g} m", field="height_m"
+            "side_vertex", f"found {level} m, expected 0 to {container.height_m:.4g} m", field="height_m"
         )
-    points = thing.mesh.vertices_m - np.array([*thing.axis_point_m, thing.mesh.vertices_m[:, 2].min()])
+    points = container.mesh.vertices_m - np.array(
+        [*container.axis_point_m, container.mesh.vertices_m[:, 2].min()]
+    )
     axis, sign = "xy".index(side[0]), 1.0 if side[1] == "+" else -1.0
-    used = np.unique(thing.surface_faces)
+    used = np.unique(container.surface_faces)
     some = points[used]
     # On the side: as near to the level and to the plane as any vertex is, and not on a cap.
     reach = sign * some[:, axis]
@@ -271,12 +321,12 @@ def side_vertex(thing: ShellObject, side: str = "x+", height_m: float | None = N
     return int(used[np.argmin(score)])
 
 
-def _nearest(thing: ShellObject, point_m: Sequence[float]) -> int:
+def _nearest(container: ShellObject, point_m: Sequence[float]) -> int:
     point = np.asarray(point_m, dtype=float)
     if point.shape != (3,) or not np.isfinite(point).all():
         raise InputError("grasp_curve", f"found {point_m}, expected three finite numbers", field="point_m")
-    used = np.unique(thing.mesh.faces)
-    return int(used[np.argmin(np.linalg.norm(thing.mesh.vertices_m[used] - point, axis=1))])
+    used = np.unique(container.mesh.faces)
+    return int(used[np.argmin(np.linalg.norm(container.mesh.vertices_m[used] - point, axis=1))])
 
 
 def _ascending(values: Sequence[float], name: str) -> list[float]:

@@ -26,12 +26,24 @@ class GraspCoupling:
     compliance: Float[np.ndarray, "m m"]
 
     def deformation_m(self, force_N: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """All contacts at once, by superposition."""
+        """Deformations of all contacts acting at once, by superposition [m].
+
+        Parameters
+        ----------
+        force_N
+            Force of each contact [N].
+        """
         out: np.ndarray = self.compliance @ np.asarray(force_N, dtype=float)
         return out
 
     def force_N(self, deformation_m: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m"]:
-        """Forces of contacts whose deformations are given."""
+        """Forces that give the contacts these deformations [N].
+
+        Parameters
+        ----------
+        deformation_m
+            Deformation along each contact [m].
+        """
         out: np.ndarray = np.linalg.solve(self.compliance, np.asarray(deformation_m, dtype=float))
         return out
 
@@ -49,6 +61,20 @@ def contact_loads(
 
     A tip of radius r presses with ``1 - (d / r)^2`` at distance d, as a soft finger does; with
     r = 0 it is a point. Vertices on the far side of the wall are out of its reach.
+
+    Parameters
+    ----------
+    model
+        Shell model of the object.
+    tips
+        The m pairs.
+    tip_radius_m
+        Radius of a finger tip [m]; 0 is a point.
+
+    Returns
+    -------
+    (6 v, m) sparse array
+        Forces and moments at the vertices [N], [N m].
     """
     points = tip_loads(model.nodes, tips, model.mesh.vertices_m)
     if not tip_radius_m >= 0:
@@ -79,7 +105,22 @@ def contact_loads(
 
 
 def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> GraspCoupling:
-    """Coupling matrix of several pinches on one object, exact."""
+    """Compliance matrix of several pinches on one object, without approximation.
+
+    Parameters
+    ----------
+    model
+        Shell model of the object.
+    tips
+        The m pairs.
+    tip_radius_m
+        Radius of a finger tip [m]; 0 is a point.
+
+    Raises
+    ------
+    InputError
+        A pair has no wall across the axis.
+    """
     if not tips.valid.all():
         raise InputError("couple", f"pair {int(np.argmin(tips.valid))} has no wall across the axis")
     return GraspCoupling(
@@ -94,6 +135,15 @@ def own_compliance(
 
     With unit loads a and b of the tips, ``a^T K^-1 (a - b) = (c_a - c_b + c) / 2``: two more
     compliances instead of a displacement field for each pinch.
+
+    Parameters
+    ----------
+    model
+        Shell model of the object.
+    tips
+        The m pairs.
+    pinch_compliance
+        Approach of both tips of each pair per newton [m/N], see :func:`.dual_tip_compliance`.
     """
     first = np.repeat(tips.first[:, None], 3, axis=1)
     alone = []

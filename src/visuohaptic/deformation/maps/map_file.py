@@ -28,7 +28,20 @@ MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")
 
 
 def check_suffix(out: Path | None, plot: Path | None) -> None:
-    """Refuse names that cannot be written, before the work is done."""
+    """Refuse file names that cannot be written, before the work is done.
+
+    Parameters
+    ----------
+    out
+        Map to write, .npz, .vtu or .glb; None for none.
+    plot
+        Figure to write, .png, .pdf or .svg; None for none.
+
+    Raises
+    ------
+    InputError
+        Another suffix, or a folder that does not exist.
+    """
     for path, known in ((out, MAP_SUFFIXES), (plot, PLOT_SUFFIXES)):
         if path is None:
             continue
@@ -39,7 +52,15 @@ def check_suffix(out: Path | None, plot: Path | None) -> None:
 
 
 def save_map(path: Path | str, found: StiffnessMap) -> None:
-    """Write a map; the suffix says how: .npz, .vtu or .glb. Whole or not at all."""
+    """Write a stiffness map, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        With the suffix .npz (to compute with), .vtu (ParaView) or .glb (coloured mesh).
+    found
+        Map.
+    """
     path = Path(path)
     check_suffix(path, None)
     writers = {".npz": _save_npz, ".vtu": _save_vtu, ".glb": _save_glb}
@@ -48,7 +69,18 @@ def save_map(path: Path | str, found: StiffnessMap) -> None:
 
 
 def load_map(path: Path | str) -> StiffnessMap:
-    """Read an NPZ map and check it."""
+    """Read an NPZ map and check it.
+
+    Parameters
+    ----------
+    path
+        NPZ file of :func:`save_map`.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or its arrays are not a stiffness map.
+    """
     arrays = read_npz(path, "a stiffness map", names=_ARRAYS, remedy="write it with save_map")
     vertices, faces = arrays["vertices_m"], arrays["faces"]
     count = len(vertices) if vertices.ndim else 0
@@ -69,7 +101,13 @@ def load_map(path: Path | str) -> StiffnessMap:
 
 
 def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3"]:
-    """Blue is soft, red is stiff, on a logarithmic scale between the 2nd and 98th percentile."""
+    """Colours of a map: blue is soft, red is stiff, on a logarithmic scale from the 2nd to the 98th percentile.
+
+    Parameters
+    ----------
+    stiffness_N_per_m
+        Of each vertex [N/m]; not finite is drawn as the stiffest.
+    """
     value, low, high = _logarithm(stiffness_N_per_m)
     fraction = np.nan_to_num((value - low) / max(high - low, 1e-12), nan=1.0, posinf=1.0)
     place = np.clip(fraction, 0, 1) * (len(_COLOURS) - 1)
@@ -78,7 +116,17 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
 
 
 def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
-    """Two views and the profile over the height, like figure 6.5."""
+    """Two views and the profile over the height, like figure 6.5.
+
+    Parameters
+    ----------
+    path
+        Figure to write, .png, .pdf or .svg.
+    found
+        Map.
+    title
+        Above the figure.
+    """
     check_suffix(None, Path(path))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

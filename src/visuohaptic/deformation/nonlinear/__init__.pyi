@@ -14,5 +14,5 @@ from .load_stepping import follow_displacement as follow_displacement
 from .load_stepping import follow_load as follow_load
 from .load_stepping import pinch_curve as pinch_curve
 from .load_stepping import reach_loads as reach_loads
-from .self_contact import TouchGuard as TouchGuard
+from .self_contact import SelfContactGuard as SelfContactGuard
 from .self_contact import wall_gap_m as wall_gap_m

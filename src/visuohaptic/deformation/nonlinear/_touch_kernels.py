@@ -1,4 +1,4 @@
-"""Which vertices of a surface are close to its faces, and which edges go through them (:mod:`.touching`)."""
+"""Which vertices of a surface are close to its faces, and which edges go through them (:mod:`.self_contact`)."""
 
 from __future__ import annotations
 

@@ -9,20 +9,21 @@ term of the stiffness, so the closed map of all pinches costs one solve more tha
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.geometry import area_vectors
+from ...core.ranges import POSITIVE, check_ranges, within
 from ..shapes.mesher import ShellObject
 from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
 from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
 from .equilibrium_path import EquilibriumPath
 from .load_stepping import pinch_curve
-from .self_contact import TouchGuard
+from .self_contact import SelfContactGuard
 
 __all__ = [
     "AMBIENT_PRESSURE_Pa",
@@ -50,17 +51,21 @@ class Contents:
     """
 
     closed: bool = True  #: nothing can escape
-    fill: float = 0.0  #: share of the volume that is liquid, 0..1; 1 is incompressible
-    ambient_Pa: float = AMBIENT_PRESSURE_Pa
+    #: fraction of the volume that is liquid; 1 is incompressible
+    fill: float = field(default=0.0, metadata=within(0, 1))
+    ambient_Pa: float = field(default=AMBIENT_PRESSURE_Pa, metadata=POSITIVE)  #: absolute pressure outside
 
     def __post_init__(self) -> None:
-        if not 0 <= self.fill <= 1:
-            raise InputError("Contents", f"found {self.fill}, expected 0 to 1", field="fill")
-        if not 0 < self.ambient_Pa < float("inf"):
-            raise InputError("Contents", f"found {self.ambient_Pa} Pa, expected > 0", field="ambient_Pa")
+        check_ranges(self)
 
     def bulk_stiffness(self, volume_m3: float) -> float:
-        """kappa = -dp/dV at rest [Pa/m^3]; infinite without gas, zero when open."""
+        """kappa = -dp/dV in the undeformed state [Pa/m^3]; infinite without gas, zero when open.
+
+        Parameters
+        ----------
+        volume_m3
+            Enclosed volume in the undeformed state [m^3].
+        """
         gas = (1 - self.fill) * volume_m3
         if not self.closed:
             return 0.0
@@ -71,6 +76,11 @@ class Contents:
 
         Below a thousandth of the gas's volume at rest the law goes on as a straight line: a step
         of Newton's method may reach there, a solution does not.
+
+        Parameters
+        ----------
+        volume_m3
+            Enclosed volume in the undeformed state [m^3].
         """
         if not self.closed:
             return None
@@ -88,17 +98,25 @@ class Contents:
         return pressure
 
 
-def enclosed_gradient(thing: ShellObject, model: ShellModel) -> Float[np.ndarray, "v 6"]:
-    """a = dV/du [m^2], the lid over an open mouth included, zero where held."""
+def enclosed_gradient(container: ShellObject, model: ShellModel) -> Float[np.ndarray, "v 6"]:
+    """Gradient a = dV/du of the enclosed volume [m^2], the lid over an open mouth included, zero where held.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    model
+        Its shell model.
+    """
     out = model.volume_gradient()
-    if len(thing.lid):
-        out[:, :3] += volume_gradient(thing.mesh.vertices_m, thing.lid)
+    if len(container.lid):
+        out[:, :3] += volume_gradient(container.mesh.vertices_m, container.lid)
         out[model.fixed] = 0.0
     return out
 
 
 def closed_compliance(
-    thing: ShellObject,
+    container: ShellObject,
     model: ShellModel,
     tips: DualTips,
     compliance: Float[np.ndarray, "m"],
@@ -107,14 +125,32 @@ def closed_compliance(
     """Compliance of all pinches for several contents, from that of the open container and one solve.
 
     ``c - (f . w)^2 / (1 / kappa + a . w)`` with ``w = K^-1 a``, by Sherman and Morrison's formula.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    model
+        Its shell model.
+    tips
+        The m pairs.
+    compliance
+        Of the open container: approach of both tips per newton [m/N].
+    contents
+        The c contents.
+
+    Returns
+    -------
+    (c, m) array
+        Compliance with each of the contents [m/N].
     """
-    a = enclosed_gradient(thing, model)
+    a = enclosed_gradient(container, model)
     w = model.solve(a)
     along = tip_approach(tips, w, model.mesh.vertices_m)
     stiff = float(np.sum(a * w))
     out = np.empty((len(contents), len(compliance)))
     for row, what in zip(out, contents, strict=True):
-        kappa = what.bulk_stiffness(thing.volume_m3)
+        kappa = what.bulk_stiffness(container.volume_m3)
         row[:] = compliance - (along**2 / (1 / kappa + stiff) if kappa else 0.0)
     return out
 
@@ -131,7 +167,7 @@ def tip_approach(
 
 
 def contained_curve(
-    thing: ShellObject,
+    container: ShellObject,
     model: ShellModel,
     tips: DualTips,
     which: int,
@@ -141,15 +177,30 @@ def contained_curve(
     """Force against deformation of one pinch under large deformation, with contents.
 
     The path ends before the walls would pass through each other; ``reason`` says so.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    model
+        Its shell model.
+    tips
+        Pairs of contacts.
+    which
+        Number of the pair that is pinched.
+    deformation_m
+        Mean deformations of both tips, ascending [m].
+    contents
+        What is enclosed; open by default.
     """
-    law = None if contents is None else contents.law(thing.volume_m3)
-    shell = CorotationalShell(model, pressure=law, lid=thing.lid)
+    law = None if contents is None else contents.law(container.volume_m3)
+    shell = CorotationalShell(model, pressure=law, lid=container.lid)
     path = pinch_curve(shell, tips, which, deformation_m)
-    guard = TouchGuard(thing)
+    guard = SelfContactGuard(container)
     for count, point in enumerate(path.points):
         met = guard.vertex(point.state.points_m)
         if met is not None:
-            place = ", ".join(f"{value:.4g}" for value in thing.mesh.vertices_m[met])
+            place = ", ".join(f"{value:.4g}" for value in container.mesh.vertices_m[met])
             return EquilibriumPath(
                 path.points[:count],
                 False,
@@ -158,21 +209,31 @@ def contained_curve(
     return path
 
 
-def liquid_level_m(thing: ShellObject, fill: float) -> float:
-    """Height of the liquid's surface above the foot when a share of the volume is liquid [m]."""
+def liquid_level_m(container: ShellObject, fill: float) -> float:
+    """Height of the liquid's surface above the foot [m].
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container, upright.
+    fill
+        Fraction of the volume that is liquid, 0 to 1.
+    """
     from scipy.optimize import brentq
 
-    mesh, top = thing.mesh, thing.height_m
-    # A mesh of others need not stand at z = 0.
+    mesh, top = container.mesh, container.height_m
+    # An imported mesh need not stand at z = 0.
     foot = float(mesh.vertices_m[:, 2].min())
-    whole = thing.volume_m3
+    whole = container.volume_m3
 
     def missing(level: float) -> float:
         # What is above the level is pressed flat onto it and becomes the lid.
         cut = mesh.vertices_m.copy()
         cut[:, 2] = np.minimum(cut[:, 2], foot + level)
         return (
-            enclosed_volume(cut, mesh.faces, mesh.fraction) + enclosed_volume(cut, thing.lid) - fill * whole
+            enclosed_volume(cut, mesh.faces, mesh.fraction)
+            + enclosed_volume(cut, container.lid)
+            - fill * whole
         )
 
     if fill <= 0 or fill >= 1:
@@ -181,16 +242,25 @@ def liquid_level_m(thing: ShellObject, fill: float) -> float:
 
 
 def hydrostatic_load(
-    thing: ShellObject, fill: float, *, density_kg_per_m3: float = 1000.0
+    container: ShellObject, fill: float, *, density_kg_per_m3: float = 1000.0
 ) -> Float[np.ndarray, "v 6"]:
     """Forces of the liquid's own weight on the wall [N], ``rho g d`` at depth d.
 
     In linear elasticity a load that is there before the pinch does not change the stiffness: add
     this load to see how the wall bulges.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container, upright.
+    fill
+        Fraction of the volume that is liquid, 0 to 1.
+    density_kg_per_m3
+        Of the liquid [kg/m^3].
     """
-    mesh = thing.mesh
+    mesh = container.mesh
     above_foot = mesh.vertices_m[:, 2] - mesh.vertices_m[:, 2].min()
-    depth = np.maximum(liquid_level_m(thing, fill) - above_foot, 0.0)
+    depth = np.maximum(liquid_level_m(container, fill) - above_foot, 0.0)
     area = area_vectors(mesh.vertices_m, mesh.faces) * np.asarray(mesh.fraction)[:, None]
     corner = depth[mesh.faces]
     out = np.zeros((len(mesh.vertices_m), 6))
@@ -212,7 +282,7 @@ class DampedIteration:
 
 
 def damped_iteration(
-    thing: ShellObject,
+    container: ShellObject,
     model: ShellModel,
     load: Float[np.ndarray, "v 6"],
     contents: Contents,
@@ -223,12 +293,34 @@ def damped_iteration(
 ) -> DampedIteration:
     """Pressure as a boundary condition that is updated, Eq. (6.2): the published baseline.
 
-    Diverges when ``|1 - c (1 + g)| >= 1`` with the loop gain ``g = kappa a . w``; the rank-one term
-    has no such limit. ``threshold`` is the change of volume by the volume.
+    Diverges when ``|1 - c (1 + g)| >= 1`` with the loop gain ``g = kappa a . w``; the rank-one term has no such
+    limit.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    model
+        Its shell model.
+    load
+        Forces and moments at the vertices [N], [N m].
+    contents
+        What is enclosed, with some gas.
+    damping
+        c, the weight of a new pressure against the old one, 0 to 1.
+    threshold
+        Change of the volume between passes, relative to the volume, at which the iteration has converged.
+    max_passes
+        Passes after which it is given up.
+
+    Raises
+    ------
+    InputError
+        There is no gas: the pressure is not a function of the volume.
     """
-    a = enclosed_gradient(thing, model)
+    a = enclosed_gradient(container, model)
     free, w = model.solve(load), model.solve(a)
-    rest = thing.volume_m3
+    rest = container.volume_m3
     kappa = contents.bulk_stiffness(rest)
     if not np.isfinite(kappa):
         raise InputError("damped_iteration", "without gas the pressure is not a function of the volume")

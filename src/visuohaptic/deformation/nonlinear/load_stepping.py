@@ -45,7 +45,21 @@ def follow_load(
     control: Float[np.ndarray, "v 6"] | None = None,
     tolerance: float = 1e-5,
 ) -> EquilibriumPath:
-    """Raise the load to each of ``factors`` times ``load``. Stops at a limit load."""
+    """Raise the load to each of some factors by load control; stops at a limit load.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    load
+        Reference load q at the vertices [N], [N m]; directions do not follow the wall.
+    factors
+        Load factors, in the order in which they are reached.
+    control
+        Weights c of the control displacement ``c . u``, see :func:`follow_displacement`.
+    tolerance
+        Of the residual force, relative to the larger of load and reactions.
+    """
     return _Walk(shell, load, control, tolerance).run(list(factors), "load", past_limits=False)
 
 
@@ -75,7 +89,7 @@ def follow_displacement(
         Weights c of the control ``c . u``, displacements only. By default the load divided by the
         sum of its forces: the mean displacement of what is loaded, along the load.
     tolerance
-        Of the residual force, as a share of the largest of load and reactions.
+        Of the residual force, as a fraction of the largest of load and reactions.
     max_iterations
         Of the whole path, which ends where they are used up.
     """
@@ -96,6 +110,21 @@ def reach_loads(
 
     As :func:`follow_load`, but where the load cannot be raised the path is followed by arc length
     until it can: the point of a factor is then the next state on the path that carries it.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    load
+        Reference load at the vertices [N], [N m]; directions do not follow the wall.
+    factors
+        Load factors, in the order in which they are reached.
+    control
+        Weights of the control displacement, see :func:`follow_displacement`.
+    tolerance
+        Of the residual force, relative to the larger of load and reactions.
+    max_iterations
+        Newton iterations of the whole path, which ends where they are used up.
     """
     walk = _Walk(shell, load, control, tolerance, max_iterations)
     return walk.run(list(factors), "load", past_limits=True)
@@ -111,10 +140,26 @@ def follow_arc(
     max_points: int = 200,
     tolerance: float = 1e-5,
 ) -> EquilibriumPath:
-    """Walk along the path by arc length until the load factor passes ``until``.
+    """Follow the path by arc-length control until the load factor passes a bound.
 
-    ``first`` is the load factor that the first, linear step would reach; it sets the arc length,
-    which afterwards follows the number of iterations. Limit points and snap-back are passed.
+    The arc length follows the number of iterations. Limit points and snap-back are passed.
+
+    Parameters
+    ----------
+    shell
+        Wall and contents.
+    load
+        Reference load at the vertices [N], [N m]; directions do not follow the wall.
+    first
+        Load factor that the first, linear step would reach; it sets the first arc length.
+    until
+        Load factor at which the path is complete.
+    control
+        Weights of the control displacement, see :func:`follow_displacement`.
+    max_points
+        Points after which the path ends.
+    tolerance
+        Of the residual force, relative to the larger of load and reactions.
     """
     walk = _Walk(shell, load, control, tolerance)
     return walk.run_arc(first, until, max_points)
@@ -140,6 +185,8 @@ def pinch_curve(
         Index of the pair.
     deformation_m
         Targets, ascending. ``load`` of the points is the force of one tip [N].
+    tolerance
+        Of the residual force, relative to the larger of load and reactions.
 
     Raises
     ------

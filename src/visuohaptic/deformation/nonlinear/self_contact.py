@@ -9,12 +9,12 @@ from ...core.geometry import area_vectors, vertex_normals
 from ..shapes.mesher import ShellObject
 from ..shells.stiffness_map import DualTips, opposing_points
 
-__all__ = ["TouchGuard", "wall_gap_m"]
+__all__ = ["SelfContactGuard", "wall_gap_m"]
 
 #: Walls touch when they are nearer than the wall is thick, but at most this [m].
 TOUCH_m = 1e-3
 #: A gap that was narrow from the start counts when so much of it is left.
-REST_SHARE = 0.25
+REST_FRACTION = 0.25
 #: Cosine of two normals that face each other.
 FACING = -0.2
 #: Pairs that are looked at; more than enough to find one that counts.
@@ -22,13 +22,21 @@ MAX_PAIRS = 20_000
 
 
 def wall_gap_m(points_m: Float[np.ndarray, "v 3"], tips: DualTips) -> Float[np.ndarray, "m"]:
-    """Distance of the walls at each pair along the pinch; negative when they have passed each other [m]."""
+    """Distance of the walls at each pair along the pinch; negative when they have passed each other [m].
+
+    Parameters
+    ----------
+    points_m
+        Vertices, deformed or not [m].
+    tips
+        The m pairs.
+    """
     second = np.einsum("mk,mki->mi", tips.weights, points_m[tips.second])
     out: np.ndarray = np.einsum("mi,mi->m", tips.direction, second - points_m[tips.first])
     return out
 
 
-class TouchGuard:
+class SelfContactGuard:
     """Looks whether walls touch anywhere in a deformed state of an object.
 
     Across the axis the gap of each vertex to what is opposite has a sign, so that walls that have
@@ -36,19 +44,27 @@ class TouchGuard:
     than the wall is thick while their normals face each other, and no edge may go through a face.
     """
 
-    def __init__(self, thing: ShellObject) -> None:
-        mesh = thing.mesh
+    def __init__(self, container: ShellObject) -> None:
+        """Prepare what does not change with the deformation.
+
+
+        Parameters
+        ----------
+        container
+            Undeformed container.
+        """
+        mesh = container.mesh
         self.rest_m = mesh.vertices_m
-        self.faces = np.ascontiguousarray(thing.surface_faces)
-        self.wall_m = np.asarray(mesh.thickness_m)[thing.covers_once]
+        self.faces = np.ascontiguousarray(container.surface_faces)
+        self.wall_m = np.asarray(mesh.thickness_m)[container.covers_once]
         sides = np.sort(self.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
         self.edges = np.unique(sides, axis=0)
         ends = self.rest_m[self.edges]
         self._cell_m = float(np.mean(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
-        found = opposing_points(mesh, axis_point_m=thing.axis_point_m)
+        found = opposing_points(mesh, axis_point_m=container.axis_point_m)
         self._across = DualTips(*(getattr(found, name)[found.valid] for name in DualTips.__slots__))
         self._min_m = np.minimum(
-            min(float(self.wall_m.max()), TOUCH_m), REST_SHARE * wall_gap_m(self.rest_m, self._across)
+            min(float(self.wall_m.max()), TOUCH_m), REST_FRACTION * wall_gap_m(self.rest_m, self._across)
         )
         self._always: set[tuple[int, int]] | None = None
 
@@ -95,6 +111,6 @@ class TouchGuard:
         cosine = np.einsum("pi,pi->p", vertex_normals(points_m, self.faces)[vertex], second)
         cosine /= np.maximum(np.linalg.norm(second, axis=1), 1e-300)
         before = kernels.distances(np.ascontiguousarray(self.rest_m), self.faces, vertex, face)
-        limit = np.minimum(np.minimum(self.wall_m[face], TOUCH_m), REST_SHARE * before)
+        limit = np.minimum(np.minimum(self.wall_m[face], TOUCH_m), REST_FRACTION * before)
         out: np.ndarray = (cosine < FACING) & (distance < limit)
         return out

@@ -70,7 +70,7 @@ def represented_fraction(
 
 
 def _spread(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    """Points of equal shares of the area, in each triangle by a sequence of low discrepancy."""
+    """Points of equal fractions of the area, in each triangle by a sequence of low discrepancy."""
     corner, first, second = (vertices[faces[:, k]] for k in range(3))
     area = np.linalg.norm(np.cross(first - corner, second - corner), axis=1)
     place = (np.arange(SAMPLES) + 0.5) / SAMPLES
@@ -83,7 +83,16 @@ def _spread(vertices: np.ndarray, faces: np.ndarray) -> Float[np.ndarray, "n 3"]
 
 
 def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
-    """Say how much of the mesh is a container.
+    """How much of the mesh is a container, in words.
+
+    Parameters
+    ----------
+    state
+        The imported mesh.
+    wall
+        The wall found in it.
+    closed
+        There is a lid at the upper end of the wall.
 
     Raises
     ------
@@ -103,7 +112,15 @@ def check_represented(state: MeshState, wall: Wall, *, closed: bool) -> str:
 
 
 def has_top(state: MeshState, wall: Wall) -> bool:
-    """A ray straight down near the axis meets something close below the top."""
+    """Whether a mesh is closed at the top: rays straight down near the axis meet it close below.
+
+    Parameters
+    ----------
+    state
+        The imported mesh.
+    wall
+        The wall found in it.
+    """
     corners = state.vertices[state.faces] - np.array([*wall.axis_point_m, 0.0])
     reach = 0.35 * float(np.ptp(state.vertices[:, :2], axis=0).min()) / 2
     height = float(np.ptp(state.vertices[:, 2]))

@@ -29,12 +29,12 @@ __all__ = ["MeshConvention", "import_container"]
 UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "in": 0.0254}
 #: Largest extent of a container that a hand holds [m].
 SMALLEST_m, LARGEST_m = 0.03, 0.6
-#: Ratio of the two smallest shares of the normals from which a mesh runs along an axis, and how far it may lean.
+#: Ratio of the two smallest fractions of the normals from which a mesh runs along an axis, and how far it may lean.
 RUNS_ALONG, MAX_LEAN_DEGREES = 1.6, 15.0
-#: Separate surfaces farther apart than this share of the radius are two shells, not two sides of one wall.
-NESTED_SHARE = 0.1
-#: Heights at which the wall's thickness is held against its radius; share of it that is worth a note.
-THICK_LEVELS, ROUGH_SHARE = 20, 0.1
+#: Separate surfaces farther apart than this fraction of the radius are two shells, not two sides of one wall.
+NESTED_FRACTION = 0.1
+#: Heights at which the wall's thickness is held against its radius; fraction of it that is worth a note.
+THICK_LEVELS, ROUGH_FRACTION = 20, 0.1
 
 #: Mesh, clamped vertices, lid, height axis, and notes.
 _Shape = tuple[ShellMesh, Bool[np.ndarray, "v"], Int[np.ndarray, "l 3"], tuple[float, float], list[str]]
@@ -244,7 +244,7 @@ def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
 
     middle = 0.5 * (wall.low_m + wall.high_m)
     around = float(np.median(wall.radius_m(np.array([middle]), 48)))
-    if not wall.double or wall.wall_m < NESTED_SHARE * around:
+    if not wall.double or wall.wall_m < NESTED_FRACTION * around:
         return
     pairs = state.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(state.vertices),) * 2)
@@ -328,6 +328,6 @@ def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, whe
             remedy="give its thickness in metres with --thickness, or the unit of the mesh with --unit",
         )
     fraction = float(np.median(thickness_m) / np.median(radius))
-    if fraction > ROUGH_SHARE:
+    if fraction > ROUGH_FRACTION:
         return [f"the wall is {100 * fraction:.0f} % of the radius: a shell is right to about that"]
     return []

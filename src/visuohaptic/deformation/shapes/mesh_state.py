@@ -14,9 +14,9 @@ __all__ = ["MeshState", "boundary_loops", "clamped_foot", "inspect_mesh", "why_n
 #: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
 #: of 4 degrees are within 2.3 % of the Fourier series, obtuse ones of 150 degrees up to 19 % off, of 164 degrees 80 %.
-FEWEST_FACES, MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 1000, 50_000, 150.0, 32
+MIN_FACES, MAX_FACES, LARGEST_DEGREES, EDGES_ROUND = 1000, 50_000, 150.0, 32
 #: Fraction of the height from the lowest vertex up to which a mesh that is used as it is stands clamped.
-FOOT_SHARE = 0.01
+FOOT_FRACTION = 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,22 @@ class MeshState:
 def inspect_mesh(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], where: str = "mesh"
 ) -> MeshState:
-    """Merge vertices, drop what is no triangle, keep the main part, and list what is wrong."""
+    """Merge vertices, drop what is no triangle, keep the main part, and list what is wrong.
+
+    Parameters
+    ----------
+    vertices
+        Of the imported mesh, scaled to metres.
+    faces
+        Triangles, of any quality and orientation.
+    where
+        Name of the mesh in messages.
+
+    Raises
+    ------
+    InputError
+        Fewer than four triangles with an area.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -96,9 +111,15 @@ def inspect_mesh(
 
 
 def clamped_foot(vertices: Float[np.ndarray, "v 3"]) -> Bool[np.ndarray, "v"]:
-    """Which vertices of a mesh that is used as it is are clamped: the lowest hundredth of the height."""
+    """Which vertices of a mesh that is used as it is are clamped: the lowest hundredth of the height.
+
+    Parameters
+    ----------
+    vertices
+        Of the mesh [m], z up.
+    """
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
-    foot: Bool[np.ndarray, "v"] = vertices[:, 2] <= low + FOOT_SHARE * (high - low)
+    foot: Bool[np.ndarray, "v"] = vertices[:, 2] <= low + FOOT_FRACTION * (high - low)
     return foot
 
 
@@ -107,6 +128,11 @@ def why_not_as_it_is(state: MeshState) -> str:
 
     Number, shape, and size are those of the triangles that carry load. One with three clamped corners does
     not deform, whatever its shape (the fan of a flat foot); of these only the orientation counts, for the volume.
+
+    Parameters
+    ----------
+    state
+        The imported mesh, scaled to metres.
     """
     vertices = state.vertices
     faces = state.faces[~clamped_foot(vertices)[state.faces].all(axis=1)]
@@ -115,8 +141,8 @@ def why_not_as_it_is(state: MeshState) -> str:
         return f"{parts} parts that are not joined"
     if state.branching_edges or state.turned:
         return f"{state.branching_edges + state.turned} edges that are no part of a surface"
-    if not FEWEST_FACES <= len(faces) <= MAX_FACES:
-        return f"{len(faces)} triangles, expected {FEWEST_FACES} to {MAX_FACES}"
+    if not MIN_FACES <= len(faces) <= MAX_FACES:
+        return f"{len(faces)} triangles, expected {MIN_FACES} to {MAX_FACES}"
     low, high = vertices[:, 2].min(), vertices[:, 2].max()
     for loop in state.loops:
         z = vertices[loop, 2]
@@ -169,7 +195,20 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def boundary_loops(directed: np.ndarray, count: int) -> tuple[np.ndarray, ...]:
-    """Closed chains of edges that have a triangle on one side only."""
+    """Closed chains of edges that have a triangle on one side only.
+
+    Parameters
+    ----------
+    directed
+        Directed edges (e, 2) of all triangles.
+    count
+        Number of vertices.
+
+    Returns
+    -------
+    tuple of arrays
+        Vertex numbers of each loop in order.
+    """
     low, high = directed.min(axis=1), directed.max(axis=1)
     _, inverse, times = np.unique(low * count + high, return_inverse=True, return_counts=True)
     edges = directed[times[inverse] == 1]

@@ -28,7 +28,7 @@ __all__ = [
 
 #: Thickness of a stiff cap that has none of its own [m].
 STIFF_CAP_M = 0.005
-#: Towards a free rim: from so many cells of the wall on, share of their height, and how often round.
+#: Towards a free rim: from so many cells of the wall on, fraction of their height, and how often round.
 #: A force on an edge bends it within a few cells, as sharply round the rim as along the wall: finer rings
 #: alone don't help.
 RIM_ZONES = ((3.0, 0.5, 2), (1.5, 0.35, 4))
@@ -136,12 +136,12 @@ def mesh_container(
     )
 
 
-def with_elastic_base(thing: ShellObject, stiffness_N_per_m: float) -> ShellObject:
+def with_elastic_base(container: ShellObject, stiffness_N_per_m: float) -> ShellObject:
     """The object on springs instead of a clamped foot.
 
     Parameters
     ----------
-    thing
+    container
         Container with a clamped foot.
     stiffness_N_per_m
         Of the whole foot in each direction, spread evenly along it; the foot may turn and go out of
@@ -149,21 +149,21 @@ def with_elastic_base(thing: ShellObject, stiffness_N_per_m: float) -> ShellObje
     """
     if not 0 < stiffness_N_per_m < float("inf"):
         raise InputError("with_elastic_base", f"found {stiffness_N_per_m} N/m, expected > 0")
-    if not thing.fixed.any():
-        raise InputError("with_elastic_base", f"{thing.name} has no clamped foot")
-    used = np.zeros_like(thing.fixed)
-    used[thing.mesh.faces] = True
-    foot = np.flatnonzero(thing.fixed & used)
-    edges = thing.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    if not container.fixed.any():
+        raise InputError("with_elastic_base", f"{container.name} has no clamped foot")
+    used = np.zeros_like(container.fixed)
+    used[container.mesh.faces] = True
+    foot = np.flatnonzero(container.fixed & used)
+    edges = container.mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     edges = np.unique(np.sort(edges[np.isin(edges, foot).all(axis=1)], axis=1), axis=0)
-    ends = thing.mesh.vertices_m[edges]
+    ends = container.mesh.vertices_m[edges]
     length = np.repeat(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1), 2)
-    weight = np.bincount(edges.ravel(), length, minlength=len(thing.fixed))
+    weight = np.bincount(edges.ravel(), length, minlength=len(container.fixed))
     if not weight.any():
         weight[foot] = 1.0
     springs = np.zeros((len(weight), 6))
     springs[:, :3] = (stiffness_N_per_m * weight / weight.sum())[:, None]
-    return replace(thing, fixed=np.zeros_like(thing.fixed), springs=springs)
+    return replace(container, fixed=np.zeros_like(container.fixed), springs=springs)
 
 
 def mesh_rings(
@@ -232,7 +232,13 @@ def _doubling_faces(below: int) -> Int[np.ndarray, "f 3"]:
 
 
 def ring_lid(loop: Int[np.ndarray, "n"]) -> Int[np.ndarray, "l 3"]:
-    """Triangles over a ring of vertices that join each to its mirror image."""
+    """Triangles over a ring of vertices that join each to its mirror image.
+
+    Parameters
+    ----------
+    loop
+        Vertex numbers round the ring, an even number; the first and the middle one are on the mirror plane.
+    """
     around = len(loop)
     out = []
     for place in range(around // 2):
@@ -269,7 +275,15 @@ def rim_zones(
 
 
 def ring_counts(times: Int[np.ndarray, "m"], around: int) -> Int[np.ndarray, "m"]:
-    """Vertices of rings from the foot upwards: at most doubled from one to the next."""
+    """Vertices of rings from the foot upwards: at most doubled from one to the next.
+
+    Parameters
+    ----------
+    times
+        Wanted number of vertices of each ring, as a multiple of ``around``.
+    around
+        Vertices of the lowest ring.
+    """
     out = np.full(len(times), around)
     for ring in range(1, len(times)):
         out[ring] = min(around * times[ring], 2 * out[ring - 1])

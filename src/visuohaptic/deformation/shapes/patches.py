@@ -15,11 +15,18 @@ __all__ = ["grid_faces", "grid_mesh", "tube_mesh"]
 def grid_faces(
     columns: int, rows: int, *, closed: bool = False, crossed: bool = False
 ) -> Int[np.ndarray, "f 3"]:
-    """Two triangles per cell, diagonals alternating; vertex = row * width + column.
+    """Two triangles per cell of a structured grid, diagonals alternating; vertex = row * width + column.
 
-    ``closed`` joins the last column to the first. ``crossed`` gives the two triangles of both
-    diagonals, to be used with ``share=0.5``: alternating diagonals make vertices of two kinds, and
-    the stiffness of a round tube scatters round the ring by a percent; crossed ones don't.
+    Parameters
+    ----------
+    columns, rows
+        Cells.
+    closed
+        Join the last column to the first.
+    crossed
+        Give the two triangles of both diagonals, to be used with ``fraction=0.5``. Alternating diagonals make
+        vertices of two kinds, and the stiffness of a round tube scatters round the ring by a percent; crossed ones
+        don't.
     """
     width = columns if closed else columns + 1
     row, column = (part.ravel() for part in np.mgrid[:rows, :columns])
@@ -42,7 +49,19 @@ def grid_mesh(
     *,
     crossed: bool = False,
 ) -> ShellMesh:
-    """A patch ``(x, y, z) = surface(u, v)`` over the unit square, u along columns."""
+    """A patch ``(x, y, z) = surface(u, v)`` over the unit square, u along columns.
+
+    Parameters
+    ----------
+    surface
+        Takes u along columns and v along rows, both from 0 to 1, and returns x, y, z [m].
+    columns, rows
+        Cells.
+    thickness_m
+        Of the wall [m]; one number, or one for each face.
+    crossed
+        Both diagonals in each cell, see :func:`grid_faces`.
+    """
     v, u = (part.ravel() for part in np.mgrid[: rows + 1, : columns + 1])
     vertices = np.stack(np.broadcast_arrays(*surface(u / columns, v / rows)), axis=1)
     faces = grid_faces(columns, rows, crossed=crossed)
@@ -52,7 +71,17 @@ def grid_mesh(
 def tube_mesh(
     radius_m: float, height_m: float, thickness_m: float, *, around: int, along: int, crossed: bool = True
 ) -> ShellMesh:
-    """An open tube along z, vertex = ring * around + place; the first ring is at z = 0."""
+    """An open tube along z, vertex = ring * around + place; the first ring is at z = 0.
+
+    Parameters
+    ----------
+    radius_m, height_m, thickness_m
+        Of the tube [m].
+    around, along
+        Cells round the tube and along it.
+    crossed
+        Both diagonals in each cell, see :func:`grid_faces`.
+    """
     ring, place = (part.ravel() for part in np.mgrid[: along + 1, :around])
     angle = 2 * np.pi * place / around
     vertices = np.stack([radius_m * np.cos(angle), radius_m * np.sin(angle), height_m * ring / along], 1)

@@ -26,6 +26,20 @@ Span = tuple[float, float]
 def quantity(found: Any, kind: str) -> float:
     """A number in SI units, or a text with a unit.
 
+    Parameters
+    ----------
+    found
+        Number in SI units, or a text with a unit.
+    kind
+        ``length``, ``pressure``, ``angle`` or ``fraction``.
+
+    Raises
+    ------
+    ValueError
+        Not a finite number with a known unit; pydantic adds the field.
+
+    Examples
+    --------
     >>> quantity("35 mm", "length")
     0.035
     """

@@ -20,11 +20,11 @@ __all__ = ["Wall", "find_wall"]
 LEVELS, ANGLES = 160, 96
 #: Crossings of one ray that are kept.
 MAX = 8
-#: A second surface within this share of the radius is the other side of one wall.
-THICKEST_SHARE = 0.25
+#: A second surface within this fraction of the radius is the other side of one wall.
+THICKEST_FRACTION = 0.25
 #: A ray this much longer than those above and below it has missed the wall.
 SPIKE = 1.15
-#: Share of a ring that may be missing.
+#: Fraction of a ring that may be missing.
 WIDEST_HOLE = 1 / 6
 
 
@@ -266,7 +266,7 @@ def _outside(
     radius, _count = _crossings(rays.points_m, faces, heights, ANGLES)
     radius[~np.isfinite(radius)] = 0.0
     last = np.where(np.isfinite(rays.pair), rays.pair, rays.first) if double else rays.first
-    beyond = (radius.max(axis=2) > (1 + THICKEST_SHARE) * last)[used]
+    beyond = (radius.max(axis=2) > (1 + THICKEST_FRACTION) * last)[used]
     if beyond.mean() < 1e-3:
         return []
     places = np.argwhere(beyond)
@@ -289,7 +289,7 @@ def _without_spikes(radius: Float[np.ndarray, "h a"]) -> tuple[Float[np.ndarray,
     """Rays that pass the wall where a handle or spout joins it see that instead: they count as holes.
 
     They are farther out than what is above and below them at the same angle, in a small part of the ring
-    only; where all of a ring is, it is the shape. Returns the share of such rays as well.
+    only; where all of a ring is, it is the shape. Returns the fraction of such rays as well.
     """
     from scipy.ndimage import median_filter
 
@@ -311,7 +311,7 @@ def _thin(first: np.ndarray, pair: np.ndarray) -> Bool[np.ndarray, "h a"]:
     The side of a shallow bowl is cut at a slant, there the two are far apart.
     """
     seen = np.isfinite(pair)
-    return seen & ((pair < (1 + THICKEST_SHARE) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
+    return seen & ((pair < (1 + THICKEST_FRACTION) * first) | (seen.mean(axis=1, keepdims=True) > 0.9))
 
 
 def _nearest(

@@ -17,13 +17,13 @@ from .mesher import ShellObject
 
 __all__ = ["SymmetricPart", "Symmetry", "detect_symmetry", "symmetric_part", "turned"]
 
-#: Vertices and their images may differ by this share of the object's size.
+#: Vertices and their images may differ by this fraction of the object's size.
 TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Symmetry:
-    """What leaves an object as it is, to a share of its size."""
+    """What leaves an object as it is, to a fraction of its size."""
 
     mirror_x: bool  #: x to -x
     mirror_y: bool  #: y to -y
@@ -49,12 +49,24 @@ class SymmetricPart:
         return self.image[self.whole.lid], self.signs[self.whole.lid]
 
     def expand(self, points_m: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "v 3"]:
-        """Points of the whole from those of the part."""
+        """Points of the whole from those of the part.
+
+        Parameters
+        ----------
+        points_m
+            Points or displacements of the part's vertices [m].
+        """
         out: np.ndarray = points_m[self.image] * self.signs
         return out
 
     def gather(self, values: Float[np.ndarray, "v 6"]) -> Float[np.ndarray, "p 6"]:
-        """Forces on the whole, as the sum over copies on the part (displacements work on them)."""
+        """Forces on the whole, as the sum over copies on the part (displacements work on them).
+
+        Parameters
+        ----------
+        values
+            Forces and moments at the vertices of the whole [N], [N m].
+        """
         out = np.zeros((self.model.nodes, 6))
         # Moments turn with the rotations: a mirror keeps the one across it and turns the others.
         turning = self.signs[:, [1, 0, 0]] * self.signs[:, [2, 2, 1]]
@@ -62,26 +74,34 @@ class SymmetricPart:
         return out
 
 
-def turned(thing: ShellObject, angle_rad: float) -> ShellObject:
-    """The object with its axis at x = y = 0, turned so that what was at ``angle_rad`` is at x+."""
-    mesh = thing.mesh
-    points = mesh.vertices_m - np.array([*thing.axis_point_m, 0.0])
+def turned(container: ShellObject, angle_rad: float) -> ShellObject:
+    """The object with its axis at x = y = 0, turned so that what was at ``angle_rad`` is at x+.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    angle_rad
+        Round the height axis, from x+ towards y+ [rad].
+    """
+    mesh = container.mesh
+    points = mesh.vertices_m - np.array([*container.axis_point_m, 0.0])
     cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
     # Quarter turns are exact: planes through the axis stay planes.
     cosine, sine = (0.0 if abs(value) < 1e-12 else float(value) for value in (cosine, sine))
     points[:, :2] = points[:, :2] @ np.array([[cosine, -sine], [sine, cosine]])
     mesh = ShellMesh(points, mesh.faces, mesh.thickness_m, mesh.fraction)
-    return replace(thing, mesh=mesh, axis_point_m=(0.0, 0.0))
+    return replace(container, mesh=mesh, axis_point_m=(0.0, 0.0))
 
 
 def symmetric_part(
-    thing: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True, one_way: bool = False
+    container: ShellObject, *, angle_rad: float = 0.0, reduce: bool = True, one_way: bool = False
 ) -> SymmetricPart:
     """The smallest part that pinches along the direction ``angle_rad`` need.
 
     Parameters
     ----------
-    thing
+    container
         The object.
     angle_rad
         Direction of the pinch round the height axis, from x+ towards y+; it is x+ of the part.
@@ -91,7 +111,7 @@ def symmetric_part(
         Cut each cell of a structured mesh one way only: half the triangles. A part's mirrors make up
         for the direction that this prefers; the result differs by the error of the mesh.
     """
-    whole = turned(thing, angle_rad)
+    whole = turned(container, angle_rad)
     mesh = whole.mesh
     count = len(mesh.vertices_m)
     near = TOLERANCE * float(np.ptp(mesh.vertices_m, axis=0).max())
@@ -137,9 +157,17 @@ def symmetric_part(
     )
 
 
-def detect_symmetry(thing: ShellObject, *, tolerance: float = TOLERANCE) -> Symmetry:
-    """Look whether mirrored and turned vertices fall on vertices, with the same wall around them."""
-    whole = turned(thing, 0.0)
+def detect_symmetry(container: ShellObject, *, tolerance: float = TOLERANCE) -> Symmetry:
+    """Find the symmetries of a container: images of its vertices fall on vertices with the same wall.
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    tolerance
+        Distance of a vertex from its image, relative to the size.
+    """
+    whole = turned(container, 0.0)
     points = whole.mesh.vertices_m
     size = float(np.ptp(points, axis=0).max())
     # Its own reflections and a quarter turn leave a square as it is, too: look at the radii of rings.
@@ -161,19 +189,19 @@ def detect_symmetry(thing: ShellObject, *, tolerance: float = TOLERANCE) -> Symm
     )
 
 
-def _image(thing: ShellObject, axis: int, tolerance: float = TOLERANCE) -> Int[np.ndarray, "v"] | None:
-    mirrored = thing.mesh.vertices_m.copy()
+def _image(container: ShellObject, axis: int, tolerance: float = TOLERANCE) -> Int[np.ndarray, "v"] | None:
+    mirrored = container.mesh.vertices_m.copy()
     mirrored[:, axis] *= -1.0
-    return _falls_on(thing, mirrored, tolerance)
+    return _falls_on(container, mirrored, tolerance)
 
 
 def _falls_on(
-    thing: ShellObject, moved: Float[np.ndarray, "v 3"], tolerance: float
+    container: ShellObject, moved: Float[np.ndarray, "v 3"], tolerance: float
 ) -> Int[np.ndarray, "v"] | None:
     """Which vertex each moved one falls on, if wall and support there are the same."""
     from scipy.spatial import cKDTree
 
-    mesh = thing.mesh
+    mesh = container.mesh
     sides = mesh.vertices_m[mesh.faces[:, 1:]] - mesh.vertices_m[mesh.faces[:, :1]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) * np.asarray(mesh.fraction)
     weight = np.bincount(mesh.faces.ravel(), np.repeat(area * mesh.thickness_m, 3), minlength=len(moved))
@@ -181,10 +209,12 @@ def _falls_on(
     if not away.max() < tolerance * float(np.ptp(mesh.vertices_m, axis=0).max()):
         return None
     same_wall = np.allclose(weight[other], weight, rtol=1e-4, atol=1e-9 * weight.max())
-    same_base = bool((thing.fixed[other] == thing.fixed).all())
-    if thing.springs is not None:
-        size = float(thing.springs.max())
-        same_base &= bool(np.allclose(thing.springs[other], thing.springs, rtol=1e-6, atol=1e-9 * size))
+    same_base = bool((container.fixed[other] == container.fixed).all())
+    if container.springs is not None:
+        size = float(container.springs.max())
+        same_base &= bool(
+            np.allclose(container.springs[other], container.springs, rtol=1e-6, atol=1e-9 * size)
+        )
     one_to_one = len(np.unique(other)) == len(other)
     found: np.ndarray = other
     return found if same_wall and same_base and one_to_one else None

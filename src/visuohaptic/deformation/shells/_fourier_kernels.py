@@ -20,7 +20,7 @@ def _strains(
     ztt: float,
     out: np.ndarray,
 ) -> None:
-    """Membrane and bending strain (6, 12) of one element's freedoms at a point of the meridian.
+    """Membrane and bending strain (6, 12) of one element's degrees of freedom at a point of the meridian.
 
     Freedoms by node: (u_r, u_theta, u_z), then their derivatives by the parameter. ``h0, h1, h2``
     are the four Hermite functions and their derivatives.

@@ -232,7 +232,7 @@ def add_rows(
 
 @kernel
 def constrain(matrices: np.ndarray, faces: np.ndarray, fixed: np.ndarray) -> None:
-    """Zero the rows and columns of fixed freedoms in element matrices (e, s k, s k), in place."""
+    """Zero the rows and columns of fixed degrees of freedom in element matrices (e, s k, s k), in place."""
     corners = faces.shape[1]
     size = fixed.shape[1]
     for e in range(faces.shape[0]):

@@ -1,6 +1,6 @@
 """Flat triangular shell element: DKT bending and the optimal membrane with drilling freedom.
 
-Nodal freedoms are three displacements and three rotations. In the element's own frame the membrane
+Nodal degrees of freedom are three displacements and three rotations. In the element's own frame the membrane
 has (u, v, theta_z) and the plate (w, theta_x, theta_y), which are uncoupled in a flat element.
 """
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.kernels import kernel
 
-#: Places of the membrane's and of the plate's freedoms among the 18 of an element.
+#: Places of the membrane's and of the plate's degrees of freedom among the 18 of an element.
 MEMBRANE = np.array([0, 1, 5, 6, 7, 11, 12, 13, 17])
 PLATE = np.array([2, 3, 4, 8, 9, 10, 14, 15, 16])
 
@@ -55,7 +55,7 @@ def _add_congruent(out: np.ndarray, b: np.ndarray, d: np.ndarray, weight: float)
 def membrane_stiffness(xy: np.ndarray, area: float, stiffness: np.ndarray, beta0: float) -> np.ndarray:
     """OPT membrane (9, 9) in (u, v, theta_z) per corner; ``stiffness`` is force per length.
 
-    Felippa 2003, "A study of optimal membrane triangles with drilling freedoms", the
+    Felippa 2003, "A study of optimal membrane triangles with drilling freedom", the
     template with alpha_b = 3/2, beta = (1, 2, 1, 0, 1, -1, -1, -1, -2).
     """
     x12, x23, x31 = xy[0, 0] - xy[1, 0], xy[1, 0] - xy[2, 0], xy[2, 0] - xy[0, 0]

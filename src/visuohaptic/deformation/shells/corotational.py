@@ -35,12 +35,24 @@ class ShellState:
     rotations: Float[np.ndarray, "v 3 3"]  #: how far they have turned
 
     def moved(self, step: Float[np.ndarray, "v 6"]) -> ShellState:
-        """After further displacements [m] and spins [rad] in world axes."""
+        """The state after further displacements and spins.
+
+        Parameters
+        ----------
+        step
+            Displacements [m] and spins [rad] of each vertex, in world axes.
+        """
         spins = np.ascontiguousarray(step[:, 3:])
         return ShellState(self.points_m + step[:, :3], kernels.rotate_nodes(self.rotations, spins))
 
     def step_to(self, other: ShellState) -> Float[np.ndarray, "v 6"]:
-        """The displacements and spins that lead to another state."""
+        """Displacements [m] and spins [rad] that lead to another state.
+
+        Parameters
+        ----------
+        other
+            Of the same shell.
+        """
         turn = np.einsum("vij,vkj->vik", other.rotations, self.rotations)
         out = np.empty((len(turn), 6))
         out[:, :3] = other.points_m - self.points_m
@@ -62,7 +74,7 @@ class CorotationalShell:
         Triangles over the mouth that close the volume and carry no stiffness; pressure on them is
         taken by their rim only through the volume's gradient.
     lid_signs, lid_fraction
-        Of a part that stands for several copies of itself (:mod:`.symmetric_part`): the lid's
+        Of a part that stands for several copies of itself (:mod:`.symmetry_reduction`): the lid's
         corners are at these signs times the points, and so much of the lid belongs to the part.
     """
 
@@ -92,14 +104,26 @@ class CorotationalShell:
         return ShellState(self.model.mesh.vertices_m, np.tile(np.eye(3), (self.model.nodes, 1, 1)))
 
     def volume(self, state: ShellState) -> float:
-        """Enclosed volume [m^3], the lid included."""
+        """Enclosed volume [m^3], the lid included.
+
+        Parameters
+        ----------
+        state
+            Deformed shell.
+        """
         mesh = self.model.mesh
         a, b, c = self._lid_corners(state)
         over = self.lid_fraction / 6 * float(np.sum(a * np.cross(b, c)))
         return enclosed_volume(state.points_m, mesh.faces, mesh.fraction) + over
 
     def volume_gradient(self, state: ShellState) -> Float[np.ndarray, "v 6"]:
-        """dV/du of the deformed shell [m^2]."""
+        """dV/du of the deformed shell [m^2].
+
+        Parameters
+        ----------
+        state
+            Deformed shell.
+        """
         mesh = self.model.mesh
         out = np.zeros((self.model.nodes, 6))
         out[:, :3] = volume_gradient(state.points_m, mesh.faces, mesh.fraction)
@@ -113,15 +137,33 @@ class CorotationalShell:
         return np.moveaxis(state.points_m[self.lid] * self.lid_signs, 1, 0)
 
     def energy(self, state: ShellState) -> float:
-        """Strain energy of the wall [J]."""
+        """Strain energy of the wall [J].
+
+        Parameters
+        ----------
+        state
+            Deformed shell.
+        """
         return self._evaluate(state, tangent=False)[2]
 
     def internal_force(self, state: ShellState) -> Float[np.ndarray, "v 6"]:
-        """What the wall and its springs resist with [N], [N m]; minus what is enclosed pushes with."""
+        """Internal forces of wall and springs [N], [N m], less those of the enclosed pressure.
+
+        Parameters
+        ----------
+        state
+            Deformed shell.
+        """
         return self._assemble(state, self._evaluate(state, tangent=False)[0])
 
     def linearised(self, state: ShellState) -> tuple[Float[np.ndarray, "v 6"], Tangent]:
-        """Internal force and the solver of the tangent."""
+        """Internal force and the factored tangent stiffness.
+
+        Parameters
+        ----------
+        state
+            Deformed shell.
+        """
         forces, matrices, _ = self._evaluate(state, tangent=True)
         mesh = self.model.mesh
         rank_one: tuple[np.ndarray, float] | None = None
@@ -137,7 +179,13 @@ class CorotationalShell:
         return self._assemble(state, forces), Tangent(factor, rank_one)
 
     def with_pressure(self, pressure: PressureLaw | None) -> CorotationalShell:
-        """The same wall with other contents."""
+        """The same wall with other contents.
+
+        Parameters
+        ----------
+        pressure
+            Law of what is enclosed, or None for an open container.
+        """
         other = CorotationalShell(
             self.model,
             pressure=pressure,

@@ -30,14 +30,14 @@ BLOCK_COLUMNS = 2048
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Factor:
-    """A factored stiffness matrix with ``freedoms`` unknowns per node.
+    """A factored stiffness matrix with ``dofs`` unknowns per node.
 
     ``pivots`` holds L11, or the LU of the pivot block; ``below`` L21, or K21; ``right`` is None, or
     ``K11^-1 K12``.
     """
 
     tree: FrontTree
-    freedoms: int
+    dofs: int  #: degrees of freedom of each node
     definite: bool  #: factored as ``L L^T``
     negative: int  #: negative pivots' parity for an indefinite matrix: sign of the determinant, +1 or -1
     pivots: tuple[Any, ...]
@@ -46,11 +46,17 @@ class Factor:
 
     @one_blas_thread()
     def solve(self, loads: Float[np.ndarray, "n *m"]) -> Float[np.ndarray, "n *m"]:
-        """Displacements for one or several loads; freedoms of a node are neighbours in ``n``."""
+        """Displacements under one or several loads.
+
+        Parameters
+        ----------
+        loads
+            Forces (n,) or (n, m); the degrees of freedom of a node are neighbours in n.
+        """
         from scipy.linalg.blas import dtrsm
         from scipy.linalg.lapack import dgetrs
 
-        tree, size = self.tree, self.freedoms
+        tree, size = self.tree, self.dofs
         loads = np.asarray(loads, dtype=float)
         x = loads.reshape(tree.order.size, size, -1)[tree.order]
         columns = x.shape[2]
@@ -80,11 +86,33 @@ class Factor:
         return out.reshape(loads.shape)
 
     def compliance(self, loads: Any) -> Float[np.ndarray, "m"]:
-        """``diag(F^T K^-1 F)`` for sparse loads F (n, m), each column only along its own paths."""
+        """``diag(F^T K^-1 F)`` for sparse loads F (n, m), each column only along its own paths.
+
+        Parameters
+        ----------
+        loads
+            The m sparse loads F, one a column.
+
+        Raises
+        ------
+        InputError
+            The matrix is not positive definite.
+        """
         return self._half(loads, coupled=False)
 
     def coupling(self, loads: Any) -> Float[np.ndarray, "m m"]:
-        """``F^T K^-1 F`` for sparse loads F (n, m)."""
+        """``F^T K^-1 F`` for sparse loads F (n, m).
+
+        Parameters
+        ----------
+        loads
+            The m sparse loads F, one a column.
+
+        Raises
+        ------
+        InputError
+            The matrix is not positive definite.
+        """
         return self._half(loads, coupled=True)
 
     def _part(self, front: int) -> tuple[int, int, Int[np.ndarray, "_"]]:
@@ -98,7 +126,7 @@ class Factor:
 
         if not self.definite:
             raise InputError("Factor.compliance", "the matrix is not positive definite", remedy="use solve")
-        tree, size = self.tree, self.freedoms
+        tree, size = self.tree, self.dofs
         loads = csc_array(loads)
         count = loads.shape[1]
         dofs = (tree.order[:, None] * size + np.arange(size)).ravel()
@@ -121,7 +149,7 @@ class Factor:
         """Add ``(L^-1 F)^2``, or the products of its columns, of permuted loads to ``out``."""
         from scipy.linalg.blas import dtrsm
 
-        tree, size = self.tree, self.freedoms
+        tree, size = self.tree, self.dofs
         by_row = loads.tocsr()
         position = np.empty(loads.shape[1], dtype=np.int64)
         carried: dict[int, tuple[np.ndarray, np.ndarray]] = {}
@@ -173,9 +201,9 @@ def factorise(
     tree
         Of the elements that ``matrices`` belong to.
     matrices
-        Element matrices; freedoms of a node are neighbours.
+        Element matrices; degrees of freedom of a node are neighbours.
     diagonal
-        Added to the diagonal, by node and freedom: springs, and something positive for freedoms
+        Added to the diagonal, by node and degree of freedom: springs, and something positive for degrees of freedom
         without any element.
     definite
         Take ``L L^T``. Otherwise block elimination, which needs no definite matrix.
@@ -268,7 +296,21 @@ def sparse_matrix(
     diagonal: Float[np.ndarray, "v k"] | None = None,
     keep: Bool[np.ndarray, "n"] | None = None,
 ) -> Any:
-    """The sum of element matrices as a scipy CSC array, for other solvers."""
+    """The sum of element matrices as a scipy CSC array, for other solvers.
+
+    Parameters
+    ----------
+    matrices
+        Element matrices, degrees of freedom of a node as neighbours.
+    elements
+        Nodes of each element.
+    nodes
+        Number of nodes.
+    diagonal
+        Added to the diagonal, by node and degree of freedom.
+    keep
+        Degrees of freedom that are kept; all by default.
+    """
     from scipy.sparse import coo_array, diags_array
 
     size = matrices.shape[1] // elements.shape[1]

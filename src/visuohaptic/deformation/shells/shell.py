@@ -23,7 +23,7 @@ from .shell_material import IsotropicMaterial
 
 __all__ = ["ShellMesh", "ShellModel", "enclosed_volume", "plane_stress", "volume_gradient"]
 
-#: A triangle is refused when its height is below this share of its longest side.
+#: A triangle is refused when its height is below this fraction of its longest side.
 FLATTEST = 1e-6
 
 
@@ -34,7 +34,7 @@ class ShellMesh:
     vertices_m: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]
     thickness_m: Float[np.ndarray, "f"] | float  #: of each face; one number is repeated
-    #: Share of its wall that a face stands for: 1, or 0.5 where each cell of a structured mesh is
+    #: Fraction of its wall that a face stands for: 1, or 0.5 where each cell of a structured mesh is
     #: covered by both ways to halve it, which leaves no direction preferred.
     fraction: Float[np.ndarray, "f"] | float = 1.0
 
@@ -82,7 +82,13 @@ class ShellMesh:
 
 
 def plane_stress(material: IsotropicMaterial) -> Float[np.ndarray, "3 3"]:
-    """Stress for unit in-plane strain (xx, yy, 2 xy) of an isotropic material [Pa]."""
+    """Stress for unit in-plane strain (xx, yy, 2 xy) of an isotropic material [Pa].
+
+    Parameters
+    ----------
+    material
+        Elastic constants.
+    """
     nu = material.poisson_ratio
     return (
         material.youngs_modulus_Pa
@@ -102,9 +108,9 @@ class ShellModel:
         Of the whole wall: constants, a material of the library, or its name.
     fixed
         What is held: vertex numbers or a mask (v,) of vertices that are clamped in all six
-        freedoms, or a mask (v, 6) of single freedoms (displacements x, y, z, then rotations).
+        degrees of freedom, or a mask (v, 6) of single degrees of freedom (displacements x, y, z, then rotations).
     springs
-        Elastic base: N/m and N m/rad by vertex and freedom, or None.
+        Elastic base: N/m and N m/rad by vertex and degree of freedom, or None.
 
     Examples
     --------
@@ -137,7 +143,7 @@ class ShellModel:
 
     @property
     def nodes(self) -> int:
-        """How many vertices, each with six freedoms."""
+        """How many vertices, each with six degrees of freedom."""
         return len(self.mesh.vertices_m)
 
     @property
@@ -177,7 +183,7 @@ class ShellModel:
 
     @cached_property
     def support_diagonal(self) -> Float[np.ndarray, "v 6"]:
-        """What is added to the diagonal: springs, and a one for each freedom that cannot move."""
+        """What is added to the diagonal: springs, and a one for each degree of freedom that cannot move."""
         used = np.zeros(self.nodes, dtype=bool)
         used[self.mesh.faces] = True
         held = self.fixed | ~used[:, None]
@@ -199,6 +205,16 @@ class ShellModel:
         """Displacements [m] and rotations [rad] under forces [N] and moments [N m] at the vertices.
 
         Loads on what is held go into the support. One load (v, 6) or several (v, 6, m).
+
+        Parameters
+        ----------
+        loads
+            Forces and moments (v, 6), or m loads (v, 6, m).
+
+        Raises
+        ------
+        InputError
+            Another shape.
         """
         loads = np.asarray(loads, dtype=float)
         if loads.shape[:2] != (self.nodes, 6):
@@ -208,7 +224,7 @@ class ShellModel:
         return self.factor().solve(right.reshape(6 * self.nodes, -1)).reshape(loads.shape)
 
     def volume_gradient(self) -> Float[np.ndarray, "v 6"]:
-        """a = dV/du, the change of the enclosed volume by each freedom [m^2]; zero where held.
+        """a = dV/du, the change of the enclosed volume by each degree of freedom [m^2]; zero where held.
 
         A gauge pressure p inside loads the wall with ``p a``, so a gas is the rank-one term
         ``kappa a a^T`` of the stiffness.
@@ -228,6 +244,15 @@ def enclosed_volume(
 
     An open mouth should be closed by faces first: without them this is the volume with cones to
     the origin.
+
+    Parameters
+    ----------
+    vertices_m
+        Vertices [m].
+    faces
+        Triangles that look outwards.
+    fraction
+        Of each face that counts, see :class:`ShellMesh`.
     """
     a, b, c = (vertices_m[faces[:, k]] for k in range(3))
     return float(np.sum(fraction * np.einsum("fi,fi->f", a, np.cross(b, c))) / 6)
@@ -242,6 +267,15 @@ def volume_gradient(
 
     The exact gradient of the enclosed volume of a closed mesh. At the rim of an open one it is
     the load of a pressure on the wall alone.
+
+    Parameters
+    ----------
+    vertices_m
+        Vertices [m].
+    faces
+        Triangles that look outwards.
+    fraction
+        Of each face that counts, see :class:`ShellMesh`.
     """
     third = area_vectors(vertices_m, faces) / 3 * np.broadcast_to(fraction, len(faces))[:, None]
     out = np.zeros_like(vertices_m)

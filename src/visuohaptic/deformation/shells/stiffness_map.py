@@ -81,6 +81,15 @@ def tip_loads(nodes: int, tips: DualTips, vertices_m: Float[np.ndarray, "v 3"] |
     Shared out linearly over the corners of its face, a force inside one is a force on a patch, and the
     wall seems stiffer by percents than under a point. With ``vertices_m`` it is shared out by the cubic
     that the corners' rotations bend the face to, see :func:`bent_loads`.
+
+    Parameters
+    ----------
+    nodes
+        Number of vertices.
+    tips
+        The m pairs.
+    vertices_m
+        Vertices [m], for loads that follow the bending of a face.
     """
     from scipy.sparse import coo_array
 
@@ -130,7 +139,15 @@ def bent_loads(
 
 
 def dual_tip_compliance(model: ShellModel, tips: DualTips) -> Float[np.ndarray, "m"]:
-    """Approach of the two tips per newton [m/N], NaN where a pair is not valid."""
+    """Approach of the two tips per newton [m/N], NaN where a pair is not valid.
+
+    Parameters
+    ----------
+    model
+        Shell model of the object.
+    tips
+        The m pairs.
+    """
     loads = _held_rows_removed(model, tip_loads(model.nodes, tips, model.mesh.vertices_m))
     return np.where(tips.valid, model.factor().compliance(loads), np.nan)
 
@@ -142,6 +159,15 @@ def dual_tip_map(
 
     Vertices that face each other are one pinch and are computed once. The value is infinite where
     both tips are on what is held, NaN where there is nothing opposite.
+
+    Parameters
+    ----------
+    model
+        Shell model of the object.
+    tips
+        Pairs of contacts; one for each vertex by default.
+    axis_point_m
+        x and y of the height axis [m] for these; the middle of the bounding box by default.
     """
     if tips is None:
         tips = opposing_points(model.mesh, axis_point_m=axis_point_m)

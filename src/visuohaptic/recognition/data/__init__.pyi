@@ -1,4 +1,5 @@
 from .data_set import FeatureSet as FeatureSet
+from .data_set import join_feature_sets as join_feature_sets
 from .data_set import load_feature_set as load_feature_set
 from .data_set import read_build as read_build
 from .data_set import save_feature_set as save_feature_set
@@ -10,7 +11,7 @@ from .places import Touch as Touch
 from .pose_error import COPIES as COPIES
 from .pose_error import POSE_m as POSE_m
 from .pose_error import TILT_rad as TILT_rad
-from .pose_error import posed_changes as posed_changes
+from .pose_error import pose_error_changes as pose_error_changes
 from .protocol import TouchProtocol as TouchProtocol
 from .protocol import travel_seconds as travel_seconds
 from .readings import CurveCoefficients as CurveCoefficients

@@ -17,9 +17,17 @@ from jaxtyping import Bool, Float, Int
 from ...core.errors import InputError
 from ...core.files import atomic_path, read_npz
 from .places import HEIGHTS, SIDES
-from .pose_error import posed_changes
+from .pose_error import pose_error_changes
 
-__all__ = ["HEIGHTS", "SIDES", "FeatureSet", "load_feature_set", "read_build", "save_feature_set"]
+__all__ = [
+    "HEIGHTS",
+    "SIDES",
+    "FeatureSet",
+    "join_feature_sets",
+    "load_feature_set",
+    "read_build",
+    "save_feature_set",
+]
 
 #: What the file of a feature set must hold.
 _ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
@@ -34,15 +42,15 @@ class FeatureSet:
     label: tuple[str, ...]  #: class of each object
     name: tuple[str, ...]  #: of each object, unique
     nonlinear: bool = False  #: from curves under large deformation; otherwise I = i and II = 0
-    #: Change of log i under each of c wrong poses, see :mod:`.posed`; None without maps of the objects.
-    posed: Float[np.ndarray, "n c 16 4"] | None = None
+    #: Change of log i under each of c wrong poses, see :mod:`.pose_error`; None without maps of the objects.
+    pose_errors: Float[np.ndarray, "n c 16 4"] | None = None
 
     def __post_init__(self) -> None:
         count = len(self.label)
         shapes = [(self.features, (count, HEIGHTS, 4, 3)), (self.width_m, (count, HEIGHTS, 2))]
-        if self.posed is not None:
-            copies = np.shape(self.posed)[1] if np.ndim(self.posed) == 4 else 1
-            shapes.append((self.posed, (count, max(copies, 1), HEIGHTS, 4)))
+        if self.pose_errors is not None:
+            copies = np.shape(self.pose_errors)[1] if np.ndim(self.pose_errors) == 4 else 1
+            shapes.append((self.pose_errors, (count, max(copies, 1), HEIGHTS, 4)))
         for array, expected in shapes:
             if np.shape(array) != expected:
                 raise InputError("FeatureSet", f"found shape {np.shape(array)}, expected {expected}")
@@ -51,6 +59,29 @@ class FeatureSet:
 
     def __len__(self) -> int:
         return len(self.label)
+
+    @classmethod
+    def of_stiffness(
+        cls,
+        stiffness_N_per_m: Float[np.ndarray, "n 16 4"],
+        width_m: Float[np.ndarray, "n 16 2"],
+        label: Sequence[str],
+    ) -> FeatureSet:
+        """Objects of which only the linear stiffness is known: I = i and II = 0.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            At the 16 heights on the 4 sides [N/m].
+        width_m
+            Of the undeformed objects, across x and across y [m].
+        label
+            Class of each object.
+        """
+        i = np.asarray(stiffness_N_per_m, dtype=float)
+        names = tuple(f"{name}-{k:05d}" for k, name in enumerate(label))
+        width = np.asarray(width_m, dtype=float)
+        return cls(np.stack([i, i, np.zeros_like(i)], axis=-1), width, tuple(label), names)
 
     @property
     def classes(self) -> tuple[str, ...]:
@@ -64,7 +95,13 @@ class FeatureSet:
         return np.array([place[name] for name in self.label], dtype=np.int64)
 
     def take(self, chosen: Bool[np.ndarray, "n"] | Int[np.ndarray, "m"]) -> FeatureSet:
-        """Some of the objects."""
+        """Some of the objects.
+
+        Parameters
+        ----------
+        chosen
+            Mask of the objects, or their numbers.
+        """
         index = np.arange(len(self))[chosen]
         return FeatureSet(
             self.features[index],
@@ -72,7 +109,7 @@ class FeatureSet:
             tuple(self.label[k] for k in index),
             tuple(self.name[k] for k in index),
             self.nonlinear,
-            None if self.posed is None else self.posed[index],
+            None if self.pose_errors is None else self.pose_errors[index],
         )
 
     def of_classes(
@@ -107,16 +144,65 @@ class FeatureSet:
         return replace(kept, label=tuple(target[name] for name in kept.label))
 
 
+def join_feature_sets(parts: Sequence[FeatureSet]) -> FeatureSet:
+    """One set of the objects of several; a name that occurs twice is preceded by the number of its set.
+
+    Parameters
+    ----------
+    parts
+        At least one set, all linear or all from curves. Effects of wrong poses are kept where all sets have as
+        many of them.
+
+    Raises
+    ------
+    InputError
+        Linear features and features from curves together.
+    """
+    if len({part.nonlinear for part in parts}) > 1:
+        raise InputError(
+            "feature sets",
+            "found linear features and features from curves, expected one kind",
+            field="nonlinear",
+        )
+    names = [name for part in parts for name in part.name]
+    if len(set(names)) < len(names):
+        names = [f"{k}/{name}" for k, part in enumerate(parts) for name in part.name]
+    errors = [part.pose_errors for part in parts if part.pose_errors is not None]
+    alike = len(errors) == len(parts) and len({one.shape[1] for one in errors}) == 1
+    return FeatureSet(
+        np.concatenate([part.features for part in parts]),
+        np.concatenate([part.width_m for part in parts]),
+        tuple(label for part in parts for label in part.label),
+        tuple(names),
+        parts[0].nonlinear,
+        np.concatenate(errors) if alike else None,
+    )
+
+
 def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -> FeatureSet:
     """Features of all objects of an ``objects build`` folder, in one state of their contents.
 
     Objects whose state is not in the build, or with a feature that is not finite, are an error:
     a classifier that silently knows fewer objects answers wrongly.
+
+    Parameters
+    ----------
+    folder
+        Of ``visuohaptic objects build``.
+    closed
+        State of the contents: nothing can escape.
+    fill
+        Fraction of the volume that is liquid, of a closed container.
+
+    Raises
+    ------
+    InputError
+        No build in the folder, a state that is not in it, or a stiffness that is not finite and positive.
     """
     folder = Path(folder)
     listed = _manifest(folder)
     features, widths, labels, names, nonlinear = [], [], [], [], False
-    posed: list[np.ndarray] = []
+    pose_errors: list[np.ndarray] = []
     for number, entry in enumerate(listed):
         path = folder / entry["file"]
         data = read_npz(path, "a result of objects build", names=("states", "feature_points_m", "features"))
@@ -147,21 +233,33 @@ def read_build(folder: Path | str, *, closed: bool = False, fill: float = 0.0) -
         labels.append(str(entry["class"]))
         names.append(Path(entry["file"]).stem)
         if surface:
-            posed.append(posed_changes(surface[0], surface[1], points, np.random.default_rng(number)))
+            pose_errors.append(
+                pose_error_changes(surface[0], surface[1], points, np.random.default_rng(number))
+            )
     return FeatureSet(
         np.stack(features),
         np.stack(widths),
         tuple(labels),
         tuple(names),
         nonlinear,
-        np.stack(posed).astype(np.float32) if len(posed) == len(listed) else None,
+        np.stack(pose_errors).astype(np.float32) if len(pose_errors) == len(listed) else None,
     )
 
 
 def save_feature_set(path: Path | str, found: FeatureSet) -> None:
-    """Write one NPZ file, whole or not at all."""
+    """Write one NPZ file, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    found
+        Feature set.
+    """
     # Half precision: a thousandth of what is a standard deviation anyway.
-    extra: dict[str, Any] = {} if found.posed is None else {"posed": np.asarray(found.posed, np.float16)}
+    extra: dict[str, Any] = (
+        {} if found.pose_errors is None else {"pose_errors": np.asarray(found.pose_errors, np.float16)}
+    )
     with atomic_path(path) as temporary:
         np.savez_compressed(
             temporary,
@@ -175,7 +273,18 @@ def save_feature_set(path: Path | str, found: FeatureSet) -> None:
 
 
 def load_feature_set(source: Path | str) -> FeatureSet:
-    """Read the NPZ file of :func:`save_feature_set`, or the folder of a build."""
+    """Read the NPZ file of :func:`save_feature_set`, or the folder of a build.
+
+    Parameters
+    ----------
+    source
+        NPZ file, or folder of a build.
+
+    Raises
+    ------
+    InputError
+        No such file, or it is not a feature set.
+    """
     path = Path(source)
     if path.is_dir():
         return read_build(path)
@@ -188,7 +297,7 @@ def load_feature_set(source: Path | str) -> FeatureSet:
             tuple(str(text) for text in data["label"]),
             tuple(str(text) for text in data["name"]),
             bool(data["nonlinear"]),
-            data["posed"].astype(np.float32) if "posed" in data else None,
+            data["pose_errors"].astype(np.float32) if "pose_errors" in data else None,
         )
     except InputError as error:
         raise InputError(path, error.problem, field=error.field) from error
@@ -196,8 +305,8 @@ def load_feature_set(source: Path | str) -> FeatureSet:
         raise InputError(path, f"is not a feature set ({error})", remedy=remedy) from error
     if not (np.isfinite(found.features[..., 0]).all() and np.isfinite(found.width_m).all()):
         raise InputError(path, "has numbers that are not finite", field="features")
-    if found.posed is not None and not np.isfinite(found.posed).all():
-        raise InputError(path, "has numbers that are not finite", field="posed")
+    if found.pose_errors is not None and not np.isfinite(found.pose_errors).all():
+        raise InputError(path, "has numbers that are not finite", field="pose_errors")
     if not (found.features[..., 0] > 0).all():
         raise InputError(path, "has stiffness that is not positive", field="features")
     return found

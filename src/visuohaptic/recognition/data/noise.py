@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
-from .data_set import FeatureSet
+from .data_set import FeatureSet, join_feature_sets
 from .pose_error import POSE_m
 from .protocol import TouchProtocol
 
@@ -51,40 +51,55 @@ def noisy_copies(
     parts = [data] if keep else []
     for copy in range(copies):
         measured = as_measured(
-            stiffness, rng, posed=data.posed, protocol=protocol, pose_m=pose_m, discrepancy=discrepancy
+            stiffness,
+            rng,
+            pose_errors=data.pose_errors,
+            protocol=protocol,
+            pose_m=pose_m,
+            discrepancy=discrepancy,
         )
         features = data.features.copy()
         features[..., 0] = np.exp(measured)
         names = tuple(f"{name}~{copy}" for name in data.name)
         parts.append(replace(data, features=features, name=names))
-    return FeatureSet(
-        np.concatenate([part.features for part in parts]),
-        np.concatenate([part.width_m for part in parts]),
-        tuple(label for part in parts for label in part.label),
-        tuple(name for part in parts for name in part.name),
-        data.nonlinear,
-        None if data.posed is None else np.concatenate([data.posed] * len(parts)),
-    )
+    return join_feature_sets(parts)
 
 
 def as_measured(
     log_stiffness: Float[np.ndarray, "m 16 4"],
     rng: np.random.Generator,
     *,
-    posed: Float[np.ndarray, "m c 16 4"] | None = None,
+    pose_errors: Float[np.ndarray, "m c 16 4"] | None = None,
     protocol: TouchProtocol | None = None,
     pose_m: float = 0.002,
     discrepancy: float = 0.06,
 ) -> Float[np.ndarray, "m 16 4"]:
-    """What one exploration of each object reads; the parameters are those of :func:`noisy_copies`."""
+    """What one exploration of each object measures.
+
+    Parameters
+    ----------
+    log_stiffness
+        Logarithm of the stiffness [N/m] at the places of m objects.
+    rng
+        Source of the noise.
+    pose_errors
+        Change of the logarithm under each of c wrong poses, see :func:`.pose_error_changes`; from the slope between
+        the heights by default.
+    protocol
+        How a touch is done.
+    pose_m
+        Standard deviation of the height of all touches of an object [m].
+    discrepancy
+        Relative standard deviation by which the simulation is wrong, by place.
+    """
     protocol = TouchProtocol() if protocol is None else protocol
     shape = log_stiffness.shape
     shift = rng.normal(0, pose_m / protocol.place_m, (shape[0], 1, 1))
     wrong = rng.normal(0, 1, shape) * np.minimum(protocol.relative_sigmas(np.exp(log_stiffness)), 1.0)
     wrong += rng.normal(0, discrepancy, shape)
-    if posed is None or not pose_m > 0:
+    if pose_errors is None or not pose_m > 0:
         moved: np.ndarray = shift * np.gradient(log_stiffness, axis=1)
     else:
-        which = rng.integers(0, posed.shape[1], shape[0])
-        moved = pose_m / POSE_m * posed[np.arange(shape[0]), which]
+        which = rng.integers(0, pose_errors.shape[1], shape[0])
+        moved = pose_m / POSE_m * pose_errors[np.arange(shape[0]), which]
     return log_stiffness + moved + wrong

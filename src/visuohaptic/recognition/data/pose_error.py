@@ -1,7 +1,7 @@
 """What a wrong pose of the gripper does to the features of one object, read off its stiffness map.
 
 Between the 16 heights walls have ridges and shoulders, where stiffness changes by a factor within a few
-millimetres: the features alone do not show that, the map does. Each copy draws one pose of the gripper
+millimetres: the features alone do not show that, the map does. Each copy samples one pose of the gripper
 against the object, as for all touches of an exploration; both tips stay on one line, so a tilt moves them to
 different heights. Symbols: c copies.
 """
@@ -14,13 +14,13 @@ from jaxtyping import Float
 from ...core.geometry import so3_exp
 from .places import HEIGHTS, SIDES
 
-__all__ = ["COPIES", "POSE_m", "TILT_rad", "posed_changes"]
+__all__ = ["COPIES", "POSE_m", "TILT_rad", "pose_error_changes"]
 
 #: Poses that are drawn of each object; their standard deviations along [m] and about [rad] each axis.
 COPIES, POSE_m, TILT_rad = 8, 0.002, 0.05
 
 
-def posed_changes(
+def pose_error_changes(
     vertices_m: Float[np.ndarray, "n 3"],
     stiffness_N_per_m: Float[np.ndarray, "n"],
     points_m: Float[np.ndarray, "16 4 3"],

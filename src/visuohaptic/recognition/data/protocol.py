@@ -33,11 +33,23 @@ class TouchProtocol:
         return self.approach_s + self.max_deformation_m / self.close_m_per_s
 
     def relative_sigma(self, stiffness_N_per_m: float) -> float:
-        """Expected relative standard deviation of the linear coefficient."""
+        """Expected relative standard deviation of the linear coefficient.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            Stiffness [N/m].
+        """
         return float(self.relative_sigmas(np.array([stiffness_N_per_m]))[0])
 
     def relative_sigmas(self, stiffness_N_per_m: Float[np.ndarray, "*k"]) -> Float[np.ndarray, "*k"]:
-        """The same for many."""
+        """Expected relative standard deviations of many linear coefficients.
+
+        Parameters
+        ----------
+        stiffness_N_per_m
+            Stiffness [N/m], of any shape.
+        """
         reach = np.minimum(self.max_deformation_m, self.max_force_N / stiffness_N_per_m)
         count = np.maximum(6.0, self.rate_Hz * reach / self.close_m_per_s)
         square = count * reach**2 / 3
@@ -47,7 +59,17 @@ class TouchProtocol:
 
 
 def travel_seconds(protocol: TouchProtocol, start: Touch | None, goal: Touch) -> float:
-    """From touch to touch; the way to the first is free and part of its approach."""
+    """Time from one touch to the next [s]; the way to the first is free and part of its approach.
+
+    Parameters
+    ----------
+    protocol
+        Speeds and distances.
+    start
+        Touch before, or None.
+    goal
+        Touch that follows.
+    """
     if start is None:
         return 0.0
     way = abs(goal[0] - start[0]) * protocol.place_m / protocol.travel_m_per_s

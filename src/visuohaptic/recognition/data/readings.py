@@ -1,7 +1,7 @@
-"""What one touch says: coefficients of a measured curve with their doubt (Alt 2016, Secs. 6.1.6, 6.4.2).
+"""What one touch says: coefficients of a measured curve with their uncertainty (Alt 2016, Secs. 6.1.6, 6.4.2).
 
 Deformation d and force F both carry noise. Least squares of F on a noisy d comes out too soft, by
-the share of the noise in d^2: its known part is taken off the moments (Fuller 1987). Where the
+the fraction of the noise in d^2: its known part is taken off the moments (Fuller 1987). Where the
 fingers hardly move, only the weighted distance to the line (Deming) says anything.
 """
 
@@ -55,6 +55,36 @@ class TouchReading:
     sides: tuple[CurveCoefficients | None, CurveCoefficients | None]  #: + and -; None: not measured
     width_m: float = math.nan  #: opening of the gripper at contact
 
+    @classmethod
+    def of_stiffness(
+        cls,
+        height: int,
+        axis: str,
+        stiffness_N_per_m: Sequence[float] | Float[np.ndarray, "2"],
+        relative_sigma: float = 0.05,
+        width_m: float = math.nan,
+    ) -> TouchReading:
+        """A touch of which the linear stiffness of both sides is known.
+
+        Parameters
+        ----------
+        height
+            1 to 16.
+        axis
+            ``x`` or ``y``, along which the tips press.
+        stiffness_N_per_m
+            Of the sides + and - [N/m].
+        relative_sigma
+            Relative standard deviation of each.
+        width_m
+            Opening of the gripper at contact [m]; NaN where it was not measured.
+        """
+        first, second = (
+            CurveCoefficients(float(k), float(k), math.nan, relative_sigma, math.nan)
+            for k in stiffness_N_per_m
+        )
+        return cls(height, axis, (first, second), width_m)
+
     def __post_init__(self) -> None:
         if not 1 <= self.height <= HEIGHTS or self.axis not in ("x", "y"):
             raise InputError(
@@ -66,6 +96,15 @@ def fit_curve(
     deformation_m: Float[np.ndarray, "k"], force_N: Float[np.ndarray, "k"], noise: TouchNoise | None = None
 ) -> CurveCoefficients:
     """Coefficients of a closing curve from contact on.
+
+    Parameters
+    ----------
+    deformation_m
+        Of the side's own point [m].
+    force_N
+        Of one tip [N].
+    noise
+        Standard deviations of one sample.
 
     Raises
     ------
@@ -85,8 +124,8 @@ def fit_curve(
             "curve", f"found {i:.4g} N/m, expected a force that rises with the deformation", field="force_N"
         )
     full, _ = _slope(d, f, noise)
-    quadratic, doubt = _quadratic(d, f, noise)
-    return CurveCoefficients(i, full, quadratic, relative, doubt)
+    quadratic, uncertainty = _quadratic(d, f, noise)
+    return CurveCoefficients(i, full, quadratic, relative, uncertainty)
 
 
 def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[TouchReading, ...]:
@@ -94,6 +133,18 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
 
     The CSV has the columns ``height`` (1 .. 16), ``side`` (x+, x-, y+, y-), ``force_N``,
     ``deformation_m``, and perhaps ``width_m``, the gripper's opening at contact.
+
+    Parameters
+    ----------
+    path
+        CSV file in UTF-8.
+    noise
+        Standard deviations of one sample.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a value is missing or out of range, with its line.
     """
     path = Path(path)
     samples: dict[tuple[int, str], list[tuple[float, float]]] = {}
@@ -143,9 +194,14 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
 
 
 def stiffness_grid(readings: Sequence[TouchReading]) -> Float[np.ndarray, "16 4"]:
-    """i [N/m] of what was touched, NaN elsewhere.
+    """Stiffness i [N/m] at all places, NaN where nothing was touched.
 
     A side that was not measured takes the value of the side opposite: a pinch presses both.
+
+    Parameters
+    ----------
+    readings
+        Touches of one object.
     """
     out = np.full((HEIGHTS, 4), np.nan)
     for reading in readings:

@@ -3,7 +3,7 @@
 Beyond the dissertation's trees: features keep their scale, each reading has its noise, and a touch is
 chosen by what it tells per second of robot time. What is known of the candidates: :mod:`.haptic_model`;
 probabilities: :mod:`.belief`; "unknown" is one more class, any smooth profile of stiffness and width:
-:mod:`.strangers`. Symbols are those of these modules.
+:mod:`.unknown_class`. Symbols are those of these modules.
 """
 
 from __future__ import annotations
@@ -60,6 +60,22 @@ def touch_gains(
 
     The information is the expected fall of the entropy of the answer: outcomes are drawn from the
     present belief, and the belief after each is computed in closed form.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    readings
+        Touches so far.
+    samples
+        Outcomes that are sampled of each touch.
+    rng
+        Source of the samples; seeded with 0 by default.
+
+    Returns
+    -------
+    dict
+        Expected information [nat] and duration [s] of each touch that is left.
     """
     rng = np.random.default_rng(0) if rng is None else rng
     place, value, noise = evidence(model, readings)
@@ -127,7 +143,7 @@ def explore(
     touch
         Measures at a height 1 .. 16 along an axis "x" or "y".
     confidence
-        Wanted probability of the answer. One in twenty that are 95 % sure is wrong, and of strangers, which are
+        Wanted probability of the answer. One in twenty that are 95 % sure is wrong, and of unknown objects, which are
         rare, a larger share still passes for something known: nine objects in a row need more.
     max_touches, min_touches
         Bounds.

@@ -73,7 +73,20 @@ def update_belief(model: HapticModel, readings: Sequence[TouchReading]) -> Belie
 def evidence(
     model: HapticModel, readings: Sequence[TouchReading]
 ) -> tuple[Int[np.ndarray, "o"], Float[np.ndarray, "o"], Float[np.ndarray, "o"]]:
-    """Places among the features, values, and variances of the readings."""
+    """Places among the features, values and variances of the readings.
+
+    Parameters
+    ----------
+    model
+        Says whether widths count.
+    readings
+        Touches of one object.
+
+    Returns
+    -------
+    tuple
+        Places (o,), logarithms of what was measured (o,), their variances (o,).
+    """
     place, value, noise = [], [], []
     for reading in readings:
         column = 0 if reading.axis == "x" else 2
@@ -97,7 +110,21 @@ def condition(
     value: Float[np.ndarray, "o"],
     noise: Float[np.ndarray, "o"],
 ) -> tuple[Float[np.ndarray, "v1"], tuple[Float[np.ndarray, "v1 p"], Float[np.ndarray, "c1 p p"]]]:
-    """Log likelihood of each training object and of the kinds of unknown (last), and what each predicts."""
+    """Log likelihood of each Gaussian of the model, and what it predicts given the readings.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    place, value, noise
+        Of :func:`evidence`.
+
+    Returns
+    -------
+    tuple
+        Log likelihood of each training object and, last, of each kind of unknown object; their conditioned means
+        and covariances.
+    """
     kinds = len(model.unknown_covariance)
     means = np.concatenate([model.mean, np.repeat(model.unknown_mean[None], kinds, axis=0)])
     part = parts_of(model)
@@ -154,16 +181,40 @@ def belief_of(
 
 
 def parts_of(model: HapticModel) -> Int[np.ndarray, "v1"]:
-    """What each Gaussian is part of: its component, or a kind of unknown after those."""
+    """Component of each Gaussian; kinds of unknown objects are counted after the components.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    """
     known = len(model.answer_of)
     return np.concatenate([model.component, known + np.arange(len(model.unknown_covariance))])
 
 
 def answers_of(model: HapticModel) -> Int[np.ndarray, "c1"]:
-    """Answer of each component and of each kind of unknown."""
+    """Answer of each component and of each kind of unknown.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    """
     return np.append(model.answer_of, [len(model.answers) - 1] * len(model.unknown_covariance))
 
 
 def by_answer(weight: Float[np.ndarray, "s v"], answer: Int[np.ndarray, "v"], count: int) -> np.ndarray:
+    """Weights of Gaussians, summed for each answer.
+
+
+    Parameters
+    ----------
+    weight
+        Of v Gaussians, in s rows.
+    answer
+        Answer of each Gaussian.
+    count
+        Number of answers.
+    """
     out: np.ndarray = weight @ np.eye(count)[answer]
     return out

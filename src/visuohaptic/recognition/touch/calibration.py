@@ -1,7 +1,7 @@
 """Probabilities that mean what they say, from explorations of training objects that are left out.
 
 One temperature divides the evidence (Guo et al. 2017), fitted by the log loss; and "unknown" is
-answered from the probability on that only the wanted share of known objects reaches.
+answered from the probability on that only the wanted fraction of known objects reaches.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def calibrate(
     max_touches
         Of one exploration.
     false_rejection
-        Share of known objects that may be called unknown.
+        Fraction of known objects that may be called unknown.
     """
     if len(data) != len(model.component) or not 0 < false_rejection < 1:
         raise InputError("calibrate", "expected the training objects of the model, and a share 0..1")
@@ -81,8 +81,8 @@ def calibrate(
         fraction = beliefs(float(temperature))
         losses.append(-np.log(np.maximum(fraction[right] / (1 - fraction[:, -1]).clip(1e-12), 1e-12)).mean())
     best = float(grid[int(np.argmin(losses))])
-    doubt = beliefs(best)[:, -1]
-    late = doubt[np.arange(len(doubt)) % max_touches >= 1]
+    uncertainty = beliefs(best)[:, -1]
+    late = uncertainty[np.arange(len(uncertainty)) % max_touches >= 1]
     return replace(
         model,
         temperature=best,
@@ -93,7 +93,17 @@ def calibrate(
 def calibration_error(
     confidence: Float[np.ndarray, "k"], right: Float[np.ndarray, "k"], bins: int = 10
 ) -> float:
-    """Expected calibration error: mean distance of confidence and share right, in bins of like size."""
+    """Expected calibration error: mean distance of confidence and accuracy, in bins of equal width (Guo et al. 2017).
+
+    Parameters
+    ----------
+    confidence
+        Of k answers, 0 to 1.
+    right
+        1 where the answer was right, 0 elsewhere.
+    bins
+        Number of bins.
+    """
     confidence, right = np.asarray(confidence, dtype=float), np.asarray(right, dtype=float)
     edges = np.linspace(0, 1, bins + 1)
     which = np.clip(np.digitize(confidence, edges) - 1, 0, bins - 1)
@@ -105,7 +115,21 @@ def calibration_error(
 
 
 def reading_of(data: FeatureSet, row: int, height: int, axis: str, model: HapticModel) -> TouchReading:
-    """A touch of a training object, with the expected doubt of such a reading."""
+    """A touch of a training object, with the uncertainty expected of such a reading.
+
+    Parameters
+    ----------
+    data
+        Training objects.
+    row
+        Number of the object.
+    height
+        1 to 16.
+    axis
+        ``x`` or ``y``.
+    model
+        Says how the gripper touches.
+    """
     column = 0 if axis == "x" else 2
     sides = []
     for k in (column, column + 1):

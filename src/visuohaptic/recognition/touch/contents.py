@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import check_ranges, within
 from .haptic_model import UNKNOWN
 from .unknown_state import posterior_with_unknown
 
@@ -49,7 +50,7 @@ HEIGHTS, APART, ENDS = 16, 2, 4
 LID = 0.7
 #: Thickness of the neck with its thread [m], and the fraction of the height where it begins.
 NECK_M, NECK = 0.0012, 0.9
-#: Liquids and their container give way a little: never less than this fraction of air.
+#: Liquids and their container deform a little: never less than this fraction of air.
 MIN_AIR = 0.01
 #: The wall is found by as many rounds; a stiffness goes with its power so.
 WALL_ROUNDS, WALL_POWER = 5, 2.3
@@ -60,11 +61,10 @@ class ContentsState:
     """A hypothesis."""
 
     closed: bool  #: nothing can get out, and the rim keeps its shape
-    fill: float = 0.0  #: fraction of the volume that a liquid takes
+    fill: float = field(default=0.0, metadata=within(0, 1))  #: fraction of the volume that is liquid
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.fill <= 1.0:
-            raise InputError("ContentsState", f"found {self.fill}, expected 0 to 1", field="fill")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,13 @@ class ContentsModel:
         self._responses = {name: _response(outline_m, wall_m, state) for name, state in states.items()}
 
     def mass_kg(self, state: str) -> tuple[float, float]:
-        """Mass of container and contents in a state, and its standard deviation [kg]."""
+        """Mass of container and contents in a state, and its standard deviation [kg].
+
+        Parameters
+        ----------
+        state
+            Name of the hypothesis.
+        """
         response = self._responses[state]
         sigma = math.hypot(WALL_MASS * response.wall_kg, LIQUID_MASS * response.liquid_kg)
         return response.wall_kg + response.liquid_kg, math.hypot(sigma, CAP_KG)
@@ -124,13 +130,29 @@ class ContentsModel:
     def force_N(
         self, state: str, height_m: float, deformation_m: Float[np.ndarray, "n"]
     ) -> Float[np.ndarray, "n"]:
-        """Expected force of one finger [N]."""
+        """Expected force of one finger [N].
+
+        Parameters
+        ----------
+        state
+            Name of the hypothesis.
+        height_m
+            Above the bottom [m].
+        deformation_m
+            Of one side [m].
+        """
         k, g = self._responses[state].at(height_m)
         d = np.maximum(deformation_m, 0.0)
         return k * d + g * d**3
 
     def heights_m(self, first: str = "open", second: str = "closed") -> list[float]:
-        """Heights where two states differ most for the firmest squeeze, best first and apart from each other [m]."""
+        """Heights where two states differ most for the firmest squeeze, best first and apart from each other [m].
+
+        Parameters
+        ----------
+        first, second
+            Names of the hypotheses.
+        """
         levels = [k for k in range(ENDS, HEIGHTS - ENDS + 1) if (k - 0.5) / HEIGHTS < LID]
         heights = {k: (k - 0.5) / HEIGHTS * self.height_m for k in levels}
         gain = {k: self._distance(first, second, z) for k, z in heights.items()}

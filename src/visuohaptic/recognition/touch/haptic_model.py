@@ -34,7 +34,7 @@ class ModelSettings:
     """What is assumed beyond the training data."""
 
     #: h of the kernel, of the class's own spread. Objects that are left out are most likely under wider ones;
-    #: this is narrow enough that strangers between the known objects are not taken for them.
+    #: this is narrow enough that unknown objects between the known objects are not taken for them.
     bandwidth: float = 0.35
     discrepancy: float = 0.04  #: relative error of simulated stiffness, by place
     end_discrepancy: float = 0.5  #: at the lowest and the highest place, where what holds the wall decides
@@ -127,7 +127,17 @@ def fit_model(
 
 
 def calibrated(model: HapticModel, temperature: float, unknown_from: float) -> HapticModel:
-    """The same model with other calibration."""
+    """The same model with another calibration.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    temperature
+        The evidence is divided by this.
+    unknown_from
+        Probability from which "unknown" is answered.
+    """
     return replace(model, temperature=temperature, unknown_from=unknown_from)
 
 
@@ -159,8 +169,8 @@ def _pose(
     per_place = settings.pose_m / _PLACE_m
     shift = per_place * np.concatenate([slopes.reshape(count, -1), wide.reshape(count, -1)], axis=1)
     out = shift.T @ shift / count
-    if data.posed is not None:
-        moved = np.asarray(data.posed, dtype=float).reshape(-1, FIRST_WIDTH)
+    if data.pose_errors is not None:
+        moved = np.asarray(data.pose_errors, dtype=float).reshape(-1, FIRST_WIDTH)
         out[:FIRST_WIDTH] = out[:, :FIRST_WIDTH] = 0.0
         out[:FIRST_WIDTH, :FIRST_WIDTH] = moved.T @ moved / len(moved)
     else:

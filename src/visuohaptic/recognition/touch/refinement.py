@@ -64,6 +64,15 @@ def fit_wall(
     wall_spread, modulus_spread
         Relative standard deviations of the prior. Stiffness goes with E t^2 almost everywhere, so
         measurements alone hardly tell the two apart: the covariance says so.
+    around
+        Vertices round the wall, a multiple of 4.
+    max_iterations
+        Of Gauss-Newton.
+
+    Raises
+    ------
+    InputError
+        No stiffness, wrong shapes, or a container with ranges.
     """
     measured, sigma = np.asarray(measured_N_per_m, dtype=float), np.asarray(relative_sigma, dtype=float)
     if measured.shape != (HEIGHTS, 4) or sigma.shape != (HEIGHTS, 4):
@@ -102,7 +111,17 @@ def combine_models(
     measured_log: Float[np.ndarray, "k"],
     sigma: Float[np.ndarray, "k"],
 ) -> Float[np.ndarray, "m"]:
-    """Weights from 0 up, of sum 1, of the models whose weighted mean fits measurements best."""
+    """Weights of models whose weighted mean fits the measurements best (non-negative least squares, sum 1).
+
+    Parameters
+    ----------
+    log_stiffness
+        Logarithms of the stiffness that m models predict at k places.
+    measured_log
+        Logarithms of what was measured there.
+    sigma
+        Their standard deviations.
+    """
     from scipy.optimize import nnls
 
     models = np.atleast_2d(np.asarray(log_stiffness, dtype=float))
@@ -130,12 +149,27 @@ def correct_map(
     common: float = 0.2,
     local: float = 0.1,
 ) -> StiffnessMap:
-    """Correct a map by sparse measurements; in between the correction is put by a Gaussian process.
+    """Correct a map by sparse measurements, between them by a Gaussian process.
 
     The logarithm of true by simulated stiffness has a part that is common to the object (wall,
     modulus; standard deviation ``common``) and one that varies over ``reach_m`` (``local``). The
     new sigma is that of the process: small where it was touched, ``common`` and ``local`` together
     where nothing is known.
+
+    Parameters
+    ----------
+    found
+        Simulated map.
+    points_m
+        Where it was touched [m].
+    measured_N_per_m
+        Stiffness there [N/m].
+    relative_sigma
+        Relative standard deviation of each measurement.
+    reach_m
+        Correlation length of the local part [m].
+    common, local
+        Standard deviations of the two parts, of the logarithm.
     """
     points = np.atleast_2d(np.asarray(points_m, dtype=float))
     measured, sigma = np.asarray(measured_N_per_m, dtype=float), np.asarray(relative_sigma, dtype=float)

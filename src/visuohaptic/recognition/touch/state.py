@@ -108,13 +108,13 @@ def simulate_state_curves(
             changes: dict[str, Any] = {"wall": tuple(value * thicker for value in container.wall)}
             if contents is None:
                 changes["top"] = container.top.model_copy(update={"kind": "open", "wall": None})
-            thing = mesh_container(container.model_copy(update=changes), around=around)
+            shell = mesh_container(container.model_copy(update=changes), around=around)
             planes: dict[str, PinchPlane] = {}
             for place in places:
                 side, height = _place(place)
                 angle = {"x+": 0.0, "x-": np.pi, "y+": np.pi / 2, "y-": -np.pi / 2}[side]
-                plane = planes.setdefault(side, PinchPlane(thing, angle))
-                vertex = side_vertex(thing, side, (height - 0.5) / HEIGHTS * thing.height_m)
+                plane = planes.setdefault(side, PinchPlane(shell, angle))
+                vertex = side_vertex(shell, side, (height - 0.5) / HEIGHTS * shell.height_m)
                 try:
                     curve = plane.curve(vertex, deformation_m=deformation_m, contents=contents)
                 except VisuohapticError as error:
@@ -125,7 +125,15 @@ def simulate_state_curves(
 
 
 def state_features(i_N_per_m: float, I_N_per_m: float, II: float) -> Float[np.ndarray, "3"]:
-    """``(log i, log I, II / II_0)`` of one side."""
+    """``(log i, log I, II / II_0)`` of one side.
+
+    Parameters
+    ----------
+    i_N_per_m, I_N_per_m
+        Linear coefficients [N/m], above 0.
+    II
+        Quadratic coefficient, times (1 cm)^2 / 50 N.
+    """
     return np.array([np.log(i_N_per_m), np.log(I_N_per_m), II * (NOMINAL_N / NOMINAL_m) / I_N_per_m])
 
 
@@ -139,6 +147,22 @@ def fit_state_model(
     """Learn Gaussians of each state from curves, read with noise, and rank the places.
 
     The accuracy of a place is that of variants that had no part in the fit.
+
+    Parameters
+    ----------
+    curves
+        Of all states and places, see :func:`simulate_state_curves`.
+    rng
+        Source of the noise.
+    noise
+        Standard deviations of one sample.
+    copies
+        Readings of each curve.
+
+    Raises
+    ------
+    InputError
+        Fewer than two states, or no place with curves of all.
     """
     noise = TouchNoise() if noise is None else noise
     states = tuple(dict.fromkeys(curve.state for curve in curves))
@@ -184,6 +208,13 @@ def state_probability(model: HapticStateModel, readings: Sequence[TouchReading])
 
     Places are taken as independent, which their common wall makes them not: of several, only the
     best place that was touched counts.
+
+    Parameters
+    ----------
+    model
+        Of this object.
+    readings
+        Touches of it.
     """
     seen = {}
     for reading in readings:
@@ -212,7 +243,15 @@ def state_probability(model: HapticStateModel, readings: Sequence[TouchReading])
 
 
 def save_state_model(path: Path | str, model: HapticStateModel) -> None:
-    """Write JSON, whole or not at all."""
+    """Write JSON, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    model
+        State model.
+    """
     content = {
         "format": _FORMAT,
         "states": list(model.states),
@@ -225,7 +264,18 @@ def save_state_model(path: Path | str, model: HapticStateModel) -> None:
 
 
 def load_state_model(path: Path | str) -> HapticStateModel:
-    """Read and check what :func:`save_state_model` wrote."""
+    """Read and check what :func:`save_state_model` wrote.
+
+    Parameters
+    ----------
+    path
+        JSON file.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or it is not a state model.
+    """
     path = Path(path)
     try:
         found = json.loads(path.read_text(encoding="utf-8"))

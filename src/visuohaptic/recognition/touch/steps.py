@@ -24,17 +24,43 @@ class Listener(Protocol):
     """Who is told; :class:`visuohaptic.viewer.StepsView` is one."""
 
     def ask(self, question: str) -> None:
-        """A question that is now open."""
+        """Show a question that is now open.
+
+        Parameters
+        ----------
+        question
+            In words.
+        """
 
     def answer(self, answer: str) -> None:
-        """Of the open question."""
+        """Show the answer to the open question.
+
+        Parameters
+        ----------
+        answer
+            In words.
+        """
 
     def finish(self, result: str) -> None:
-        """What it is."""
+        """Show the result.
+
+        Parameters
+        ----------
+        result
+            In words.
+        """
 
 
 def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[tuple[Step, ...], str]:
-    """How far the tree comes with what was measured [N/m], NaN elsewhere; and its answer, at a leaf."""
+    """Questions and answers of a tree as far as measurements go, and its answer at a leaf.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    measured
+        Stiffness [N/m], NaN where nothing was touched.
+    """
     steps: list[Step] = []
     for height, axis in scaling_touches(tree.scheme):
         column = 0 if axis == "x" else 2
@@ -60,7 +86,17 @@ def tree_steps(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) ->
 def planner_steps(
     model: HapticModel, readings: Sequence[TouchReading], wanted: Touch | None
 ) -> tuple[tuple[Step, ...], str]:
-    """Touches with what was believed after each; and the answer, if no touch is wanted any more."""
+    """Touches with the posterior after each; and the answer, if no further touch is wanted.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    readings
+        Touches so far.
+    wanted
+        Touch that is planned, or None at the end.
+    """
     steps: list[Step] = []
     for count, reading in enumerate(readings, start=1):
         said = update_belief(model, readings[:count]).as_mapping()
@@ -78,7 +114,15 @@ def planner_steps(
 def tree_follower(
     tree: ClassificationTree, listener: Listener
 ) -> Callable[[Float[np.ndarray, "16 4"]], None]:
-    """For ``walk(..., follow=)``: tells the listener each question of the tree and its answer."""
+    """A callback for ``walk(..., follow=)`` that reports each question of the tree and its answer.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    listener
+        Who is informed.
+    """
     tell = _teller(listener)
     return lambda measured: tell(*tree_steps(tree, measured))
 
@@ -86,7 +130,15 @@ def tree_follower(
 def planner_follower(
     model: HapticModel, listener: Listener
 ) -> Callable[[Sequence[TouchReading], Touch | None], None]:
-    """For ``explore(..., follow=)``: tells the listener each touch and what is believed after it."""
+    """A callback for ``explore(..., follow=)`` that reports each touch and the posterior after it.
+
+    Parameters
+    ----------
+    model
+        Of the candidates.
+    listener
+        Who is informed.
+    """
     tell = _teller(listener)
     return lambda readings, wanted: tell(*planner_steps(model, readings, wanted))
 

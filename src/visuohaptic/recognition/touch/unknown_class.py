@@ -1,6 +1,6 @@
 """What objects may be that nobody has trained: any smooth profile of stiffness and width.
 
-Symbols: v training objects, u kinds of strangers, p features as in :mod:`.haptic_model`.
+Symbols: v training objects, u kinds of unknown objects, p features as in :mod:`.haptic_model`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,13 @@ def unknown_covariances(
 
     Two are of the size and stiffness of what is known, and of another profile, with grooves and smooth: what is
     mistaken most easily. The third is anything, as glass and paper are.
+
+    Parameters
+    ----------
+    features
+        Of the training objects.
+    component
+        Trained class of each.
     """
     middle = np.stack([features[component == k].mean(axis=0) for k in np.unique(component)]).mean(axis=0)
     away = features - middle

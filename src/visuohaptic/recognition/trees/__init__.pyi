@@ -5,7 +5,7 @@ from .tree_file import plan_rows as plan_rows
 from .tree_file import save_tree as save_tree
 from .tree_file import tree_mapping as tree_mapping
 from .tree_file import tree_text as tree_text
-from .tree_growth import DRAWS as DRAWS
+from .tree_growth import SAMPLES as SAMPLES
 from .tree_growth import grown as grown
 from .tree_growth import predictors as predictors
 from .tree_growth import smoothed as smoothed

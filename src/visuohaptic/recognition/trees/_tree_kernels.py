@@ -23,8 +23,8 @@ def best_splits(
     features, count = order.shape
     whole = np.zeros(classes)
     for place in range(count):
-        thing = order[0, place]
-        whole[number[thing]] += weight[thing]
+        row = order[0, place]
+        whole[number[row]] += weight[row]
     total, square = 0.0, 0.0
     for k in range(classes):
         total += whole[k]
@@ -37,14 +37,14 @@ def best_splits(
         # Sums of squares of the weights by class, kept up to date in place.
         low, squares_low, squares_high = 0.0, 0.0, square
         for place in range(count - 1):
-            thing = order[f, place]
-            w, c = weight[thing], number[thing]
+            row = order[f, place]
+            w, c = weight[row], number[row]
             above = whole[c] - below[c]
             squares_low += w * (2 * below[c] + w)
             squares_high += w * (w - 2 * above)
             below[c] += w
             low += w
-            here = values[f, thing]
+            here = values[f, row]
             gap = values[f, order[f, place + 1]] - here
             if gap <= 1e-9:
                 continue
@@ -64,12 +64,12 @@ def parted(order: np.ndarray, goes_left: np.ndarray, left: int) -> tuple[np.ndar
     for f in range(features):
         a, b = 0, 0
         for place in range(count):
-            thing = order[f, place]
-            if goes_left[thing]:
-                first[f, a] = thing
+            row = order[f, place]
+            if goes_left[row]:
+                first[f, a] = row
                 a += 1
             else:
-                second[f, b] = thing
+                second[f, b] = row
                 b += 1
     return first, second
 

@@ -16,7 +16,7 @@ from ...core.errors import InputError
 from ..data.data_set import FeatureSet
 from ..data.places import Touch
 from .tree_file import load_tree, plan_rows, save_tree, tree_mapping, tree_text
-from .tree_growth import DRAWS, grown, predictors, smoothed
+from .tree_growth import SAMPLES, grown, predictors, smoothed
 from .tree_nodes import (
     SCHEMES,
     ClassificationTree,
@@ -60,7 +60,7 @@ def grow_tree(
     scheme: str = "centre",
     alpha: float = 0.0,
     reuse: float = 0.1,
-    draws: int = DRAWS,
+    samples: int = SAMPLES,
     rng: np.random.Generator | None = None,
 ) -> ClassificationTree:
     """Train on all objects, in milliseconds, with a pruning that is known.
@@ -72,18 +72,18 @@ def grow_tree(
     scheme
         Of the features.
     alpha
-        Cost of a leaf, as a share of all objects.
+        Cost of a leaf, as a fraction of all objects.
     reuse
-        Share of the best split's decrease of impurity that may be given up for a feature that has
+        Fraction of the best split's decrease of impurity that may be given up for a feature that has
         been touched already, 0 to 1.
-    draws
+    samples
         That fill up each class; 0 is plain CART, on the objects alone.
     rng
-        Of the draws.
+        Of the samples.
     """
-    values = _log_stiffness(data, draws)
+    values = _log_stiffness(data, samples)
     rng = np.random.default_rng(0) if rng is None else rng
-    whole = _grow(values, data, scheme, reuse, draws, rng, alpha=alpha)
+    whole = _grow(values, data, scheme, reuse, samples, rng, alpha=alpha)
     return _in_feature_units(replace(pruned(whole, alpha), alpha=alpha))
 
 
@@ -93,30 +93,51 @@ def train_tree(
     scheme: str = "centre",
     reuse: float = 0.1,
     folds: int = 10,
-    draws: int = DRAWS,
+    samples: int = SAMPLES,
     rng: np.random.Generator | None = None,
 ) -> ClassificationTree:
     """Train, prune by cross-validation, and say the loss.
 
-    The folds are stratified; draws are made from the objects of the other folds, and only objects are
+    The folds are stratified; samples are made from the objects of the other folds, and only objects are
     judged. Of all prunings, the smallest tree is taken whose cross-validated loss is no more than one
     standard error above the least (Breiman 1984), and its loss is given. ``nested_loss`` is that of the
     whole process: for each fold, pruning is chosen by the others.
+
+    Parameters
+    ----------
+    data
+        Candidates of the moment; see :meth:`.FeatureSet.of_classes`.
+    scheme
+        Of the features: ``norm``, ``centre`` or ``point``.
+    reuse
+        Fraction of the best split's decrease of impurity that may be given up for a feature that has been touched
+        already, 0 to 1.
+    folds
+        Of the cross-validation; at most the objects of the smallest class.
+    samples
+        That fill up each class; 0 is plain CART, on the objects alone.
+    rng
+        Of folds and samples.
+
+    Raises
+    ------
+    InputError
+        More folds than objects of a class, or a stiffness that is not finite and positive.
     """
-    values, number = _log_stiffness(data, draws), data.number
+    values, number = _log_stiffness(data, samples), data.number
     rng = np.random.default_rng(0) if rng is None else rng
     fewest = int(np.bincount(number).min())
     if not 2 <= folds <= fewest:
         raise InputError("train_tree", f"found {folds} folds, expected 2 to {fewest}, the smallest class")
     fold = stratified_folds(number, folds, rng)
-    whole = _grow(values, data, scheme, reuse, draws, rng)
+    whole = _grow(values, data, scheme, reuse, samples, rng)
     # No tree at all is the last, also in a fold whose classes are further apart than those of the whole.
     middles = np.append(pruning_middles(whole), 1.0)
     x = predictors(values, scheme)
     wrong = np.zeros((folds, len(middles)))
     for k in range(folds):
         held = fold == k
-        part = _grow(values[~held], data.take(~held), scheme, reuse, draws, rng)
+        part = _grow(values[~held], data.take(~held), scheme, reuse, samples, rng)
         for place, alpha in enumerate(middles):
             found = decide(pruned(part, float(alpha)), x[held])
             wrong[k, place] = np.count_nonzero(found != number[held])
@@ -132,9 +153,9 @@ def train_tree(
     )
 
 
-def _log_stiffness(data: FeatureSet, draws: int) -> Float[np.ndarray, "m 64"]:
-    if draws < 0:
-        raise InputError("draws", f"found {draws}, expected 0 or more")
+def _log_stiffness(data: FeatureSet, samples: int) -> Float[np.ndarray, "m 64"]:
+    if samples < 0:
+        raise InputError("samples", f"found {samples}, expected 0 or more")
     stiffness = data.features[..., 0].reshape(len(data), -1)
     if not (np.isfinite(stiffness).all() and (stiffness > 0).all()):
         raise InputError("features", "found stiffness that is not finite and above 0")
@@ -146,12 +167,12 @@ def _grow(
     data: FeatureSet,
     scheme: str,
     reuse: float,
-    draws: int,
+    samples: int,
     rng: np.random.Generator,
     *,
     alpha: float = 0.0,
 ) -> ClassificationTree:
-    more, number, weight = smoothed(values, data.number, draws, rng, posed=data.posed)
+    more, number, weight = smoothed(values, data.number, samples, rng, pose_errors=data.pose_errors)
     return grown(predictors(more, scheme), number, weight, data.classes, scheme, reuse, alpha=alpha)
 
 

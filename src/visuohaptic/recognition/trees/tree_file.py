@@ -20,7 +20,13 @@ _LOSSES = ("loss", "loss_sigma", "nested_loss")
 
 
 def tree_text(tree: ClassificationTree) -> str:
-    """The plan in words: what to touch, in what order, and what follows."""
+    """The plan in words: what to touch, in what order, and what follows.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    """
     first = ", ".join(f"{axis}{height}" for height, axis in scaling_touches(tree.scheme))
     lines = [f"touch {first} for the scale" if tree.scheme != "norm" else "touch all places for the scale"]
 
@@ -45,12 +51,26 @@ def tree_text(tree: ClassificationTree) -> str:
 
 
 def save_tree(path: Path | str, tree: ClassificationTree) -> None:
-    """Write JSON, whole or not at all."""
+    """Write JSON, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    tree
+        Exploration plan.
+    """
     write_text(path, json.dumps(tree_mapping(tree), indent=1) + "\n")
 
 
 def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
-    """Plain data of :func:`save_tree`."""
+    """Plain data of :func:`save_tree`.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    """
     return {
         "format": _FORMAT,
         "classes": list(tree.classes),
@@ -67,6 +87,11 @@ def tree_mapping(tree: ClassificationTree) -> dict[str, Any]:
 
 def load_tree(path: Path | str) -> ClassificationTree:
     """Read and check what :func:`save_tree` wrote.
+
+    Parameters
+    ----------
+    path
+        JSON file.
 
     Raises
     ------
@@ -114,7 +139,13 @@ def load_tree(path: Path | str) -> ClassificationTree:
 
 
 def plan_rows(tree: ClassificationTree) -> list[dict[str, Any]]:
-    """Inner nodes in the order of a walk, for tables: feature, threshold, children."""
+    """Inner nodes in the order of a walk, for tables: feature, threshold, children.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    """
     return [
         {
             "node": int(node),

@@ -1,9 +1,9 @@
 """Growing a tree: CART with Gini's index, and the smoothed classes that it learns from.
 
 A hundred objects of a class are few where classes touch: CART puts thresholds between the objects that
-happen to be there. So each class is filled up with draws from its kernel density (a smoothed bootstrap,
+happen to be there. So each class is filled up with samples from its kernel density (a smoothed bootstrap,
 Silverman and Young 1987), as the planner has it, in logarithms of stiffness and before any scaling: splits
-that divide only these objects and no others of their kind lose. A small share of the weight has draws as
+that divide only these objects and no others of their kind lose. A small fraction of the weight has samples as
 an exploration would read them: where classes are apart, these alone say where in the gap the threshold
 stands and which of several such features is the safest. All classes keep the weight of their objects.
 
@@ -22,11 +22,11 @@ from ..data.noise import as_measured
 from ..data.places import HEIGHTS, Touch
 from .tree_nodes import ClassificationTree, scaled_features, scaling_touches, touch_of
 
-__all__ = ["DRAWS", "grown", "predictors", "smoothed"]
+__all__ = ["SAMPLES", "grown", "predictors", "smoothed"]
 
 #: Draws that fill up each class, and as many that are read with noise.
-DRAWS = 300
-#: Share of the weight that is read with noise.
+SAMPLES = 300
+#: Fraction of the weight that is read with noise.
 _READ = 0.1
 #: Relative error of simulated stiffness, by place, as the planner has it.
 _DISCREPANCY = 0.04
@@ -37,8 +37,18 @@ _MIN = 1e-9
 
 
 def predictors(log_stiffness: Float[np.ndarray, "m 64"], scheme: str) -> Float[np.ndarray, "m p"]:
-    """Features in which thresholds are set: logarithms of ratios, so that a threshold is as many
-    percent from either side. CART's choices are the same, only the middle between two values moves."""
+    """Features in which thresholds are set: logarithms of ratios.
+
+    So a threshold is equally many percent from either side. CART's choices are the same, only the middle
+    between two values moves.
+
+    Parameters
+    ----------
+    log_stiffness
+        Logarithms of stiffness [N/m] of m objects.
+    scheme
+        Of the features: ``norm``, ``centre`` or ``point``.
+    """
     x = scaled_features(np.exp(log_stiffness).reshape(-1, HEIGHTS, 4), scheme)
     return x if scheme == "norm" else np.log1p(x)
 
@@ -46,47 +56,47 @@ def predictors(log_stiffness: Float[np.ndarray, "m 64"], scheme: str) -> Float[n
 def smoothed(
     log_stiffness: Float[np.ndarray, "m 64"],
     number: Int[np.ndarray, "m"],
-    draws: int,
+    samples: int,
     rng: np.random.Generator,
     *,
-    posed: Float[np.ndarray, "m v 16 4"] | None = None,
+    pose_errors: Float[np.ndarray, "m v 16 4"] | None = None,
 ) -> tuple[Float[np.ndarray, "k 64"], Int[np.ndarray, "k"], Float[np.ndarray, "k"]]:
-    """Objects and draws with their classes and weights; each class weighs as much as it has objects.
+    """Objects and samples with their classes and weights; each class weighs as much as it has objects.
 
     Parameters
     ----------
     log_stiffness, number
         Objects and their classes.
-    draws
+    samples
         Of each class, and as many that are read with noise; 0: the objects as they are.
     rng
-        Of the draws.
-    posed
-        What wrong poses change, see :mod:`.posed`.
+        Of the samples.
+    pose_errors
+        What wrong poses change, see :mod:`.pose_error`.
     """
-    if not draws:
+    if not samples:
         return log_stiffness, number, np.ones(len(number))
     values, classes, weight = [log_stiffness], [number], [np.ones(len(number))]
     for k in np.unique(number):
         some = np.flatnonzero(number == k)
-        drawn = _drawn(log_stiffness[some], draws, rng)
-        near = np.arange(draws) % len(some)
+        drawn = _drawn(log_stiffness[some], samples, rng)
+        near = np.arange(samples) % len(some)
         noisy = as_measured(
-            _drawn(log_stiffness[some], draws, rng).reshape(-1, HEIGHTS, 4),
+            _drawn(log_stiffness[some], samples, rng).reshape(-1, HEIGHTS, 4),
             rng,
-            posed=None if posed is None else posed[some[near]],
+            pose_errors=None if pose_errors is None else pose_errors[some[near]],
             discrepancy=_DISCREPANCY,
         )
-        values += [drawn, noisy.reshape(draws, -1)]
-        classes.append(np.full(2 * draws, k))
-        fraction = (1 - _READ) * len(some) / (len(some) + draws)
+        values += [drawn, noisy.reshape(samples, -1)]
+        classes.append(np.full(2 * samples, k))
+        fraction = (1 - _READ) * len(some) / (len(some) + samples)
         weight[0][some] = fraction
-        weight += [np.full(draws, fraction), np.full(draws, _READ * len(some) / draws)]
+        weight += [np.full(samples, fraction), np.full(samples, _READ * len(some) / samples)]
     return np.concatenate(values), np.concatenate(classes), np.concatenate(weight)
 
 
 def _drawn(
-    log_stiffness: Float[np.ndarray, "m 64"], draws: int, rng: np.random.Generator
+    log_stiffness: Float[np.ndarray, "m 64"], samples: int, rng: np.random.Generator
 ) -> Float[np.ndarray, "k 64"]:
     """Of one class: the objects in turn, moved towards their middle and from there by their covariance.
 
@@ -97,10 +107,10 @@ def _drawn(
     away = log_stiffness - middle
     _, size, axes = np.linalg.svd(away / np.sqrt(count), full_matrices=False)
     size = np.where(size > 1e-6 * size.max(), size, 0.0)
-    step = rng.standard_normal((draws, len(size))) @ (size[:, None] * axes)
+    step = rng.standard_normal((samples, len(size))) @ (size[:, None] * axes)
     # Silverman's rule, of the class's own spread: 0.6 for a hundred objects.
     width = min((4 / (_DIMENSIONS + 2) / count) ** (1 / (_DIMENSIONS + 4)), 1.0)
-    out: np.ndarray = middle + np.sqrt(1 - width**2) * away[np.arange(draws) % count] + width * step
+    out: np.ndarray = middle + np.sqrt(1 - width**2) * away[np.arange(samples) % count] + width * step
     return out
 
 
@@ -118,6 +128,23 @@ def grown(
 
     With the ``alpha`` of a pruning that follows, nodes with fewer errors than one leaf costs stay leaves:
     they would be cut anyway.
+
+    Parameters
+    ----------
+    x
+        Features of m objects.
+    number
+        Class of each object.
+    weight
+        Of each object.
+    classes
+        Names of the classes.
+    scheme
+        Of the features.
+    reuse
+        Fraction of the best decrease of impurity that may be given up for a place that is touched already.
+    alpha
+        Cost of a leaf, relative to the weight of all objects.
     """
     from ._tree_kernels import best_splits, parted
 

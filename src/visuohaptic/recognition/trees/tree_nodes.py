@@ -64,7 +64,13 @@ class ClassificationTree:
 
 
 def feature_name(feature: int) -> str:
-    """``x+12`` for the side x+ at height 12 of 1 .. 16."""
+    """Name of a feature: ``x+12`` for the side x+ at height 12 of 1 .. 16.
+
+    Parameters
+    ----------
+    feature
+        height * 4 + side, both from 0.
+    """
     return f"{SIDES[feature % 4]}{feature // 4 + 1}"
 
 
@@ -72,6 +78,13 @@ def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[
     """Features without scale of many objects; see :func:`visuohaptic.deformation.normalised`.
 
     With the schemes ``centre`` and ``point``, NaN stands for what was not measured.
+
+    Parameters
+    ----------
+    values
+        Stiffness of the 16 heights and 4 sides [N/m], of any number of objects.
+    scheme
+        ``norm``, ``centre`` or ``point``.
     """
     values = np.asarray(values, dtype=float)
     flat = values.reshape(*values.shape[:-2], HEIGHTS * 4)
@@ -88,19 +101,39 @@ def scaled_features(values: Float[np.ndarray, "*m 16 4"], scheme: str) -> Float[
 
 
 def scaling_touches(scheme: str) -> tuple[Touch, ...]:
-    """What has to be touched before any feature has a value."""
+    """Touches that have to be made before any feature has a value.
+
+    Parameters
+    ----------
+    scheme
+        ``norm``, ``centre`` or ``point``.
+    """
     if scheme == "norm":
         return tuple((height, axis) for axis in "xy" for height in range(1, HEIGHTS + 1))
     return ((8, "x"), (8, "y")) if scheme == "centre" else ((8, "x"),)
 
 
 def touch_of(feature: int) -> Touch:
-    """The touch that measures a feature."""
+    """The touch that measures a feature.
+
+    Parameters
+    ----------
+    feature
+        height * 4 + side, both from 0.
+    """
     return feature // 4 + 1, SIDES[feature % 4][0]
 
 
 def predict(tree: ClassificationTree, values: Float[np.ndarray, "m 16 4"]) -> tuple[str, ...]:
-    """Classes of objects of which every feature is known [N/m]."""
+    """Classes of objects of which every feature is known.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    values
+        Stiffness of m objects [N/m].
+    """
     found = decide(tree, scaled_features(values, tree.scheme))
     return tuple(tree.classes[k] for k in found)
 
@@ -108,7 +141,17 @@ def predict(tree: ClassificationTree, values: Float[np.ndarray, "m 16 4"]) -> tu
 def next_touch(tree: ClassificationTree, measured: Float[np.ndarray, "16 4"]) -> tuple[Touch | None, int]:
     """What to touch next, and the node that was reached.
 
-    ``measured`` has the stiffness [N/m] of what was touched and NaN elsewhere. None: it is a leaf.
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    measured
+        Stiffness of what was touched [N/m], NaN elsewhere.
+
+    Returns
+    -------
+    tuple
+        The touch, or None at a leaf; and the node that was reached.
     """
     known = np.isfinite(measured)
     for height, axis in scaling_touches(tree.scheme):
@@ -131,9 +174,21 @@ def walk(
     *,
     follow: Callable[[Float[np.ndarray, "16 4"]], object] | None = None,
 ) -> tuple[str, tuple[Touch, ...]]:
-    """Explore: ``touch(height, axis)`` measures both sides [N/m]; the class and what was touched.
+    """Explore along a tree.
 
-    ``follow`` is called before each touch, and at the end, with what was measured; see :mod:`.steps`.
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    touch
+        Measures both sides at a height 1 .. 16 along an axis ``x`` or ``y`` [N/m].
+    follow
+        Called before each touch, and at the end, with what was measured; see :mod:`.steps`.
+
+    Returns
+    -------
+    tuple
+        The class, and the touches that were made.
     """
     measured = np.full((HEIGHTS, 4), np.nan)
     touched: list[Touch] = []
@@ -153,7 +208,13 @@ def walk(
 
 
 def mean_touches(tree: ClassificationTree) -> float:
-    """Touches until a leaf, in the mean over the training objects with all classes alike."""
+    """Expected number of touches until a leaf over the training objects, all classes weighted equally.
+
+    Parameters
+    ----------
+    tree
+        Exploration plan.
+    """
     weight = tree.counts / tree.counts[0]
     total = 0.0
 
@@ -171,7 +232,15 @@ def mean_touches(tree: ClassificationTree) -> float:
 
 
 def decide(tree: ClassificationTree, x: Float[np.ndarray, "m p"]) -> Int[np.ndarray, "m"]:
-    """Answers, as places in the classes, to features in the unit of the thresholds."""
+    """Answers, as places in the classes.
+
+    Parameters
+    ----------
+    tree
+        With thresholds in the unit of ``x``.
+    x
+        Features of m objects.
+    """
     node = np.zeros(len(x), dtype=np.int64)
     row = np.arange(len(x))
     while (inner := tree.feature[node] >= 0).any():

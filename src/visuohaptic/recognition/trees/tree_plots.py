@@ -17,7 +17,15 @@ __all__ = ["class_correlation", "plot_correlation", "plot_tree"]
 
 
 def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndarray, "c c"]:
-    """Mean normalised cross-correlation of the features of two classes (Fig. 6.6)."""
+    """Mean normalised cross-correlation of the features of two classes (Fig. 6.6).
+
+    Parameters
+    ----------
+    data
+        Training objects.
+    scheme
+        Of the features.
+    """
     x = scaled_features(data.features[..., 0], scheme)
     x = x - x.mean(axis=1, keepdims=True)
     x = x / np.maximum(np.linalg.norm(x, axis=1, keepdims=True), 1e-300)
@@ -28,7 +36,17 @@ def class_correlation(data: FeatureSet, scheme: str = "centre") -> Float[np.ndar
 
 
 def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | None = None) -> None:
-    """The tree and, with its training objects, the features with their spread and thresholds (Fig. 6.7)."""
+    """Plot a tree and, with its training objects, the features with their spread and thresholds (Fig. 6.7).
+
+    Parameters
+    ----------
+    path
+        Figure to write.
+    tree
+        Exploration plan.
+    data
+        Its training objects.
+    """
     figure = _figure(12 if data is not None else 7, 5.5)
     axes = figure.subplots(1, 2 if data is not None else 1, squeeze=False)[0]
     _draw_tree(axes[-1], tree)
@@ -39,7 +57,17 @@ def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | Non
 
 
 def plot_correlation(path: Path | str, data: FeatureSet, scheme: str = "centre") -> None:
-    """How alike classes are (Fig. 6.6)."""
+    """Plot the similarity of classes (Fig. 6.6).
+
+    Parameters
+    ----------
+    path
+        Figure to write.
+    data
+        Training objects.
+    scheme
+        Of the features.
+    """
     figure = _figure(6.5, 5.5)
     axes = figure.subplots()
     values = class_correlation(data, scheme)

@@ -16,7 +16,15 @@ _NARROW = 1.1
 
 
 def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
-    """The smallest subtree with the least cost."""
+    """The smallest subtree with the lowest cost.
+
+    Parameters
+    ----------
+    tree
+        Grown without pruning, or with less.
+    alpha
+        Cost of a leaf, relative to the weight of all objects.
+    """
     from ._tree_kernels import cut_nodes
 
     cost = alpha * tree.counts[0].sum()
@@ -45,7 +53,13 @@ def pruned(tree: ClassificationTree, alpha: float) -> ClassificationTree:
 
 
 def pruning_alphas(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
-    """Where the pruned tree changes, ascending from a small number."""
+    """Costs of a leaf at which the pruned tree changes, ascending from a small number.
+
+    Parameters
+    ----------
+    tree
+        Grown without pruning.
+    """
     from ._tree_kernels import cut_nodes, weakest_link
 
     found, error, total = [1e-6], _errors(tree), float(tree.counts[0].sum())
@@ -61,6 +75,11 @@ def pruning_middles(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
     """One alpha for each interval in which the pruned tree stays the same: its geometric middle (Breiman 1984).
 
     Trees of other folds change at other alphas: an interval that ends where it begins stands for nothing in them.
+
+    Parameters
+    ----------
+    tree
+        Grown without pruning.
     """
     ends = list(pruning_alphas(tree)[:1])
     for alpha in pruning_alphas(tree)[1:]:
@@ -70,7 +89,15 @@ def pruning_middles(tree: ClassificationTree) -> Float[np.ndarray, "k"]:
 
 
 def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
-    """The last of these prunings whose errors are within a standard error of the least, of ``count`` objects."""
+    """The last pruning whose errors are within one standard error of the lowest (Breiman 1984).
+
+    Parameters
+    ----------
+    wrong
+        Errors of each pruning, from the largest to the smallest tree.
+    count
+        Objects that were judged.
+    """
     least = float(wrong.min())
     return int(np.flatnonzero(wrong <= least + np.sqrt(least * (1 - least / count)))[-1])
 
@@ -78,7 +105,17 @@ def simplest(wrong: Float[np.ndarray, "k"], count: int) -> int:
 def stratified_folds(
     number: Int[np.ndarray, "m"], folds: int, rng: np.random.Generator
 ) -> Int[np.ndarray, "m"]:
-    """Fold of each object; every class is in all of them alike."""
+    """Fold of each object; every class is spread evenly over them.
+
+    Parameters
+    ----------
+    number
+        Class of each object.
+    folds
+        Number of folds.
+    rng
+        Source of the order.
+    """
     out = np.empty(len(number), dtype=np.int64)
     begin = 0
     for k in np.unique(number):

@@ -73,6 +73,14 @@ class VisualPrior:
     """
 
     def __init__(self, settings: PriorSettings | None = None) -> None:
+        """Start without objects.
+
+
+        Parameters
+        ----------
+        settings
+            Effort, and what evidence is worth.
+        """
         self.settings = settings or PriorSettings()
         self.entries: dict[str, Entry] = {}
         self._centres = np.zeros((0, 128), np.float32)
@@ -84,7 +92,15 @@ class VisualPrior:
     def of_objects(
         cls, objects: Iterable[VisuoHapticObject], settings: PriorSettings | None = None
     ) -> VisualPrior:
-        """From a database: meshes give shapes, images of faces features, last places context."""
+        """A prior of the objects of a database: meshes give shapes, images of faces features, last places context.
+
+        Parameters
+        ----------
+        objects
+            Objects.
+        settings
+            Effort, and what evidence is worth.
+        """
         prior = cls(settings)
         for obj in objects:
             prior.add_object(obj)
@@ -131,7 +147,15 @@ class VisualPrior:
         self.forget_indexes()
 
     def add_object(self, obj: VisuoHapticObject, *, points: int = 3000) -> None:
-        """Store what the database knows of the looks of an object."""
+        """Store what the database knows of the appearance of an object.
+
+        Parameters
+        ----------
+        obj
+            With a mesh, an image of a face, or the place where it was seen.
+        points
+            Sampled on its mesh.
+        """
         images, cloud = [], None
         if obj.appearance is not None and obj.appearance.template_png:
             where = f"{obj.id}: appearance.template_png"
@@ -217,7 +241,7 @@ class VisualPrior:
     # ---- inside
 
     def _log_prior(self, context: Sequence[str]) -> Float[np.ndarray, "objects"]:
-        """Logarithm of 1 / N, and for each word of the ratio of its shares, smoothed towards the average."""
+        """Logarithm of 1 / N, and for each word of the ratio of its fractions, smoothed towards the average."""
         entries = list(self.entries.values())
         out = np.full(len(entries), -np.log(max(len(entries), 1)))
         sightings = np.array([entry.sightings for entry in entries], dtype=float)
@@ -309,7 +333,13 @@ class VisualPrior:
 
 
 def model_probabilities(candidates: Iterable[Candidate]) -> dict[str, float]:
-    """Probabilities of haptic models, as a prior for touch; models of one candidate share evenly."""
+    """Probabilities of haptic models, as a prior for touch; models of one candidate share evenly.
+
+    Parameters
+    ----------
+    candidates
+        Of :meth:`VisualPrior.candidates`.
+    """
     out: dict[str, float] = {}
     for one in candidates:
         for model in one.models or (one.object_id,):

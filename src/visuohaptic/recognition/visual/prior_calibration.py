@@ -35,7 +35,7 @@ def calibrate_prior(prior: VisualPrior, examples: Sequence[Example]) -> PriorSet
     prior
         With the objects of the examples.
     examples
-        Looks that were not stored themselves, with unknown objects among them in about the share that is
+        Looks that were not stored themselves, with unknown objects among them in about the fraction that is
         expected later: it becomes the prior of unknown. Only the worth of evidence that occurs in them is
         changed.
     """

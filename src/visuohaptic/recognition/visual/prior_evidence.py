@@ -47,7 +47,7 @@ class PriorSettings:
 class VisualEvidence:
     """What one look says, before it is weighed; one value for each stored object."""
 
-    log_prior: Float[np.ndarray, "objects"]  #: with the context; without the share of unknown
+    log_prior: Float[np.ndarray, "objects"]  #: with the context; without the fraction of unknown
     log_matches: Float[np.ndarray, "objects"]  #: log(1 + n); NaN for no evidence
     matches_weight: float  #: 0..1, small where the image has little to match
     log_residual: Float[np.ndarray, "objects"]  #: log(r / m); NaN for no evidence

@@ -24,7 +24,15 @@ _ARRAYS = ("card", "places", "descriptors", "points_m", "directions", "views")
 
 
 def save_prior(path: Path | str, prior: VisualPrior) -> None:
-    """Write ``path`` (.npz) whole or not at all."""
+    """Write an NPZ file, completely or not at all.
+
+    Parameters
+    ----------
+    path
+        With the suffix .npz.
+    prior
+        Visual prior.
+    """
     path = Path(path)
     if path.suffix != ".npz":
         raise InputError(path, f"found suffix {path.suffix!r}, expected .npz")
@@ -66,6 +74,11 @@ def save_prior(path: Path | str, prior: VisualPrior) -> None:
 
 def load_prior(path: Path | str) -> VisualPrior:
     """Read what :func:`save_prior` wrote.
+
+    Parameters
+    ----------
+    path
+        NPZ file.
 
     Raises
     ------

@@ -35,7 +35,7 @@ DESCRIPTOR_LENGTH = _DISTANCE_BINS + _ANGLE_BINS + 3
 #: Points of a description, after thinning; pairs and triples that are drawn from them.
 _POINTS, _PAIRS, _TRIPLES = 400, 4000, 2000
 #: Points that are needed to speak of a shape.
-FEWEST_POINTS = 20
+MIN_POINTS = 20
 #: Starts that are refined.
 _STARTS = 4
 #: Points of a stored surface.
@@ -107,19 +107,33 @@ def shape_views(points_m: Float[np.ndarray, "n 3"], *, views: int = 32) -> Shape
     seen = [directions[0] * 0]  # no direction: the cloud as a whole
     for direction in directions:
         side = cloud[visible_from(cloud, direction)]
-        if len(side) >= FEWEST_POINTS:
+        if len(side) >= MIN_POINTS:
             described.append(describe_cloud(side))
             seen.append(direction)
     return ShapeViews(cloud.astype(np.float32), np.array(seen, np.float32), np.array(described, np.float32))
 
 
 def fit_shape(stored: ShapeViews, points_m: Float[np.ndarray, "n 3"], view: int) -> ShapeFit:
-    """Lay a stored surface on a cloud that looks like one of its views, by ICP.
+    """Register a stored surface with a cloud that looks like one of its views, by ICP.
 
     The principal axes of view and cloud agree up to signs, and up to their order where extents are alike;
     the best of these starts are refined.
     Distances are cut at a tenth of the size. A quarter of the weight goes to the way back, from what should
     be visible to the cloud, without its worst fifth: holes are not held against an object, a missing half is.
+
+    Parameters
+    ----------
+    stored
+        Surface and its views.
+    points_m
+        Cloud of one side, in any frame [m].
+    view
+        Number of the view it looks like.
+
+    Raises
+    ------
+    MissingExtraError
+        small_gicp is not installed.
     """
     small_gicp = _small_gicp()
     from scipy.spatial import cKDTree
@@ -204,7 +218,15 @@ def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray
 
 
 def thinned(points_m: Float[np.ndarray, "n 3"], count: int) -> Float[np.ndarray, "m 3"]:
-    """At most ``count`` points of even density: the means of cubes of the smallest fitting size."""
+    """At most ``count`` points of even density: the means of cubes of the smallest fitting size.
+
+    Parameters
+    ----------
+    points_m
+        Cloud [m].
+    count
+        Points that are kept, at most.
+    """
     if len(points_m) <= count // 2:
         return points_m
     centred = points_m - points_m.min(axis=0)
@@ -231,7 +253,7 @@ def _cube(centred: np.ndarray, side: float) -> np.ndarray:
 
 
 def _soft_fractions(place: np.ndarray, bins: int) -> Float[np.ndarray, "bins"]:
-    """Shares of a histogram in which each value is divided between its two nearest bins."""
+    """Fractions of a histogram in which each value is divided between its two nearest bins."""
     place = np.clip(place, 0, bins - 1)
     low = np.minimum(place.astype(np.int64), bins - 2)
     rest = place - low
@@ -257,9 +279,9 @@ def _axis_poses(seen: np.ndarray, part: np.ndarray) -> list[np.ndarray]:
 
 def _checked(points_m: np.ndarray) -> Float[np.ndarray, "n 3"]:
     points = np.asarray(points_m, dtype=np.float64)
-    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < FEWEST_POINTS:
+    if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < MIN_POINTS:
         raise InputError(
-            "cloud", f"found shape {points.shape}, expected (n, 3) with {FEWEST_POINTS} points or more"
+            "cloud", f"found shape {points.shape}, expected (n, 3) with {MIN_POINTS} points or more"
         )
     if not np.isfinite(points).all():
         raise InputError("cloud", "found points that are not finite", remedy="leave them out")

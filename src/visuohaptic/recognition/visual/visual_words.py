@@ -91,9 +91,20 @@ def train_vocabulary(
 ) -> Float32[np.ndarray, "w 128"]:
     """Centres of at most ``words`` groups of descriptors: k-means in two levels.
 
-    A coarse k-means of about the root of ``words`` groups, then one inside each group with a share of the
+    A coarse k-means of about the root of ``words`` groups, then one inside each group with a fraction of the
     words after its size: the effort grows with ``words ** 1.5`` instead of ``words ** 2``, and the
     assignment afterwards is to the nearest of all centres, so that only the training is approximate.
+
+    Parameters
+    ----------
+    descriptors
+        RootSIFT descriptors of the stored images.
+    words
+        Number of centres, at most.
+    rng
+        Source of the first centres.
+    rounds
+        Of Lloyd's algorithm.
     """
     if words < 1 or len(descriptors) < 1:
         raise InputError("train_vocabulary", f"found {len(descriptors)} descriptors for {words} words")
@@ -113,7 +124,15 @@ def train_vocabulary(
 
 
 def nearest_words(descriptors: np.ndarray, centres: Float32[np.ndarray, "w 128"]) -> Int[np.ndarray, "n"]:
-    """Number of the nearest centre of each descriptor."""
+    """Number of the nearest centre of each descriptor.
+
+    Parameters
+    ----------
+    descriptors
+        RootSIFT descriptors.
+    centres
+        Vocabulary.
+    """
     half = 0.5 * np.einsum("ij,ij->i", centres, centres)
     out = np.empty(len(descriptors), np.int64)
     for start in range(0, len(descriptors), 2048):
@@ -169,7 +188,13 @@ class WordIndex:
         return self._count
 
     def scores(self, descriptors: UInt8[np.ndarray, "k 128"]) -> Float[np.ndarray, "images"]:
-        """Cosine of the word weights of a image with each stored one, 0..1."""
+        """Cosine of the word weights of a image with each stored one, 0..1.
+
+        Parameters
+        ----------
+        descriptors
+            Of the new image.
+        """
         out = np.zeros(self._count)
         if len(descriptors) == 0:
             return out
@@ -194,7 +219,20 @@ def agreeing_matches(
     """How many matches agree on one homography from the stored image to the seen one; 0 below ``minimum``.
 
     Nearest over second-nearest distance below ``ratio`` (Lowe; Alt 2016, Sec. 2.3.1 with the inequality
-    turned), each seen feature used once. Matches at one place count once: they prove one thing.
+    turned), each seen feature used once. Matches at one place count once: they prove the same.
+
+    Parameters
+    ----------
+    stored, seen
+        Features of a stored and of a new image.
+    ratio
+        Nearest over second-nearest distance, above which a match is ambiguous.
+    threshold_px
+        Distance from the homography up to which a match agrees [px].
+    minimum
+        Matches below which nothing is proved.
+    seed
+        Of the random sampling.
     """
     if len(stored) < minimum or len(seen) < minimum:
         return 0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...deformation.maps.banded_map import object_map
+from ...deformation.maps.confidence_band import object_map
 from ...deformation.maps.grasp_curves import PinchPlane, side_vertex
 from ...deformation.maps.map_file import colours
 from ...deformation.shapes.load_shell import load_object

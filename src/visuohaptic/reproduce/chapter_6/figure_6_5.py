@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...deformation.maps.banded_map import object_map
+from ...deformation.maps.confidence_band import object_map
 from ...deformation.shapes.load_shell import load_object
 from .._solid import figure_3d, frame_3d
 from ..output import Output

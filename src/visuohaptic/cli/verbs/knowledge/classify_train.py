@@ -90,11 +90,8 @@ def _objects(args: Any) -> dict[str, Any]:
 
     import numpy as np
 
-    from ....recognition.classifier_file import Classifier, save_classifier
     from ....recognition.data.data_set import load_feature_set
-    from ....recognition.touch.calibration import calibrate
-    from ....recognition.touch.haptic_model import ModelSettings, fit_model
-    from ....recognition.trees.tree import train_tree
+    from ....recognition.haptic_classifier import HapticClassifier
     from ....recognition.trees.tree_file import tree_text
     from ....recognition.trees.tree_nodes import feature_name, mean_touches
     from ....recognition.trees.tree_plots import plot_tree
@@ -112,29 +109,9 @@ def _objects(args: Any) -> dict[str, Any]:
     groups = {name: members for name, members in groups.items() if name in wanted}
     candidates = used.of_classes(wanted, groups)
     begin = time.perf_counter()
-    fewest = int(np.bincount(candidates.number).min())
-    if fewest < 3:
-        raise InputError(args.objects, f"a class has {fewest} objects, expected at least 3")
-    tree = train_tree(
-        candidates,
-        scheme=args.scheme,
-        reuse=args.reuse,
-        folds=min(10, fewest),
-        rng=np.random.default_rng(args.seed),
-    )
-    model, plain = (
-        calibrate(
-            fit_model(used, groups, settings=ModelSettings(use_width=width)),
-            used,
-            np.random.default_rng(args.seed),
-            explorations=150,
-        )
-        for width in (True, False)
-    )
-    by_stiffness = plain.temperature, plain.unknown_from
-    save_classifier(
-        args.out, Classifier(tree, used, groups, model.temperature, model.unknown_from, by_stiffness)
-    )
+    classifier = HapticClassifier(args.scheme, args.reuse).fit(used, groups=groups, seed=args.seed)
+    classifier.save(args.out)
+    tree, model = classifier.fitted().tree, classifier.model()
     if args.plot:
         plot_tree(args.plot, tree, candidates)
     args.report(tree_text(tree))

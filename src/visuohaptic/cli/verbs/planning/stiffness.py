@@ -53,7 +53,7 @@ def run(args: Any) -> dict[str, Any]:
     import numpy as np
 
     from ....core.errors import InputError
-    from ....deformation.maps.banded_map import nearest_value, object_map
+    from ....deformation.maps.confidence_band import nearest_value, object_map
     from ....deformation.maps.map_file import check_suffix, plot_map, save_map
     from ....deformation.nonlinear.contents import Contents
 

@@ -22,12 +22,14 @@ __all__ = ["object_map", "object_stiffness"]
 STEP = 0.02
 
 
-def object_map(thing: ShellObject, contents: Contents | None = None, *, band: bool = True) -> StiffnessMap:
+def object_map(
+    container: ShellObject, contents: Contents | None = None, *, band: bool = True
+) -> StiffnessMap:
     """Stiffness of every vertex of an object, with its standard deviation.
 
     Parameters
     ----------
-    thing
+    container
         Parametric or imported container.
     contents
         Open by default.
@@ -39,47 +41,67 @@ def object_map(thing: ShellObject, contents: Contents | None = None, *, band: bo
     StiffnessMap
         Infinite where both tips are on what is held, NaN where there is nothing opposite.
     """
-    tips = opposing_points(thing.mesh, axis_point_m=thing.axis_point_m)
-    stiffness, sigma = object_stiffness(thing, tips, contents, band=band)
-    return StiffnessMap(thing.mesh.vertices_m, thing.surface_faces, stiffness, sigma)
+    tips = opposing_points(container.mesh, axis_point_m=container.axis_point_m)
+    stiffness, sigma = object_stiffness(container, tips, contents, band=band)
+    return StiffnessMap(container.mesh.vertices_m, container.surface_faces, stiffness, sigma)
 
 
 def object_stiffness(
-    thing: ShellObject, tips: DualTips, contents: Contents | None = None, *, band: bool = True
+    container: ShellObject, tips: DualTips, contents: Contents | None = None, *, band: bool = True
 ) -> tuple[Float[np.ndarray, "m"], Float[np.ndarray, "m"]]:
-    """Stiffness of some pinches and its standard deviation [N/m]."""
-    stiffness = _stiffness(thing, thing.material, 1.0, tips, contents)
+    """Stiffness of some pinches and its standard deviation [N/m].
+
+    Parameters
+    ----------
+    container
+        Parametric or imported container.
+    tips
+        Pairs of opposing contacts on it, see :func:`.opposing_points`.
+    contents
+        What is enclosed; open by default.
+    band
+        False leaves the second factorisation out; sigma is NaN.
+
+    Returns
+    -------
+    tuple
+        Stiffness and standard deviation of the m pairs [N/m]; infinite where both tips are held, NaN where nothing
+        is opposite.
+    """
+    stiffness = _stiffness(container, container.material, 1.0, tips, contents)
     if not band:
         return stiffness, np.full_like(stiffness, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        thicker = _stiffness(thing, thing.material, 1 + STEP, tips, contents)
+        thicker = _stiffness(container, container.material, 1 + STEP, tips, contents)
         by_wall = np.log(thicker / stiffness) / np.log1p(STEP)
         by_modulus = np.ones_like(stiffness)
         if contents is not None and contents.closed:
-            old = thing.material
+            old = container.material
             stiffer = IsotropicMaterial(old.youngs_modulus_Pa * (1 + STEP), old.poisson_ratio, old.name)
-            by_modulus = np.log(_stiffness(thing, stiffer, 1.0, tips, contents) / stiffness) / np.log1p(STEP)
-        relative = np.hypot(by_wall * thing.wall_spread, by_modulus * thing.youngs_modulus_spread)
+            by_modulus = np.log(_stiffness(container, stiffer, 1.0, tips, contents) / stiffness) / np.log1p(
+                STEP
+            )
+        relative = np.hypot(by_wall * container.wall_spread, by_modulus * container.youngs_modulus_spread)
         sigma = stiffness * relative
     return stiffness, np.where(np.isfinite(stiffness), sigma, np.nan)
 
 
 def _stiffness(
-    thing: ShellObject,
+    container: ShellObject,
     constants: IsotropicMaterial,
     thicker: float,
     tips: DualTips,
     contents: Contents | None,
 ) -> Float[np.ndarray, "m"]:
-    mesh = thing.mesh
+    mesh = container.mesh
     if thicker != 1.0:
         mesh = ShellMesh(mesh.vertices_m, mesh.faces, np.asarray(mesh.thickness_m) * thicker, mesh.fraction)
-    model = ShellModel(mesh, constants, thing.fixed, springs=thing.springs)
+    model = ShellModel(mesh, constants, container.fixed, springs=container.springs)
     stiffness = dual_tip_map(model, tips)
     if contents is None or not contents.closed:
         return stiffness
     with np.errstate(divide="ignore"):
-        return 2.0 / closed_compliance(thing, model, tips, 2.0 / stiffness, [contents])[0]
+        return 2.0 / closed_compliance(container, model, tips, 2.0 / stiffness, [contents])[0]
 
 
 def nearest_value(

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from visuohaptic.recognition.data import HEIGHTS, posed_changes
+from visuohaptic.recognition.data import HEIGHTS, pose_error_changes
 
 RADIUS_m, HEIGHT_m = 0.04, 0.16
 
@@ -22,10 +22,10 @@ def _cylinder(rate_per_m: float, ridge: float = 0.0) -> tuple[np.ndarray, np.nda
 
 def test_a_slope_turns_a_shift_and_a_tilt_into_a_change() -> None:
     rate = 30.0
-    changes = posed_changes(*_cylinder(rate), np.random.default_rng(0), copies=400)
+    changes = pose_error_changes(*_cylinder(rate), np.random.default_rng(0), copies=400)
     inner = changes[:, 3:13]
     both = inner.mean(axis=2)  # the shift; of both axes and all heights alike
-    assert both.std() == pytest.approx(rate * 0.002, rel=0.15)  # 800 draws: 4 %
+    assert both.std() == pytest.approx(rate * 0.002, rel=0.15)  # 800 samples: 4 %
     assert np.abs(inner[:, :1, 0] - inner[..., 0]).max() < 0.01
     # Both tips are on one line: what one gains the other loses, by half the width times the tilt.
     for first, second in ((0, 1), (2, 3)):
@@ -35,7 +35,7 @@ def test_a_slope_turns_a_shift_and_a_tilt_into_a_change() -> None:
 
 
 def test_a_ridge_between_the_heights_is_seen_only_beside_it() -> None:
-    changes = posed_changes(*_cylinder(0.0, ridge=1.0), np.random.default_rng(0), copies=200)
+    changes = pose_error_changes(*_cylinder(0.0, ridge=1.0), np.random.default_rng(0), copies=200)
     spread = changes.std(axis=(0, 2))
     assert spread[8] > 0.2  # on the ridge itself
     assert spread[:6].max() < 0.05
@@ -44,7 +44,9 @@ def test_a_ridge_between_the_heights_is_seen_only_beside_it() -> None:
 
 def test_no_pose_error_is_no_change_and_no_wall_is_none_either() -> None:
     vertices, stiffness, places = _cylinder(30.0)
-    still = posed_changes(vertices, stiffness, places, np.random.default_rng(0), pose_m=0.0, tilt_rad=0.0)
+    still = pose_error_changes(
+        vertices, stiffness, places, np.random.default_rng(0), pose_m=0.0, tilt_rad=0.0
+    )
     np.testing.assert_allclose(still, 0.0, atol=1e-9)
     stiffness[vertices[:, 0] > 0.01] = np.nan
-    assert (posed_changes(vertices, stiffness, places, np.random.default_rng(0))[..., 0] == 0).all()
+    assert (pose_error_changes(vertices, stiffness, places, np.random.default_rng(0))[..., 0] == 0).all()

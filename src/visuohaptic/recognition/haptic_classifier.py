@@ -1,0 +1,260 @@
+"""A classifier of objects by touch with the usual four verbs: fit, predict, save, load.
+
+What it is made of: a classification tree, which is an exploration plan (:mod:`.trees`), and Gaussian mixtures of the
+same objects with an unknown class, which plan touches by their expected information (:mod:`.touch`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ..core.errors import InputError
+from ..core.ranges import check_ranges, within
+from .classifier_file import Classifier, load_classifier, save_classifier
+from .data.data_set import FeatureSet, join_feature_sets, load_feature_set
+from .data.places import Touch
+from .data.readings import TouchReading, read_curves, stiffness_grid
+from .touch.bayes import touch_gains
+from .touch.belief import update_belief
+from .touch.calibration import calibrate
+from .touch.haptic_model import HapticModel, ModelSettings, fit_model
+from .trees.tree import train_tree
+from .trees.tree_nodes import next_touch
+
+__all__ = ["HapticClassifier", "TouchPrediction"]
+
+#: Objects of a class that its covariance and the folds of its cross-validation need, and folds that suffice.
+MIN_OBJECTS, MAX_FOLDS = 3, 10
+#: Explorations of the calibration: the temperature is known to a few percent.
+EXPLORATIONS = 150
+
+
+@dataclass(frozen=True, slots=True)
+class TouchPrediction:
+    """What an object is, given some touches, and what to touch next."""
+
+    answer: str  #: most probable class, or "unknown"
+    confidence: float  #: probability of the answer
+    probabilities: dict[str, float]  #: of every class and of "unknown"; they sum to 1
+    sure: bool  #: the confidence that is asked for is reached
+    next_touch: (
+        Touch | None
+    )  #: height 1 .. 16 and axis with most information per second; None where none is left
+    information_nat: float  #: expected decrease of the entropy of the answer by that touch
+    seconds: float  #: duration of that touch with the way there
+    tree_answer: str | None  #: of the classification tree; None where it is not at a leaf
+    tree_next_touch: Touch | None  #: that the tree asks for
+
+
+@dataclass(slots=True)
+class HapticClassifier:
+    """Tells classes of objects apart by a few touches, and objects that it has never seen from all of them.
+
+    Examples
+    --------
+    Cups are soft at their upper end, bottles are not:
+
+    >>> import numpy as np
+    >>> rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
+    >>> top = np.repeat([500.0, 2e4], 12)
+    >>> profile = 8e3 * (top[:, None] / 8e3) ** height * rng.lognormal(0, 0.1, (24, 1))
+    >>> stiffness = np.repeat(profile[:, :, None], 4, axis=2)
+    >>> width = np.full((24, 16, 2), 0.06) * rng.lognormal(0, 0.02, (24, 1, 1))
+    >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 12 + ["bottle"] * 12)
+    >>> classifier = HapticClassifier().fit(data)
+    >>> touch = TouchReading.of_stiffness(12, "x", stiffness[0, 11, :2], width_m=0.06)
+    >>> classifier.predict([touch]).answer
+    'cup'
+    """
+
+    scheme: str = "centre"  #: how the features of the tree lose their scale, see :data:`.SCHEMES`
+    reuse: float = 0.1  #: preference of the tree for what was touched already, see :func:`.train_tree`
+    confidence: float = field(
+        default=0.99, metadata=within(0, 1)
+    )  #: probability from which an answer is sure
+    trained: Classifier | None = field(
+        default=None, repr=False
+    )  #: tree, objects and calibration, after fit or load
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+
+    def fit(
+        self,
+        data: FeatureSet | Path | str | Sequence[FeatureSet | Path | str],
+        labels: Sequence[str] | None = None,
+        *,
+        groups: Mapping[str, Sequence[str]] | None = None,
+        seed: int = 0,
+    ) -> HapticClassifier:
+        """Train tree and model, and calibrate the probabilities on objects that are left out.
+
+        Parameters
+        ----------
+        data
+            Objects of at least two classes, three of each: a feature set, its NPZ file, a folder of ``visuohaptic
+            objects build``, or several of these.
+        labels
+            Class of each object, or, for several sets, of each set; those of the data by default.
+        groups
+            Name of a group -> its classes, which are answered by this name.
+        seed
+            Of folds, samples and calibration.
+
+        Returns
+        -------
+        HapticClassifier
+            This classifier.
+
+        Raises
+        ------
+        InputError
+            Too few classes or objects, or sets that do not fit together.
+        """
+        used, groups = _labelled(data, labels), dict(groups or {})
+        name_of = {member: name for name, members in groups.items() for member in members}
+        if foreign := sorted(set(name_of) - set(used.classes)):
+            raise InputError("groups", f"found {foreign[0]!r}, expected one of {', '.join(used.classes)}")
+        names = dict.fromkeys(name_of.get(label, label) for label in used.classes)
+        candidates = used.of_classes(list(names), groups)
+        fewest = int(np.bincount(used.number).min())
+        if fewest < MIN_OBJECTS:
+            raise InputError("data", f"a class has {fewest} objects, expected at least {MIN_OBJECTS}")
+        tree = train_tree(
+            candidates,
+            scheme=self.scheme,
+            reuse=self.reuse,
+            folds=min(MAX_FOLDS, int(np.bincount(candidates.number).min())),
+            rng=np.random.default_rng(seed),
+        )
+        wide, plain = (
+            calibrate(
+                fit_model(used, groups, settings=ModelSettings(use_width=width)),
+                used,
+                np.random.default_rng(seed),
+                explorations=EXPLORATIONS,
+            )
+            for width in (True, False)
+        )
+        self.trained = Classifier(
+            tree, used, groups, wide.temperature, wide.unknown_from, (plain.temperature, plain.unknown_from)
+        )
+        return self
+
+    def model(self, *, use_width: bool = True, prior: Mapping[str, float] | None = None) -> HapticModel:
+        """The Bayesian model, for :func:`.explore` and :func:`.touch_gains`.
+
+        Parameters
+        ----------
+        use_width
+            Widths of the object count as evidence.
+        prior
+            Of vision, by class; uniform by default.
+        """
+        return self.fitted().model(use_width=use_width, prior=prior)
+
+    def predict(
+        self,
+        readings: Sequence[TouchReading] | Path | str,
+        *,
+        use_width: bool | None = None,
+        prior: Mapping[str, float] | None = None,
+    ) -> TouchPrediction:
+        """Posterior probabilities given some touches, and what to touch next.
+
+        Parameters
+        ----------
+        readings
+            Touches of one object in the order in which they were made, or a CSV file of curves, see
+            :func:`.read_curves`.
+        use_width
+            Widths count as evidence; by default where any was measured.
+        prior
+            Of vision, by class; uniform by default.
+        """
+        touches = read_curves(readings) if isinstance(readings, str | Path) else tuple(readings)
+        if use_width is None:
+            use_width = not touches or any(math.isfinite(one.width_m) for one in touches)
+        model, tree = self.model(use_width=use_width, prior=prior), self.fitted().tree
+        belief = update_belief(model, touches)
+        gains = touch_gains(model, touches)
+        best = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1], default=None)
+        information, seconds = (0.0, 0.0) if best is None else gains[best]
+        wanted, node = next_touch(tree, stiffness_grid(touches))
+        return TouchPrediction(
+            belief.answer,
+            belief.confidence,
+            belief.as_mapping(),
+            belief.confidence >= self.confidence,
+            best,
+            float(information),
+            float(seconds),
+            tree.classes[int(tree.answer[node])] if wanted is None else None,
+            wanted,
+        )
+
+    def save(self, path: Path | str) -> None:
+        """Write the tree as JSON, and the training objects beside it as NPZ.
+
+        Parameters
+        ----------
+        path
+            With the suffix .json; the NPZ file has the same name.
+        """
+        save_classifier(path, self.fitted())
+
+    @classmethod
+    def load(cls, path: Path | str) -> HapticClassifier:
+        """Read what :meth:`save`, or ``visuohaptic classify train``, wrote.
+
+        Parameters
+        ----------
+        path
+            JSON file, with the NPZ file beside it.
+        """
+        trained = load_classifier(path)
+        return cls(scheme=trained.tree.scheme, trained=trained)
+
+    def fitted(self) -> Classifier:
+        """Tree, objects and calibration.
+
+        Raises
+        ------
+        InputError
+            Neither fit nor load was called.
+        """
+        if self.trained is None:
+            raise InputError("HapticClassifier", "is not trained", remedy="call fit first, or load a file")
+        return self.trained
+
+
+def _labelled(
+    data: FeatureSet | Path | str | Sequence[FeatureSet | Path | str], labels: Sequence[str] | None
+) -> FeatureSet:
+    """One set of objects with the classes that are asked for."""
+    if isinstance(data, FeatureSet | Path | str):
+        sets = [_loaded(data)]
+        wanted = None if labels is None else [labels]
+        expected = len(sets[0])
+    else:
+        sets = [_loaded(one) for one in data]
+        wanted = (
+            None if labels is None else [[label] * len(one) for label, one in zip(labels, sets, strict=False)]
+        )
+        expected = len(sets)
+    if not sets:
+        raise InputError("data", "found no feature set, expected at least one")
+    if labels is not None and (isinstance(labels, str) or len(labels) != expected):
+        raise InputError("labels", f"found {len(labels)}, expected {expected}")
+    if wanted is not None:
+        sets = [replace(one, label=tuple(map(str, its))) for one, its in zip(sets, wanted, strict=True)]
+    return join_feature_sets(sets)
+
+
+def _loaded(source: FeatureSet | Path | str) -> FeatureSet:
+    return source if isinstance(source, FeatureSet) else load_feature_set(source)

@@ -1,0 +1,114 @@
+"""The classifier of the front door: its four verbs on made-up classes, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visuohaptic.core import InputError
+from visuohaptic.recognition import HapticClassifier
+from visuohaptic.recognition.data import FeatureSet, TouchReading, join_feature_sets, save_feature_set
+from visuohaptic.recognition.touch import UNKNOWN, touch_gains
+
+from .worlds import PROFILES, build_folder, synthetic, touch_of
+
+TRAINING = synthetic(12, seed=0)
+
+
+@pytest.fixture(scope="module")
+def classifier() -> HapticClassifier:
+    return HapticClassifier().fit(TRAINING)
+
+
+def explored(classifier: HapticClassifier, data: FeatureSet, row: int, touches: int) -> list[TouchReading]:
+    """Touches of one object, each where the classifier wants the next."""
+    touch, readings = touch_of(data, row), []
+    for _ in range(touches):
+        wanted = classifier.predict(readings).next_touch
+        assert wanted is not None
+        readings.append(touch(*wanted))
+    return readings
+
+
+def test_objects_that_were_not_trained_are_classified(classifier: HapticClassifier) -> None:
+    """One object of each class, drawn anew, at the touches that are asked for."""
+    unseen = synthetic(1, seed=5)
+    for row, label in enumerate(unseen.label):
+        found = classifier.predict(explored(classifier, unseen, row, 3))
+        assert found.answer == label
+        # Three noisy touches of well separated profiles: far more probable than not.
+        assert found.confidence > 0.9
+        assert found.sure == (found.confidence >= classifier.confidence)
+        assert set(found.probabilities) == {*PROFILES, UNKNOWN}
+        assert sum(found.probabilities.values()) == pytest.approx(1.0)
+        assert found.confidence == found.probabilities[label]
+
+
+def test_a_foreign_object_is_unknown(classifier: HapticClassifier) -> None:
+    """A hundred times as stiff as anything that was trained, and a third wider."""
+    known = synthetic(1, seed=6)
+    foreign = replace(known, features=100 * known.features, width_m=1.3 * known.width_m)
+    assert classifier.predict(explored(classifier, foreign, 0, 3)).answer == UNKNOWN
+
+
+def test_the_next_touch_tells_most_per_second(classifier: HapticClassifier) -> None:
+    found = classifier.predict([])
+    gains = touch_gains(classifier.model(), ())
+    best = max(gain / seconds for gain, seconds in gains.values())
+    assert found.information_nat / found.seconds == pytest.approx(best)
+    assert not found.sure
+    # The tree measures its scale first.
+    assert found.tree_next_touch == (8, "x")
+    assert found.tree_answer is None
+
+
+def test_a_prior_of_vision_moves_the_answer(classifier: HapticClassifier) -> None:
+    given = classifier.predict([], prior={"rim": 0.8, "flat": 0.2})
+    # Without touches the posterior is the prior, times what is left beside the unknown class (0.1 by default).
+    assert given.probabilities["rim"] == pytest.approx(0.9 * 0.8, rel=1e-6)
+    assert given.probabilities["soft"] == 0.0
+
+
+def test_what_is_saved_answers_the_same(classifier: HapticClassifier, tmp_path: Path) -> None:
+    classifier.save(tmp_path / "touch.json")
+    assert {path.suffix for path in tmp_path.iterdir()} == {".json", ".npz"}
+    again = HapticClassifier.load(tmp_path / "touch.json")
+    readings = explored(classifier, synthetic(1, seed=7), 0, 2)
+    one, other = classifier.predict(readings), again.predict(readings)
+    assert one.answer == other.answer
+    for name, probability in one.probabilities.items():
+        assert other.probabilities[name] == pytest.approx(probability, rel=1e-3, abs=1e-6)
+
+
+def test_sets_files_and_builds_are_joined(tmp_path: Path) -> None:
+    """Each set has its own class where labels are given; names are kept apart."""
+    parts = [
+        TRAINING.take(np.array([name == label for name in TRAINING.label])) for label in ("soft", "flat")
+    ]
+    save_feature_set(tmp_path / "flat.npz", parts[1])
+    sources = [build_folder(tmp_path / "build", parts[0]), tmp_path / "flat.npz"]
+    found = HapticClassifier().fit(sources, ["mine", "yours"])
+    assert found.fitted().tree.classes == ("mine", "yours")
+    twice = join_feature_sets([parts[0], parts[0]])
+    assert len(set(twice.name)) == len(twice) == 24
+
+
+def test_what_cannot_be_trained_or_asked() -> None:
+    with pytest.raises(InputError, match=r"is not trained; .*call fit first"):
+        HapticClassifier().predict([])
+    with pytest.raises(InputError, match="labels: found 2, expected 36"):
+        HapticClassifier().fit(TRAINING, ["a", "b"])
+    with pytest.raises(InputError, match="found 1 classes, expected at least 2"):
+        HapticClassifier().fit(TRAINING, ["all"] * 36)
+    with pytest.raises(InputError, match="a class has 2 objects, expected at least 3"):
+        HapticClassifier().fit(TRAINING, ["few"] * 2 + ["many"] * 34)
+    with pytest.raises(InputError, match="groups: found 'cup', expected one of flat, rim, soft"):
+        HapticClassifier().fit(TRAINING, groups={"round": ["cup"]})
+    with pytest.raises(InputError, match="confidence: found 2, expected 0 to 1"):
+        HapticClassifier(confidence=2)
+    curved = replace(TRAINING, nonlinear=True)
+    with pytest.raises(InputError, match="found linear features and features from curves"):
+        HapticClassifier().fit([TRAINING, curved])
