@@ -37,6 +37,11 @@ def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
 
     A rim is a connected set of edges that have one triangle only; vertices
     where rims meet join them.
+
+    Parameters
+    ----------
+    mesh
+        Mesh with welded vertices.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -68,10 +73,16 @@ class SupportBand:
 def support_band(
     mesh: SurfaceMesh, region: HoleRegion, *, most: int = 320, band_m: float | None = None
 ) -> SupportBand:
-    """Points of the visual surface around a hole, evenly spread, at most ``most``.
+    """Points of the visual surface around a hole, evenly spread.
 
     Parameters
     ----------
+    mesh
+        Visual surface, triangles counter-clockwise from outside.
+    region
+        Where the surface is missing.
+    most
+        Maximum number of points.
     band_m
         Width of the band behind each rim [m]; a quarter of the region by default.
 

@@ -73,6 +73,8 @@ class Completion:
         The visible surface, triangles counter-clockwise from outside, z up.
     region
         Where it is missing.
+    settings
+        Of bands, grids and priors; defaults follow from the size of the region.
     T_visual_haptic
         Maps touches to the frame of the visible surface.
 
@@ -144,7 +146,13 @@ class Completion:
         return self._fit
 
     def add(self, touch: Touch) -> None:
-        """Join a touch: its contact is on the surface, its line up to there is outside."""
+        """Join a touch: its contact is on the surface, its line up to there is outside.
+
+        Parameters
+        ----------
+        touch
+            Contact, or free line, in the frame of the probe.
+        """
         touch = touch.moved(self._pose) if self._pose is not None else touch
         self.touches.append(touch)
         fresh = Centres()
@@ -308,7 +316,13 @@ class Completion:
         return self._uncertainty
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision."""
+        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) of the completed surface [m].
+        """
         sigma = np.full(len(points_m), self.settings.visual_sigma_m)
         missing = self._missing(points_m) & (self.region.distance_m(points_m) < self.band.gap_m)
         if missing.any():
@@ -396,5 +410,10 @@ class Completion:
 
         Never before ``MIN_TOUCHES`` contacts: what vision alone expects of the
         hidden part was not yet tested.
+
+        Parameters
+        ----------
+        bound_m
+            Accepted root mean square error of the missing part [m].
         """
         return len(self._contacts) >= MIN_TOUCHES and self.expected_error_m() < bound_m

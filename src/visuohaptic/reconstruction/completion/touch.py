@@ -45,7 +45,13 @@ class Touch:
             raise InputError("Touch", f"found {self.sigma_m}, expected > 0", field="sigma_m")
 
     def moved(self, pose: Pose) -> Touch:
-        """The same touch in another frame."""
+        """The same touch in another frame.
+
+        Parameters
+        ----------
+        pose
+            Maps the frame of the touch to the other one.
+        """
         points = (
             None if point is None else pose.apply(point)
             for point in (self.contact_m, self.start_m, self.end_m)
@@ -74,6 +80,13 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
 
     Columns ``x_m, y_m, z_m`` (contact; empty when nothing was met), optionally
     ``start_x_m, start_y_m, start_z_m``, ``end_x_m, ...`` and ``sigma_m``.
+
+    Parameters
+    ----------
+    path
+        CSV file.
+    sigma_m
+        Standard deviation of contacts without a column for it [m].
 
     Raises
     ------
@@ -111,7 +124,14 @@ def _point(row: dict[str, str], prefix: str) -> Float[np.ndarray, "3"] | None:
 def rigid_fit(
     points_haptic_m: Float[np.ndarray, "n 3"], points_visual_m: Float[np.ndarray, "n 3"]
 ) -> tuple[Pose, float]:
-    """``T_visual_haptic`` by least squares from points seen and touched, and the rms residual [m].
+    """``T_visual_haptic`` by least squares from pairs of points, and the root mean square residual [m].
+
+    Parameters
+    ----------
+    points_haptic_m
+        Points (n, 3) as touched [m].
+    points_visual_m
+        The same points (n, 3) as seen [m].
 
     Raises
     ------
