@@ -29,7 +29,15 @@ WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=
 
 
 def rest_scene(geometry: FoamStripGeometry, t_s: float = 0.0) -> FoamScene:
-    """The strip with nothing in front of it."""
+    """The strip with nothing in front of it.
+
+    Parameters
+    ----------
+    geometry
+        Foam strip.
+    t_s
+        Time of the scene [s].
+    """
     s = geometry.positions_m()
     back = geometry.back_m(s)
     return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
@@ -136,7 +144,15 @@ class VirtualSensor:
         return SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
 
     def rest_frames(self, rng: np.random.Generator, count: int) -> list[Frame]:
-        """Frames of the untouched strip that end just before time zero."""
+        """Frames of the untouched strip that end just before time zero.
+
+        Parameters
+        ----------
+        rng
+            Source of the noise.
+        count
+            Number of frames.
+        """
         renderer, scene = self.renderer(), rest_scene(self.geometry)
         return [
             Frame(renderer.render(scene, rng=rng), (i - count) / self.frame_rate_Hz, i - count)

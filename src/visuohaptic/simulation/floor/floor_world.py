@@ -157,13 +157,25 @@ class FloorWorld:
         return self._pose.copy()
 
     def item_pose_m(self, id: str) -> Float[np.ndarray, "3"]:
-        """True pose of a thing: its outline's centroid, and the turn since the beginning."""
+        """True pose of an object: the centroid of its outline [m], and its rotation since the start [rad].
+
+        Parameters
+        ----------
+        id
+            Name of the object.
+        """
         index = self._index(id)
         x, y, _, yaw = self._data.qpos[3 + 4 * index : 7 + 4 * index]
         return np.array([*(self._centres[index] + (x, y)), yaw])
 
     def footprint_m(self, id: str) -> Float[np.ndarray, "p 2"]:
-        """True outline of a thing now."""
+        """True present outline of an object [m].
+
+        Parameters
+        ----------
+        id
+            Name of the object.
+        """
         x, y, yaw = self.item_pose_m(id)
         c, s = math.cos(yaw), math.sin(yaw)
         index = self._index(id)
@@ -171,7 +183,13 @@ class FloorWorld:
         return own @ np.array([[c, s], [-s, c]]) + (x, y)
 
     def step(self, duration_s: float) -> None:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        duration_s
+            Simulated time [s].
+        """
         if not 0 < duration_s <= 10:
             raise InputError(
                 "FloorWorld.step", f"found {duration_s} s, expected more than 0 and at most 10 s"
@@ -282,14 +300,28 @@ class FloorWorld:
 
 
 class FloorBase:
-    """The robot of a :class:`FloorWorld` as a ``robots.MobileBase``."""
+    """The robot of a :class:`FloorWorld` as a ``robots.MobileBase``.
+
+    Parameters
+    ----------
+    world
+        Simulated world that moves the platform.
+    """
 
     def __init__(self, world: FloorWorld) -> None:
         self._world = world
         self.target_speed_m_s = self.target_turn_rate_rad_s = 0.0
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        """Set the velocities; they hold until the next call or :meth:`stop`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"

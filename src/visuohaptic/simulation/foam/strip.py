@@ -43,7 +43,15 @@ class Outline:
 
     @classmethod
     def disc(cls, centre_m: tuple[float, float], radius_m: float) -> Outline:
-        """A cylinder's cross section."""
+        """Cross section of a cylinder.
+
+        Parameters
+        ----------
+        centre_m
+            Centre (x, y) [m].
+        radius_m
+            Radius [m].
+        """
         return cls(np.array([centre_m], dtype=np.float64), radius_m)
 
     @classmethod
@@ -54,7 +62,19 @@ class Outline:
         yaw_rad: float = 0.0,
         edge_m: float = 0.0,
     ) -> Outline:
-        """A box of ``size_m`` = (length along its x, along its y) with edges rounded by ``edge_m``."""
+        """A box with rounded edges.
+
+        Parameters
+        ----------
+        centre_m
+            Centre (x, y) [m].
+        size_m
+            Lengths along its x and its y [m].
+        yaw_rad
+            Rotation about its centre [rad].
+        edge_m
+            Radius of the edges [m].
+        """
         half = 0.5 * np.asarray(size_m, dtype=np.float64) - edge_m
         if half.min() <= 0:
             raise InputError("Outline.box", f"edge radius {edge_m} m does not fit into a box of {size_m} m")
@@ -62,13 +82,27 @@ class Outline:
         return cls(corners, edge_m).moved(centre_m[0], centre_m[1], yaw_rad)
 
     def moved(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Outline:
-        """Turned about the origin, then shifted."""
+        """The outline rotated about the origin, then translated.
+
+        Parameters
+        ----------
+        x_m, y_m
+            Translation [m].
+        yaw_rad
+            Rotation [rad].
+        """
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         turned = np.asarray(self.vertices_m, dtype=np.float64) @ np.array([[c, s], [-s, c]])
         return Outline(turned + np.array([x_m, y_m]), self.radius_m)
 
     def polygon_m(self, spacing_rad: float = math.pi / 24) -> Float[np.ndarray, "k 2"]:
-        """The outline as a plain polygon, its arcs cut into pieces of ``spacing_rad``."""
+        """The outline as a polygon, its arcs cut into chords.
+
+        Parameters
+        ----------
+        spacing_rad
+            Angle of a chord [rad].
+        """
         vertices = np.asarray(self.vertices_m, dtype=np.float64)
         if self.radius_m <= 0.0:
             return vertices
@@ -110,7 +144,13 @@ class FoamStripGeometry:
         return np.linspace(-0.5 * self.length_m, 0.5 * self.length_m, count)
 
     def back_m(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
-        """Points of the back contour."""
+        """Points of the back contour.
+
+        Parameters
+        ----------
+        s_m
+            Positions (k) along the strip [m].
+        """
         s = np.asarray(s_m, dtype=np.float64)
         if math.isinf(self.radius_m):
             return np.column_stack([np.zeros_like(s), s])
@@ -118,17 +158,35 @@ class FoamStripGeometry:
         return self.radius_m * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
 
     def normals(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
-        """Unit vectors from the back to the front."""
+        """Unit vectors from the back to the front.
+
+        Parameters
+        ----------
+        s_m
+            Positions (k) along the strip [m].
+        """
         s = np.asarray(s_m, dtype=np.float64)
         angle = np.zeros_like(s) if math.isinf(self.radius_m) else s / self.radius_m
         return np.column_stack([np.cos(angle), np.sin(angle)])
 
     def stretch(self, height_m: float) -> float:
-        """Length along s at a height above the back, by the length at the back."""
+        """Length along s at a height above the back, relative to that at the back.
+
+        Parameters
+        ----------
+        height_m
+            Height above the back [m].
+        """
         return 1.0 if math.isinf(self.radius_m) else 1.0 + height_m / self.radius_m
 
     def position_of(self, points_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
-        """s of the columns on whose rays points lie."""
+        """Position s of the columns on whose rays points lie [m].
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 2) in frame F [m].
+        """
         points = np.asarray(points_m, dtype=np.float64)
         if math.isinf(self.radius_m):
             return points[:, 1]
@@ -159,7 +217,13 @@ class StripState:
         return self.pressure_Pa > 0.0
 
     def centre_m(self, body: int) -> float:
-        """Where along s a body's contact force acts; NaN without contact."""
+        """Position along s at which the contact force of a body acts [m]; NaN without contact.
+
+        Parameters
+        ----------
+        body
+            Index of the body.
+        """
         weight = np.where(self.body == body, self.pressure_Pa, 0.0)
         total = float(weight.sum())
         return float(weight @ self.s_m / total) if total > 0 else math.nan
@@ -170,6 +234,13 @@ class FoamStrip:
 
     Forces act along the columns' normals only: shear along the mounting curve
     is negligible (Alt 2016, Sec. 3.3).
+
+    Parameters
+    ----------
+    geometry
+        Size and spacing; the standard strip by default.
+    law
+        Of the foam.
 
     Examples
     --------
@@ -202,7 +273,13 @@ class FoamStrip:
         self._memory[:, 3 * n : -1] = 1.0
 
     def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
-        """Where a line of the foam is now that was ``height_m`` above the back at rest, frame F."""
+        """Present position of a material line of the foam, frame F [m].
+
+        Parameters
+        ----------
+        height_m
+            Height of the line above the back in the undeformed strip [m].
+        """
         layers = np.concatenate([[0.0], np.cumsum(self._thickness)])
         upper = int(np.clip(np.searchsorted(layers, height_m), 1, len(self._thickness)))
         fraction = (height_m - layers[upper - 1]) / (layers[upper] - layers[upper - 1])

@@ -129,14 +129,34 @@ class SimulatedObstacle:
         return float(np.hypot(far * self.length_m, 0.5 * self.width_m))
 
     def moved(self, x_m: float, y_m: float, yaw_rad: float) -> SimulatedObstacle:
-        """The same at another place."""
+        """The same obstacle at another pose.
+
+        Parameters
+        ----------
+        x_m, y_m
+            Position in the world [m].
+        yaw_rad
+            Rotation about the vertical [rad].
+        """
         return replace(self, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def box(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: Any
 ) -> SimulatedObstacle:
-    """A box of size (along x, along y, height)."""
+    """A box.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    size_m
+        Length along x, length along y, height [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     length, width, height = size_m
     return SimulatedObstacle(
         name,
@@ -153,7 +173,19 @@ def box(
 def cylinder(
     name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: Any
 ) -> SimulatedObstacle:
-    """An upright cylinder."""
+    """An upright cylinder.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    radius_m, height_m
+        Size [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     across_m = 2 * radius_m
     return SimulatedObstacle(
         name,
@@ -170,7 +202,19 @@ def cylinder(
 def table(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
 ) -> SimulatedObstacle:
-    """A table that does not move; the foam meets its legs."""
+    """A table that does not move; the foam meets its legs.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    size_m
+        Length along x, length along y, height [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     length, width, height = size_m
     return SimulatedObstacle(
         name,
@@ -188,7 +232,19 @@ def table(
 def wall(
     name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: Any
 ) -> SimulatedObstacle:
-    """A wall along its x."""
+    """A wall along its x.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position of its centre in the world [m].
+    length_m, thickness_m
+        Size [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     return SimulatedObstacle(
         name,
         ObstacleKind.WALL,
@@ -210,7 +266,21 @@ def door(
     mass_kg: float = 12.0,
     **rest: Any,
 ) -> SimulatedObstacle:
-    """A wing that turns about its hinge."""
+    """A door leaf that turns about its hinge.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    hinge_x_m, hinge_y_m
+        Position of the hinge in the world [m].
+    length_m
+        Width of the leaf [m].
+    mass_kg
+        Mass [kg].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     return SimulatedObstacle(
         name,
         ObstacleKind.DOOR,
@@ -230,10 +300,16 @@ def section(
     rotation: Float[np.ndarray, "3 3"],
     height_m: float,
 ) -> tuple[Outline, ...]:
-    """Cut of an obstacle by the plane z = ``height_m``, in the world; empty when it lies below or above.
+    """Cut of an obstacle by a horizontal plane, in the world; empty when it lies below or above.
 
-    ``position_m`` and ``rotation`` place its own frame, whose origin is on the
-    floor below its centre.
+    Parameters
+    ----------
+    obstacle
+        Shape.
+    position_m, rotation
+        Pose of its own frame in the world, (3) [m] and (3, 3); the origin is on the floor below its centre.
+    height_m
+        Height of the plane [m].
     """
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
@@ -261,7 +337,17 @@ def section(
 
 
 def leaning_solid(obstacle: SimulatedObstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
-    """The body itself where an upright section does not tell its look: it leans, or is round and turns."""
+    """The body itself where an upright section does not give its appearance: it leans, or is round and turns.
+
+    Parameters
+    ----------
+    obstacle
+        Shape.
+    T_world_obstacle
+        Pose of its frame.
+    T_foam_world
+        Maps the world to frame F of the sensor.
+    """
     tilt = math.acos(min(1.0, max(-1.0, float(T_world_obstacle.rotation[2, 2]))))
     if not obstacle.movable or (tilt < UPRIGHT_RAD and obstacle.kind is not ObstacleKind.CYLINDER):
         return None
@@ -277,6 +363,11 @@ def feet_mjcf(obstacle: SimulatedObstacle) -> str:
     constants boxes hop on their feet and stop too late. Friction rows four
     times slower than a soft normal row keep the feet down and the friction
     that of Coulomb; the no-slip solver keeps obstacles at rest from creeping.
+
+    Parameters
+    ----------
+    obstacle
+        Obstacle with feet.
     """
     if not obstacle.movable or obstacle.kind is ObstacleKind.DOOR:
         return ""
@@ -307,7 +398,13 @@ def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
 
 
 def obstacle_mjcf(obstacle: SimulatedObstacle) -> str:
-    """MuJoCo body of an obstacle; its frame is on the floor below its centre (door: at the hinge)."""
+    """MuJoCo body of an obstacle; its frame is on the floor below its centre (door: at the hinge).
+
+    Parameters
+    ----------
+    obstacle
+        Shape, mass and friction.
+    """
     o = obstacle
     place = f'pos="{o.x_m} {o.y_m} 0" euler="0 0 {o.yaw_rad}"'
     half = 0.5 * o.height_m

@@ -43,7 +43,15 @@ class PlatformConfig:
 
     @classmethod
     def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
-        """The dissertation's platform: round, the foam bent around its front."""
+        """The dissertation's platform: round, the foam bent around its front.
+
+        Parameters
+        ----------
+        radius_m
+            Radius of platform and strip [m].
+        rest
+            Further fields.
+        """
         strip = FoamStripGeometry(radius_m=radius_m, spacing_m=0.001)
         return cls(radius_m=radius_m, round=True, strip=strip, **rest)
 
@@ -54,7 +62,13 @@ class PlatformConfig:
 
 
 def platform_mjcf(config: PlatformConfig) -> str:
-    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles."""
+    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles.
+
+    Parameters
+    ----------
+    config
+        Shape and mass.
+    """
     c = config
     top = 0.15
     # Slightly proud of the back contour: rigid contact begins when the foam has bottomed out.
@@ -106,7 +120,15 @@ class SimulatedBase:
         self._turn_rate_rad_s = 0.0
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        """Set the velocities; they hold until the next call or :meth:`stop`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
@@ -130,7 +152,13 @@ class SimulatedBase:
         return BaseState(self._world.t_s, x, y, heading, speed, turn)
 
     def ramp(self, dt_s: float) -> tuple[float, float]:
-        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s])."""
+        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s]).
+
+        Parameters
+        ----------
+        dt_s
+            Time step [s].
+        """
         config = self._world.config
         self._speed_m_s = _towards(
             self._speed_m_s, self.target_speed_m_s, config.max_acceleration_m_s2 * dt_s

@@ -125,7 +125,15 @@ class FoamPushWorld:
         return c * vx + s * vy, c * vy - s * vx, turn
 
     def place_platform(self, x_m: float, y_m: float, heading_rad: float) -> None:
-        """Put the platform elsewhere, at rest and with fresh foam, and begin a new push."""
+        """Put the platform elsewhere, at rest and with fresh foam, and start a new push.
+
+        Parameters
+        ----------
+        x_m, y_m
+            Position in the world [m].
+        heading_rad
+            Heading [rad].
+        """
         self._data.qpos[:3] = x_m, y_m, heading_rad
         self._data.qvel[:3] = 0.0
         self._mujoco.mj_forward(self._model, self._data)
@@ -137,7 +145,18 @@ class FoamPushWorld:
         self.truth = self._record(self.t_s)
 
     def step(self, dt_s: float) -> PushTruth:
-        """Let time pass; the last equilibrium of the foam is the new :attr:`truth`."""
+        """Let time pass; the last equilibrium of the foam is the new :attr:`truth`.
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s], more than 0 and at most 10.
+
+        Raises
+        ------
+        InputError
+            The time is out of range or the physics diverged.
+        """
         if not 0 < dt_s <= 10:
             raise InputError("FoamPushWorld.step", f"found {dt_s} s, expected more than 0 and at most 10 s")
         count = max(1, round(dt_s / FOAM_STEP_S))

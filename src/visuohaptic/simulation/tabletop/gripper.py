@@ -60,7 +60,13 @@ _BLUE = Surface(150.0, 8.0, "cardboard", (170.0, 140.0, 110.0))
 
 
 def gripper_look(*, stripe: bool = True) -> Look:
-    """Black rubber on a finger of bare metal, with a green stripe along the front."""
+    """Black rubber on a finger of bare metal, with a green stripe along the front.
+
+    Parameters
+    ----------
+    stripe
+        Whether the foam has a stripe.
+    """
     return Look(
         foam=Surface(38.0, 2.0, "foam", (36.0, 38.0, 40.0)),
         body=Surface(150.0, 3.0, "metal", (152.0, 150.0, 147.0)),
@@ -191,7 +197,20 @@ class VirtualGripper(Closing):
     # Gripper
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening; the drive stops by itself at its force limit."""
+        """Start to move to an opening; the drive stops by itself at its maximum force.
+
+        Parameters
+        ----------
+        opening_m
+            Distance between the fronts of both rods to reach [m].
+        speed_m_s
+            Speed of the opening [m/s].
+
+        Raises
+        ------
+        InputError
+            The opening is out of range or the speed is not positive.
+        """
         if not (0.0 <= opening_m <= self.drive.open_m and speed_m_s > 0):
             raise InputError(
                 "move",
@@ -246,18 +265,36 @@ class VirtualGripper(Closing):
         return Frame(developed if self._renderer.look.colour else developed[..., 0], t_s, index)
 
     def advance_to(self, t_s: float) -> None:
-        """Let time pass up to ``t_s``."""
+        """Let time pass up to ``t_s``.
+
+        Parameters
+        ----------
+        t_s
+            Time to reach [s].
+        """
         while self._times[-1] < t_s - 1e-12:
             step = STEP_M / self._limit if self._limit > 0 else STEP_S
             self._step(min(STEP_S, step, t_s - self._times[-1]))
 
     def skip_to(self, t_s: float) -> None:
-        """Let time pass without pictures; the next frame is the first one at or after ``t_s``."""
+        """Let time pass without images; the next frame is the first one at or after a time.
+
+        Parameters
+        ----------
+        t_s
+            Time to reach [s].
+        """
         self.advance_to(t_s)
         self._next_frame = max(self._next_frame, math.ceil(t_s * self.view.frame_rate_Hz - 1e-9))
 
     def truth(self, t_s: float | None = None) -> GripperTruth:
-        """What was the case at a time that has been simulated; the newest by default."""
+        """True state at a time that has been simulated; the newest by default.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         if t_s is None:
             return self._truths[-1]
         after = bisect.bisect_left(self._times, t_s)
@@ -278,7 +315,13 @@ class VirtualGripper(Closing):
         )  # fmt: skip
 
     def scene(self, t_s: float) -> FoamScene:
-        """What the camera sees at a time, in frame F of the finger."""
+        """What the camera sees at a time, in frame F of the finger.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         truth = self.truth(t_s)
         bodies = []
         for item, shift in zip(self.objects, truth.shift_m, strict=True):
