@@ -12,8 +12,9 @@ from jaxtyping import Float
 
 from ..core.errors import CalibrationError
 from ..sensing.foam.finger import FingerReading, FingerSensor
-from ..simulation.foam.strip import Outline
-from ..simulation.tabletop.gripper import GraspObject, GripperTruth, VirtualGripper
+from ..simulation.foam.outline import Outline
+from ..simulation.tabletop.gripper import VirtualGripper
+from ..simulation.tabletop.gripper_setup import GraspObject, GripperTruth
 from .virtual_gripper import GripperSensor
 
 __all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "run", "squeeze", "stiffness_N_per_m"]

@@ -15,7 +15,7 @@ from ..sensing.foam.material.records import read_strain_stress
 from ..sensing.foam.sensor import FoamSensor
 from ..simulation.foam.press_rig import calibration_press
 from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import SOFT_FOAM, StripLaw, write_calibration_csv
 from ..simulation.rendering.appearance import Look
 from ..simulation.rendering.effects import CameraEffects

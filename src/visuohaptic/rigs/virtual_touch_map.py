@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.mobile.odometry import DriftingBase, OdometryErrors
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ..mesh import SurfaceMesh
@@ -68,6 +68,21 @@ class SupportBand:
     normals: Float[np.ndarray, "n 3"]
     gap_m: float  #: growth of the region until it touched the surface at every rim
     margin_m: float  #: growth that holds the band
+
+    def away(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Whether points are farther from the band than its own points from each other: there nothing was seen.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) near the surface [m].
+        """
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(self.points_m)
+        spacing, _ = tree.query(self.points_m, k=min(4, len(self.points_m)))
+        gaps, _ = tree.query(points_m)
+        return gaps > 1.2 * float(np.median(spacing[:, -1]))
 
 
 def support_band(

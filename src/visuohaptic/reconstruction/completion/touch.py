@@ -71,6 +71,32 @@ class TouchPlan:
     score: float  #: biharmonic distance from the nearest support
     sigma_m: float  #: expected distance of the surface from the target
 
+    @classmethod
+    def towards_axis(
+        cls,
+        target_m: Float[np.ndarray, "3"],
+        start_m: Float[np.ndarray, "3"],
+        axis_m: Float[np.ndarray, "2"],
+        score: float,
+        sigma_m: float,
+    ) -> TouchPlan:
+        """The horizontal line from a start at the height of the target to the height axis.
+
+        Parameters
+        ----------
+        target_m, start_m
+            Points (3) at one height [m].
+        axis_m
+            x and y of the height axis [m].
+        score
+            Biharmonic distance of the target from the nearest support.
+        sigma_m
+            Standard deviation of the surface at the target [m].
+        """
+        end_m = np.array([*axis_m, target_m[2]])
+        direction = (end_m - start_m) / np.linalg.norm(end_m - start_m)
+        return cls(target_m, start_m, end_m, direction, score, sigma_m)
+
 
 _AXES = ("x", "y", "z")
 

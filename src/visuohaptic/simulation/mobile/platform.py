@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import FoamStripGeometry
+from ..foam.strip_geometry import FoamStripGeometry
 
-__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase", "platform_mjcf"]
+__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,30 +59,6 @@ class PlatformConfig:
     def foam_height_m(self) -> float:
         """Middle of the foam above the floor: where it pushes."""
         return self.floor_below_m - 0.5 * self.strip.height_m
-
-
-def platform_mjcf(config: PlatformConfig) -> str:
-    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles.
-
-    Parameters
-    ----------
-    config
-        Shape and mass.
-    """
-    c = config
-    top = 0.15
-    # Slightly proud of the back contour: rigid contact begins when the foam has bottomed out.
-    proud = 0.04 * c.strip.width_m
-    if c.round:
-        shape = f'type="cylinder" size="{c.radius_m + proud} {top}" pos="0 0 {top + 0.01}"'
-    else:
-        shape = f'type="box" size="{c.radius_m + proud} {c.width_m / 2} {top}" pos="0 0 {top + 0.01}"'
-    inertia = 0.5 * c.mass_kg * c.radius_m**2
-    return f"""<body name="platform">
-      <inertial pos="0 0 0.1" mass="{c.mass_kg}" diaginertia="{inertia} {inertia} {inertia}"/>
-      <joint name="platform:x" type="slide" axis="1 0 0"/><joint name="platform:y" type="slide" axis="0 1 0"/>
-      <joint name="platform:yaw" type="hinge" axis="0 0 1"/>
-      <geom {shape} friction="0.3 0 0" contype="2" conaffinity="0"/></body>"""
 
 
 class DrivenWorld(Protocol):

@@ -12,19 +12,18 @@ from jaxtyping import Float
 from ...core.camera.pose import Pose
 from ...core.errors import InputError, MissingExtraError
 from ...core.measurement import Event, EventKind
-from ..foam.strip import FoamStrip, Outline
+from ..foam.outline import Outline
+from ..foam.strip import FoamStrip
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from ..rendering.scene import FoamScene, SceneObject
+from .mujoco_model import world_mjcf
 from .obstacles import (
-    GRAVITY_M_S2,
     ObstacleKind,
     SimulatedObstacle,
-    feet_mjcf,
     leaning_solid,
-    obstacle_mjcf,
     section,
 )
-from .platform import PlatformConfig, SimulatedBase, platform_mjcf
+from .platform import PlatformConfig, SimulatedBase
 from .push_truth import BodyTruth, PushTruth
 
 __all__ = ["FoamPushWorld"]
@@ -91,7 +90,7 @@ class FoamPushWorld:
         self.events: list[tuple[str, Event]] = []  #: true events by obstacle name
         self._strip = FoamStrip(self.config.strip, law)
         self._mujoco: Any = mujoco
-        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(self.config, self.obstacles))
+        self._model: Any = mujoco.MjModel.from_xml_string(world_mjcf(self.config, self.obstacles))
         self._data: Any = mujoco.MjData(self._model)
         self._data.qpos[:3] = self.config.x_m, self.config.y_m, self.config.heading_rad
         mujoco.mj_forward(self._model, self._data)
@@ -397,16 +396,3 @@ class FoamPushWorld:
             platform_velocity=self.platform_velocity(),
             drive_N=self._drive_N,
         )
-
-
-def _mjcf(config: PlatformConfig, obstacles: Sequence[SimulatedObstacle]) -> str:
-    """The whole model. Elliptic cones and no-slip iterations keep boxes at rest from creeping."""
-    bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
-    feet = "\n".join(feet_mjcf(o) for o in obstacles)
-    return f"""<mujoco><compiler angle="radian" inertiafromgeom="auto"/>
-    <option cone="elliptic" impratio="10" noslip_iterations="5" integrator="implicitfast"
-      gravity="0 0 {-GRAVITY_M_S2}"/>
-    <worldbody><geom name="floor" type="plane" size="100 100 1" friction="0.3 0 0"
-      contype="1" conaffinity="1"/>
-    {platform_mjcf(config)}
-    {bodies}</worldbody><contact>{feet}</contact></mujoco>"""

@@ -17,7 +17,9 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import FoamStrip, FoamStripGeometry, Outline, StripState
+from ..foam.outline import Outline
+from ..foam.strip import FoamStrip, StripState
+from ..foam.strip_geometry import FoamStripGeometry
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from .obstacles import ObstacleKind, SimulatedObstacle
 from .platform import PlatformConfig

@@ -277,12 +277,8 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
         Result of :func:`trace_rays` from the projector.
     rotation, origin
         Rotation (3, 3) and centre (3) [m] of the projector in the world.
-    focal_x, focal_y
-        Focal lengths [px].
-    first_x
-        Column of the first pixel on the image axis [px].
-    centre_y
-        Row of the principal point [px].
+    focal_x, focal_y, first_x, centre_y
+        Focal lengths, column of the first pixel on the image axis and row of the principal point [px].
     """
     rows, columns = hit.shape
     landing = np.full((rows, columns, 2), np.nan)
@@ -338,12 +334,9 @@ def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation,
         Result of :func:`pattern_map`.
     rotation, projector
         Rotation (3, 3) and centre (3) [m] of the projector in the world.
-    focal_x, focal_y
-        Focal lengths [px].
-    first_x
-        Column of the projector's first pixel on its own image axis, negative of its principal point [px].
-    centre_y
-        Row of the principal point [px].
+    focal_x, focal_y, first_x, centre_y
+        Focal lengths, column of the projector's first pixel on its own image axis (negative of its principal
+        point) and row of the principal point [px].
     row_tolerance
         Maximum shift of the pattern across the rows [px].
     min_signal
