@@ -11,8 +11,9 @@ from ..core.objects import HapticTag
 from ..navigation.planning.policies import make_plan, without_pushing
 from ..navigation.problem.planning_problem import PlanningProblem
 from ..simulation.faults import FaultKind
+from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
-from ..simulation.floor.floor_world import FloorObject, FloorWorld
+from ..simulation.floor.floor_world import FloorWorld
 from ..tasks.mobile.travel.navigate import Travel, travel
 from ..tasks.mobile.travel.travel_types import TravelSettings
 from .office_chapters import FIT_SHARE, GOAL, LOOK, ROBOT, fit_fraction, office_map

@@ -13,7 +13,17 @@ __all__ = ["hull_distance", "mask_through", "seen_fraction", "within_hull"]
 
 @kernel(fastmath=True)
 def hull_distance(points, planes, out):
-    """Largest distance of each point (n, 3) from the planes; ``planes`` is (4, p), so that the loop is a vector one."""
+    """Largest signed distance of points from the planes of a convex hull.
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) [m].
+    planes
+        Unit normals outwards and offsets in columns (4, p), so that the loop over planes is a vector one.
+    out
+        Distances (n) [m], filled; negative inside.
+    """
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
     for r in range(points.shape[0]):
         x, y, z = points[r, 0], points[r, 1], points[r, 2]
@@ -25,7 +35,19 @@ def hull_distance(points, planes, out):
 
 @kernel
 def within_hull(points, planes, reach, out):
-    """Whether no plane (4, p) is farther than ``reach`` inside of a point; most points fail at one of the first."""
+    """Whether points are in a grown convex hull; most points fail at one of the first planes.
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) [m].
+    planes
+        Unit normals outwards and offsets in columns (4, p).
+    reach
+        Growth of the hull [m].
+    out
+        Result (n), filled.
+    """
     a, b, c, d = planes[0], planes[1], planes[2], planes[3]
     for r in range(points.shape[0]):
         x, y, z = points[r, 0], points[r, 1], points[r, 2]
@@ -40,8 +62,18 @@ def within_hull(points, planes, reach, out):
 def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
     """Drop readings whose ray was inside a hull for longer than ``min_m`` before it ended.
 
-    ``depth`` (h, w) float32 is changed, NaN where dropped; ``planes`` (p, 4) float64 in the frame of the
-    camera, ``n . x + o <= 0`` inside; ``rows``, ``columns``: first and last pixel of the hull's picture.
+    Parameters
+    ----------
+    depth
+        Depth image (h, w) float32 [m]; set to NaN where dropped.
+    planes
+        Planes (p, 4) float64 in the camera frame, ``n . x + o <= 0`` inside.
+    rows, columns
+        First and last pixel of the image of the hull.
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    min_m
+        Minimum path length inside the hull [m].
     """
     for i in range(rows[0], rows[1] + 1):
         y = (i - cy) / fy
@@ -68,9 +100,20 @@ def mask_through(depth, planes, rows, columns, fx, fy, cx, cy, min_m):
 
 @kernel
 def seen_fraction(blocked, starts, normals, ways, fraction):
-    """Share of the ways, weighted by cosine, on which a point leaves the grid without meeting a blocked cell.
+    """Fraction of directions, weighted by cosine, in which a point leaves the grid without a blocked cell.
 
-    ``starts`` (n, 3) in cells; ``ways`` (k, 3) unit vectors; ``share`` (n) is filled.
+    Parameters
+    ----------
+    blocked
+        Cells (x, y, z) that end a ray.
+    starts
+        Points (n, 3) in cells.
+    normals
+        Unit normals (n, 3) of the points.
+    ways
+        Directions (k, 3), unit vectors.
+    fraction
+        Result (n), filled.
     """
     nx, ny, nz = blocked.shape
     for r in range(len(starts)):

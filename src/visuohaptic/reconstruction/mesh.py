@@ -43,6 +43,11 @@ class SurfaceMesh:
     def load(cls, path: Path | str) -> SurfaceMesh:
         """Read a PLY file.
 
+        Parameters
+        ----------
+        path
+            PLY file, text or binary, in metres.
+
         Raises
         ------
         InputError
@@ -54,7 +59,13 @@ class SurfaceMesh:
         return cls(found.vertices_m, found.faces, found.colors)
 
     def save(self, path: Path | str) -> None:
-        """Write a binary PLY file."""
+        """Write a binary PLY file.
+
+        Parameters
+        ----------
+        path
+            File to write.
+        """
         write_ply(path, PlyMesh(self.vertices_m, self.faces, self.colors))
 
     @property
@@ -75,7 +86,13 @@ class SurfaceMesh:
         return vertex_normals(self.vertices_m, self.faces)
 
     def welded(self, tolerance_m: float = 1e-7) -> SurfaceMesh:
-        """Vertices at the same place joined; triangles that collapse are dropped."""
+        """The mesh with coinciding vertices joined; triangles that collapse are dropped.
+
+        Parameters
+        ----------
+        tolerance_m
+            Edge of the cells in which vertices coincide [m].
+        """
         keys = np.rint(self.vertices_m / tolerance_m).astype(np.int64)
         _, first, where = np.unique(keys, axis=0, return_index=True, return_inverse=True)
         faces = where.reshape(-1)[self.faces]
@@ -84,13 +101,25 @@ class SurfaceMesh:
         return SurfaceMesh(self.vertices_m[first], faces[whole], colors)
 
     def submesh(self, kept: Int[np.ndarray, "k"]) -> SurfaceMesh:
-        """The triangles ``kept`` and the vertices that they use."""
+        """Some triangles and the vertices that they use.
+
+        Parameters
+        ----------
+        kept
+            Indices (k) of the triangles.
+        """
         used, faces = np.unique(self.faces[kept], return_inverse=True)
         colors = None if self.colors is None else self.colors[used]
         return SurfaceMesh(self.vertices_m[used], faces.reshape(-1, 3), colors)
 
     def joined(self, other: SurfaceMesh) -> SurfaceMesh:
-        """Both meshes in one."""
+        """Both meshes in one; vertices are not shared.
+
+        Parameters
+        ----------
+        other
+            Mesh to append.
+        """
         colors = None
         if self.colors is not None and other.colors is not None:
             colors = np.concatenate([self.colors, other.colors])
@@ -103,7 +132,20 @@ class SurfaceMesh:
     def sampled(
         self, count: int, rng: np.random.Generator
     ) -> tuple[Float[np.ndarray, "count 3"], Int[np.ndarray, "count"]]:
-        """Points spread evenly over the area, and the triangle of each."""
+        """Points spread uniformly over the area, and the triangle of each.
+
+        Parameters
+        ----------
+        count
+            Number of points.
+        rng
+            Source of randomness.
+
+        Raises
+        ------
+        InputError
+            The mesh has no area.
+        """
         areas = self.face_areas_m2
         if not areas.sum() > 0:
             raise InputError("SurfaceMesh.sampled", "the mesh has no area")

@@ -8,7 +8,7 @@ from pathlib import Path
 from ..sensing.foam.material.calibration import FoamCalibration, calibrate_foam
 from ..sensing.foam.material.records import read_strain_stress
 from ..simulation.foam.press_rig import calibration_press
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import REFERENCE_FOAM, SOFT_FOAM, StripLaw, write_calibration_csv
 from .output import Output
 

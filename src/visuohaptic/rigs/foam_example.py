@@ -13,7 +13,7 @@ from jaxtyping import UInt8
 from ..core.errors import MissingExtraError
 from ..core.files import atomic_path
 from ..simulation.foam.press_rig import PressShape, calibration_press, press
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import write_calibration_csv
 from .virtual_sensor import VirtualSensor, rest_scene
 
@@ -31,6 +31,15 @@ def write_example(
     ``strain_stress.csv`` is what a press recorded of the foam, ``rest.mp4`` shows
     the untouched strip, ``push.mp4`` a cylinder that is pressed into it and taken
     back; ``truth.csv`` has the force of the physics (t_s, force_N, depth_m).
+
+    Parameters
+    ----------
+    folder
+        Folder to write.
+    seed
+        Seed of all noise.
+    say
+        Called with the name of each step.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -65,7 +74,19 @@ def write_example(
 def write_video(
     path: Path | str, images: Iterable[UInt8[np.ndarray, "rows columns"]], *, rate_Hz: int = 30, crf: int = 10
 ) -> None:
-    """Write grey images as H.264 of high quality (a small ``crf``); sizes must be even."""
+    """Write grey images as H.264; sizes must be even.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    images
+        Grey images (rows, columns).
+    rate_Hz
+        Frames per second.
+    crf
+        Quality, smaller is better.
+    """
     try:
         import av
     except ImportError as error:

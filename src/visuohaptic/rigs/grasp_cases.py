@@ -36,7 +36,15 @@ CASES = (
 
 
 def best_vertex(plan: GraspPlan, case: Case) -> int:
-    """The place with the best score within the part of the surface that the sentence means."""
+    """The vertex with the best score within the described part of the surface.
+
+    Parameters
+    ----------
+    plan
+        Scores of the surface.
+    case
+        Described part.
+    """
     points = plan.surface.vertices_m
     height = points[:, 2] / points[:, 2].max()
     there = (height >= case.low) & (height <= case.high)

@@ -26,7 +26,21 @@ def mitc4_stiffness(
     thickness_m: float,
     material: IsotropicMaterial,
 ) -> Float[np.ndarray, "q 24 24"]:
-    """Element matrices in (displacement, rotation) per corner, global axes."""
+    """Element matrices in (displacement, rotation) per corner, global axes.
+
+    Parameters
+    ----------
+    vertices_m
+        Nodes (v, 3) [m].
+    quads
+        Corners (q, 4) of the elements.
+    normals
+        Directors (v, 3), unit vectors.
+    thickness_m
+        Wall thickness [m].
+    material
+        Elastic constants.
+    """
     corners, directors = vertices_m[quads], normals[quads]
     young, nu = material.youngs_modulus_Pa, material.poisson_ratio
     law = np.zeros((5, 5))
@@ -57,7 +71,19 @@ def mitc4_factor(
     matrices: Float[np.ndarray, "q 24 24"],
     fixed: np.ndarray,
 ) -> Factor:
-    """Factored stiffness; ``fixed`` (v, 6) is a mask of freedoms."""
+    """Factorised stiffness matrix.
+
+    Parameters
+    ----------
+    vertices_m
+        Nodes (v, 3) [m].
+    quads
+        Corners (q, 4) of the elements.
+    matrices
+        Element matrices (q, 24, 24).
+    fixed
+        Mask (v, 6) of fixed degrees of freedom.
+    """
     from ..deformation.shells._front_kernels import constrain
 
     held = matrices.copy()
@@ -74,7 +100,17 @@ def mitc4_tube_stiffness(
     around: int,
     along: int,
 ) -> float:
-    """Dual-tip stiffness [N/m] of a tube at half its height, clamped at its foot."""
+    """Dual-tip stiffness [N/m] of a tube at half its height, clamped at its foot.
+
+    Parameters
+    ----------
+    radius_m, height_m, thickness_m
+        Size of the tube [m].
+    material
+        Elastic constants.
+    around, along
+        Number of elements around and along the tube.
+    """
     ring, place = (part.ravel() for part in np.mgrid[: along + 1, :around])
     angle = 2 * np.pi * place / around
     normals = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

@@ -99,7 +99,15 @@ class OpenerSensor:
         self.setup = replace(self.setup, correction=self.calibration.correction)
 
     def reader(self, cell: CrownCapCell, rng: np.random.Generator) -> Callable[[Frame], Wrench]:
-        """What the sensor reads of each of the cell's frames, axes of the tool; zeroed before the first."""
+        """A function that reads the wrench from the frames of a cell, axes of the tool; zeroed before the first.
+
+        Parameters
+        ----------
+        cell
+            Simulated cell.
+        rng
+            Source of the camera's noise.
+        """
         sensor = self._zeroed(rng)
         to_sensor = np.kron(np.eye(2), ROTATION_TOOL_SENSOR.T)
 

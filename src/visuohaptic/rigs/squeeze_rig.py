@@ -12,8 +12,9 @@ from jaxtyping import Float
 
 from ..core.errors import CalibrationError
 from ..sensing.foam.finger import FingerReading, FingerSensor
-from ..simulation.foam.strip import Outline
-from ..simulation.tabletop.gripper import GraspObject, GripperTruth, VirtualGripper
+from ..simulation.foam.outline import Outline
+from ..simulation.tabletop.gripper import VirtualGripper
+from ..simulation.tabletop.gripper_setup import GraspObject, GripperTruth
 from .virtual_gripper import GripperSensor
 
 __all__ = ["BOTTLE", "FORCES_N", "Squeeze", "plot_squeeze", "run", "squeeze", "stiffness_N_per_m"]
@@ -56,6 +57,17 @@ def squeeze(
 
     The sensor alone controls the gripper; no reading of its drive is used.
 
+    Parameters
+    ----------
+    sensor
+        Zeroed sensor.
+    gripper
+        Simulated gripper with the object.
+    forces_N
+        Rising forces to hold [N].
+    speed_m_s
+        Closing speed [m/s].
+
     Raises
     ------
     CalibrationError
@@ -80,7 +92,17 @@ def squeeze(
 
 
 def run(folder: Path | str, rng: np.random.Generator, *, stripe: bool = True) -> list[Squeeze]:
-    """Build the sensor in a folder and squeeze the bottle; writes ``squeeze.png``."""
+    """Build the sensor in a folder and squeeze the bottle; writes ``squeeze.png``.
+
+    Parameters
+    ----------
+    folder
+        Existing folder.
+    rng
+        Source of all noise.
+    stripe
+        Whether the foam has a stripe.
+    """
     rig = GripperSensor(stripe=stripe)
     sensor = rig.build(folder, rng)
     sensor.reset()
@@ -90,7 +112,15 @@ def run(folder: Path | str, rng: np.random.Generator, *, stripe: bool = True) ->
 
 
 def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
-    """Contours in the fixed frame at each force, measured against true."""
+    """Contours in the fixed frame at each force, measured against true.
+
+    Parameters
+    ----------
+    found
+        Readings and truth.
+    path
+        Image to write.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 4.8), layout="constrained")
@@ -114,7 +144,13 @@ def plot_squeeze(found: Sequence[Squeeze], path: Path | str) -> None:
 
 
 def stiffness_N_per_m(found: Sequence[Squeeze]) -> float:
-    """Slope of force over the way that the object's surface has gone (Fig. 3.13), by least squares."""
+    """Slope of force over the displacement of the object's surface (Fig. 3.13), by least squares.
+
+    Parameters
+    ----------
+    found
+        Readings at two forces at least.
+    """
     force, way = [], []
     for one in found:
         if not one.reading.profile.contacts:

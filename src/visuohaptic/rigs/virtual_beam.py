@@ -78,7 +78,13 @@ class VirtualBeam:
         return RodRenderer(self.rig, self.camera, self.prints(), self.effects)
 
     def T_camera_sensor(self, t_s: float) -> Pose:
-        """Where the camera is at a time."""
+        """Pose of the sensor in the camera frame at a time.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         return hand_held(self.rig, t_s) if self.view == "moving" else self.rig.T_camera_sensor
 
     def frames(
@@ -89,7 +95,19 @@ class VirtualBeam:
         start_s: float = 0.0,
         renderer: RodRenderer | None = None,
     ) -> Iterator[Frame]:
-        """One frame for each wrench at the tip."""
+        """One frame for each wrench at the tip.
+
+        Parameters
+        ----------
+        wrenches
+            Forces [N] and moments [Nm] at the tip (6).
+        rng
+            Source of the noise.
+        start_s
+            Time of the first frame [s].
+        renderer
+            Renderer to reuse.
+        """
         renderer = renderer or self.renderer()
         for index, wrench in enumerate(wrenches):
             t_s = start_s + index / self.frame_rate_Hz
@@ -98,7 +116,13 @@ class VirtualBeam:
             yield Frame(renderer.render(state, rng=rng, T_camera_sensor=view, t_s=t_s), t_s, index)
 
     def write(self, folder: Path | str) -> Path:
-        """Write ``sensor.yaml``, ``beam.yaml``, ``camera.yaml`` and ``templates/``; returns the first."""
+        """Write ``sensor.yaml``, ``beam.yaml``, ``camera.yaml`` and ``templates/``; returns the first.
+
+        Parameters
+        ----------
+        folder
+            Folder to write.
+        """
         import cv2
 
         folder = Path(folder)
@@ -138,7 +162,13 @@ class VirtualBeam:
         return folder / "sensor.yaml"
 
     def sensor(self, folder: Path | str) -> TrackedBeam:
-        """The sensor as it reads its own files; not yet zeroed."""
+        """The sensor as loaded from its own files; not yet zeroed.
+
+        Parameters
+        ----------
+        folder
+            Folder to write.
+        """
         path = self.write(folder)
         BeamSensorConfig.load(path)
         return TrackedBeam.load(path)
@@ -161,6 +191,15 @@ def write_beam_example(
 
     ``rest.mp4`` shows the untouched sensor, ``push.mp4`` forces along Y and Z, then a mixed
     load; a hand holds the camera. ``truth.csv`` has the load of the physics.
+
+    Parameters
+    ----------
+    folder
+        Folder to write.
+    seed
+        Seed of all noise.
+    say
+        Called with the name of each step.
     """
     folder = Path(folder)
     virtual = VirtualBeam(effects=_DAYLIGHT)

@@ -42,7 +42,13 @@ HOLE = (0.27, 0.73)
 
 
 def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
-    """The visible parts, and a transparency region a little smaller than the hidden part."""
+    """The visible parts, and a transparency region a little smaller than the hidden part.
+
+    Parameters
+    ----------
+    bottle
+        Object.
+    """
     low, high = HOLE[0] * bottle.height_m, HOLE[1] * bottle.height_m
     visible = SurfaceMesh(*bottle.mesh(0.0, low)).joined(SurfaceMesh(*bottle.mesh(high, bottle.height_m)))
     hidden, _ = bottle.mesh(low, high, caps=False)
@@ -51,7 +57,15 @@ def scene(bottle: Bottle) -> tuple[SurfaceMesh, HoleRegion]:
 
 
 def true_points(bottle: Bottle, rows: int = 24, columns: int = 48) -> Float[np.ndarray, "n 3"]:
-    """A regular grid of the hidden wall."""
+    """A regular grid of the hidden wall.
+
+    Parameters
+    ----------
+    bottle
+        Object.
+    rows, columns
+        Number of points along the height and around.
+    """
     z = (HOLE[0] + (HOLE[1] - HOLE[0]) * (np.arange(rows) + 0.5) / rows) * bottle.height_m
     theta = 2 * np.pi * np.arange(columns) / columns
     tt, zz = (part.ravel() for part in np.meshgrid(theta, z))
@@ -60,7 +74,15 @@ def true_points(bottle: Bottle, rows: int = 24, columns: int = 48) -> Float[np.n
 
 
 def errors_m(points: Float[np.ndarray, "n 3"], mesh: SurfaceMesh) -> Float[np.ndarray, "n"]:
-    """Distance of points from a mesh: from the nearest triangle's plane, where one is near."""
+    """Distance of points from a mesh [m]: from the plane of the nearest triangle, where one is near.
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) [m].
+    mesh
+        Estimated surface.
+    """
     from scipy.spatial import cKDTree
 
     centres, normals = mesh.vertices_m[mesh.faces].mean(axis=1), mesh.face_normals
@@ -79,7 +101,21 @@ def explore(
     priors: bool = True,
     touches: int = TOUCHES,
 ) -> dict[str, Any]:
-    """Mean square error after each touch, rank correlation of the uncertainty, time of a step."""
+    """Mean square error after each touch, rank correlation of the uncertainty, time of a step.
+
+    Parameters
+    ----------
+    bottle
+        Object.
+    rng
+        Source of noise and of random touches.
+    planned
+        Whether touches are planned, else at random.
+    priors
+        Whether priors of the shape are used.
+    touches
+        Number of touches.
+    """
     from scipy.stats import spearmanr
 
     visible, region = scene(bottle)
@@ -130,7 +166,15 @@ def _told_and_true(completion: Completion, bottle: Bottle) -> tuple[np.ndarray, 
 
 
 def wall_distance_m(bottle: Bottle, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Distance of points near the wall from it: along the normal, of second order in the radial distance."""
+    """Distance of points near the wall from it [m]: along the normal, of second order in the radial distance.
+
+    Parameters
+    ----------
+    bottle
+        Object.
+    points
+        Points (n, 3) [m].
+    """
     theta = np.arctan2(points[:, 1], points[:, 0])
     z = np.clip(points[:, 2], 0.0, bottle.height_m)
     rho = bottle.radius_m(theta, z)
@@ -141,13 +185,25 @@ def wall_distance_m(bottle: Bottle, points: Float[np.ndarray, "n 3"]) -> Float[n
 
 
 def touches_to_tenth(mse: list[float]) -> float:
-    """First touch after which the error is a tenth of that of the untouched extrapolation."""
+    """First touch after which the error is a tenth of that of the untouched extrapolation.
+
+    Parameters
+    ----------
+    mse
+        Mean square error [m^2] before and after each touch.
+    """
     below = np.flatnonzero(np.array(mse) <= 0.1 * mse[0])
     return float(below[0]) if len(below) else float("inf")
 
 
 def blown_up(mse: list[float]) -> bool:
-    """An error that rises above twice the untouched one, or tenfold in one step to a fifth of it."""
+    """Whether the error rises above twice the untouched one, or tenfold in one step to a fifth of it.
+
+    Parameters
+    ----------
+    mse
+        Mean square error [m^2] before and after each touch.
+    """
     found = np.array(mse)
     jump = (found[1:] > 10 * found[:-1]) & (found[1:] > 0.2 * found[0])
     # Half a millimetre is noise, not a blow-up, however good the start was.

@@ -108,7 +108,13 @@ class RealObject:
 
 
 def description(name: str) -> ContainerDescription:
-    """A class that is shipped or made up here, with its ranges."""
+    """A container class, shipped or defined here, with its ranges.
+
+    Parameters
+    ----------
+    name
+        Name of the class.
+    """
     text = CUT_BOTTLE if name == "cut-bottle" else UNKNOWN.get(name)
     if text is None:
         return load_container(name)
@@ -116,7 +122,19 @@ def description(name: str) -> ContainerDescription:
 
 
 def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle: bool = True) -> Any:
-    """Features of the classes from ``objects build``, kept in the folder."""
+    """Features of the classes from ``objects build``, kept in the folder.
+
+    Parameters
+    ----------
+    folder
+        Folder that keeps the features.
+    variants
+        Variants of each class.
+    seed
+        Seed of the variants.
+    cut_bottle
+        Whether the class of cut bottles is included.
+    """
     from ..deformation.maps.build_plan import BuildPlan, plan_jobs
     from ..deformation.maps.class_build import build
     from ..deformation.shapes.container import class_names
@@ -130,7 +148,19 @@ def training_set(folder: Path | str, variants: int, *, seed: int = 0, cut_bottle
 
 
 def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealObject:
-    """One draw of an unseen object: of the nine it is always the same container, perturbed, unless varied."""
+    """One sample of an unseen object: of the nine always the same container, perturbed, unless varied.
+
+    Parameters
+    ----------
+    name
+        Name of the object.
+    draw
+        Number of the sample.
+    seed
+        Seed of all samples.
+    varied
+        Whether the container differs between samples.
+    """
     key = sorted({*REAL, *UNKNOWN, "elliptic"}).index(name)
     base = draw_variant(description(name), draw if varied or name in UNKNOWN else 0, seed)
     for attempt in range(20):
@@ -145,7 +175,17 @@ def real_draw(name: str, draw: int, seed: int, *, varied: bool = False) -> RealO
 def perturbed(
     container: ContainerDescription, rng: np.random.Generator, *, wall: float = 0.1, shape: float = 0.02
 ) -> ContainerDescription:
-    """Every length by its own factor, all walls by a common one."""
+    """Every length by its own factor, all walls by a common one.
+
+    Parameters
+    ----------
+    container
+        Nominal shape.
+    rng
+        Source of randomness.
+    wall, shape
+        Maximum relative change of the wall thickness and of each length.
+    """
     common = 1 + rng.uniform(-wall, wall)
 
     def changed(part: Any, key: str = "") -> Any:
@@ -167,7 +207,19 @@ def perturbed(
 def real_object(
     container: ContainerDescription, rng: np.random.Generator, *, around: int = 72, modulus: float = 0.1
 ) -> RealObject:
-    """Felt stiffness of one container under a gripper whose pose is wrong."""
+    """Measured stiffness of one container under a gripper whose pose is wrong.
+
+    Parameters
+    ----------
+    container
+        Shape and material.
+    rng
+        Source of the errors.
+    around
+        Number of elements around the container.
+    modulus
+        Maximum relative change of Young's modulus.
+    """
     thing = mesh_container(container, around=around, even=True)
     capped = container.top.kind != "open"
     steps = max(2, round(around / 12))
@@ -205,7 +257,15 @@ def real_object(
 
 
 def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Deformation [m] and force [N] of one finger while the gripper closes."""
+    """Deformation [m] and force [N] of one finger while the gripper closes.
+
+    Parameters
+    ----------
+    stiffness_N_per_m
+        Stiffness of the object [N/m].
+    rng
+        Source of noise.
+    """
     step = min(SPEED_m_per_s / RATE_Hz, MAX_N / stiffness_N_per_m / 6)
     last = min(MAX_m, MAX_N / stiffness_N_per_m)
     deformation = np.arange(1, int(last / step + 1e-9) + 1) * step
@@ -216,7 +276,15 @@ def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.n
 
 
 def explore(thing: RealObject, rng: np.random.Generator) -> Any:
-    """A function (height, axis) -> touch of this object, with noise of both sensors."""
+    """A function (height, axis) -> touch of this object, with noise of both sensors.
+
+    Parameters
+    ----------
+    thing
+        Object.
+    rng
+        Source of noise.
+    """
     from ..recognition.data.readings import TouchReading, fit_curve
 
     def touch(height: int, axis: str) -> TouchReading:
@@ -232,7 +300,13 @@ def explore(thing: RealObject, rng: np.random.Generator) -> Any:
 
 
 def both_sides(touch: Any) -> Any:
-    """The same touch as a pair of stiffnesses, for trees."""
+    """The same touch as a pair of stiffnesses, for trees.
+
+    Parameters
+    ----------
+    touch
+        Reading of one side.
+    """
 
     def pair(height: int, axis: str) -> tuple[float, float]:
         first, second = touch(height, axis).sides

@@ -52,12 +52,16 @@ def virtual_opener(
 
     Parameters
     ----------
+    seed
+        Seed of the cell.
     sight
         What the camera knows near the cap: ``start`` no more than the start error, up to
         ``error_m`` on each axis; ``corner`` exactly that much on each axis; ``tracked`` what
         Table 3.1 says: a millimetre aside and a centimetre in height, and two millimetres of the arm.
     error_m, error_rad
         Start errors: place on each axis, and angle of the tool about a random axis.
+    duration_s
+        Maximum simulated time [s].
     beam
         The rod that carries the opener.
     """
@@ -93,6 +97,12 @@ def open_virtual_cap(
 
     Parameters
     ----------
+    seed
+        Seed of the cell.
+    sight
+        As in :func:`virtual_opener`.
+    settings
+        Of the task.
     sensor
         Reads the wrench from pictures of the bending rod; by default it is the truth with noise.
     """

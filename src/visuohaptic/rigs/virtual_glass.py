@@ -26,7 +26,17 @@ LOW_M, HIGH_M, VOXEL_M = (-0.5, -0.5, 0.0), (0.5, 0.5, 0.4), 0.008
 
 
 def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
-    """The views of a scene with their true poses."""
+    """The views of a scene with their true poses.
+
+    Parameters
+    ----------
+    scene
+        Scene with its views.
+    seed
+        Seed of the camera's noise.
+    width
+        Width of the images [px].
+    """
     sensor = DepthCamera.kinect(width)
     views = scene.render(sensor, np.random.default_rng([6, seed]))
     return [
@@ -36,7 +46,15 @@ def rendered(scene: GlassScene, seed: int, width: int) -> list[DepthFrame]:
 
 
 def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
-    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses."""
+    """The same views with errors of 3 mm and 0.1 degrees per axis in their poses.
+
+    Parameters
+    ----------
+    frames
+        Views with true poses.
+    seed
+        Seed of the errors.
+    """
     rng = np.random.default_rng([7, seed])
     return [
         replace(frame, T_world_camera=disturb_pose(frame.T_world_camera, rng, *POSE_NOISE))
@@ -45,7 +63,15 @@ def disturbed(frames: Sequence[DepthFrame], seed: int) -> list[DepthFrame]:
 
 
 def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegion, ...]:
-    """Regions by one of the methods."""
+    """Regions by one of the methods.
+
+    Parameters
+    ----------
+    frames
+        Views.
+    method
+        ``consistency`` or ``published``.
+    """
     grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
     if method == "published":
         published = TransparencyDetector(grid)
@@ -58,7 +84,15 @@ def detected(frames: Sequence[DepthFrame], method: str) -> tuple[TransparentRegi
 
 
 def judged(scene: GlassScene, regions: Sequence[TransparentRegion]) -> dict[str, float]:
-    """Objects, objects found, false regions, and voxels right, told and true."""
+    """Number of objects, objects found, false regions, and voxels right, estimated and true.
+
+    Parameters
+    ----------
+    scene
+        Truth.
+    regions
+        Detected parts.
+    """
     grid = SpaceGrid.around(LOW_M, HIGH_M, VOXEL_M)
     centres = grid.centres_m(np.argwhere(np.ones(grid.shape, dtype=bool)))
     truth = scene.truth(centres)

@@ -14,19 +14,19 @@ from ..sensing.foam.finger import FingerSensor
 from ..sensing.foam.strip.config import FoamSensorConfig
 from ..sensing.foam.strip.stripe_view import train_stripe
 from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import StripLaw
 from ..simulation.rendering._finger_tag import FingerTag
 from ..simulation.rendering.appearance import Occluder
 from ..simulation.rendering.effects import CameraEffects
-from ..simulation.tabletop.gripper import (
+from ..simulation.tabletop.gripper import VirtualGripper
+from ..simulation.tabletop.gripper_setup import (
     GRIPPER_RIG,
     ROD,
     RUBBER_FOAM,
     STRIPE_M,
     FingerView,
     GraspObject,
-    VirtualGripper,
     gripper_look,
 )
 from .virtual_sensor import calibrate_by_press

@@ -29,7 +29,13 @@ ROBOT = RobotModel(0.17)
 
 
 def tag(**values: float | bool | int | None) -> HapticTag:
-    """A tag from plain numbers, as in objects.yaml."""
+    """A tag from plain numbers, as in ``objects.yaml``.
+
+    Parameters
+    ----------
+    values
+        Fields of the tag; floats become estimates without uncertainty.
+    """
     given: dict[str, Any] = {
         name: Estimate(value, 0.0) if isinstance(value, float) else value for name, value in values.items()
     }
@@ -47,7 +53,17 @@ FULL_BIN = tag(static_friction_N=6.5, dynamic_friction_N=6.1, deformability=0.0,
 def box(
     x: float, y: float, width: float, depth: float | None = None, angle_rad: float = 0.0
 ) -> Float[np.ndarray, "4 2"]:
-    """Outline of a box about its centre."""
+    """Outline of a box about its centre.
+
+    Parameters
+    ----------
+    x, y
+        Centre [m].
+    width, depth
+        Size [m]; a square by default.
+    angle_rad
+        Rotation [rad].
+    """
     half = np.array([width, width if depth is None else depth]) / 2
     c, s = np.cos(angle_rad), np.sin(angle_rad)
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
@@ -56,7 +72,15 @@ def box(
 
 
 def with_objects(grid: OccupancyMap, objects: list[MovableObject]) -> OccupancyMap:
-    """The map with every cell occupied whose centre is in an object, as a mapper would leave it."""
+    """The map with every cell occupied whose centre is in an object, as a mapper would leave it.
+
+    Parameters
+    ----------
+    grid
+        Map of the building.
+    objects
+        Movable objects.
+    """
     from shapely import Polygon, contains_xy
 
     cells = grid.cells.copy()
@@ -68,7 +92,15 @@ def with_objects(grid: OccupancyMap, objects: list[MovableObject]) -> OccupancyM
 
 
 def rooms(width_m: float, height_m: float, walls: list[tuple[float, float, float, float]]) -> OccupancyMap:
-    """A closed room of 5 cm cells with walls given as x0, y0, x1, y1."""
+    """A closed room of 5 cm cells with walls given as x0, y0, x1, y1.
+
+    Parameters
+    ----------
+    width_m, height_m
+        Size [m].
+    walls
+        Walls as (x0, y0, x1, y1) [m].
+    """
     resolution_m = 0.05
     cells = np.zeros((round(height_m / resolution_m), round(width_m / resolution_m)), np.int8)
     cells[[0, -1]] = 100
@@ -80,7 +112,13 @@ def rooms(width_m: float, height_m: float, walls: list[tuple[float, float, float
 
 
 def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
-    """Figure 4.6: a stool in a gap, a table before a room, a tower that is fixed, bins that are in nobody's way."""
+    """Figure 4.6: a stool in a gap, a table before a room, a fixed tower, and bins that block nothing.
+
+    Parameters
+    ----------
+    goal_m
+        Goal (x, y) [m].
+    """
     grid = rooms(
         6.0,
         4.6,

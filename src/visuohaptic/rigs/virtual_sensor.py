@@ -15,7 +15,7 @@ from ..sensing.foam.material.records import read_strain_stress
 from ..sensing.foam.sensor import FoamSensor
 from ..simulation.foam.press_rig import calibration_press
 from ..simulation.foam.rig import SensorRig
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.foam.strip_law import SOFT_FOAM, StripLaw, write_calibration_csv
 from ..simulation.rendering.appearance import Look
 from ..simulation.rendering.effects import CameraEffects
@@ -29,7 +29,15 @@ WEBCAM = CameraEffects(blur_px=1.0, noise_sigma=3.0, vignetting=0.2, gradient_x=
 
 
 def rest_scene(geometry: FoamStripGeometry, t_s: float = 0.0) -> FoamScene:
-    """The strip with nothing in front of it."""
+    """The strip with nothing in front of it.
+
+    Parameters
+    ----------
+    geometry
+        Foam strip.
+    t_s
+        Time of the scene [s].
+    """
     s = geometry.positions_m()
     back = geometry.back_m(s)
     return FoamScene(t_s, back, back + geometry.width_m * geometry.normals(s))
@@ -136,7 +144,15 @@ class VirtualSensor:
         return SceneRenderer(self.rig.camera, self.rig.T_camera_foam, self.look, self.effects)
 
     def rest_frames(self, rng: np.random.Generator, count: int) -> list[Frame]:
-        """Frames of the untouched strip that end just before time zero."""
+        """Frames of the untouched strip that end just before time zero.
+
+        Parameters
+        ----------
+        rng
+            Source of the noise.
+        count
+            Number of frames.
+        """
         renderer, scene = self.renderer(), rest_scene(self.geometry)
         return [
             Frame(renderer.render(scene, rng=rng), (i - count) / self.frame_rate_Hz, i - count)

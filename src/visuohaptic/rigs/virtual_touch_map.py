@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from ..navigation.mapping.haptic_map import HapticContact, HapticMap
-from ..simulation.foam.strip import FoamStripGeometry
+from ..simulation.foam.strip_geometry import FoamStripGeometry
 from ..simulation.mobile.odometry import DriftingBase, OdometryErrors
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.quick_foam import QuickFoam, QuickFrames
@@ -61,7 +61,21 @@ def map_virtual_room(
     errors: OdometryErrors | None = None,
     on_contact: Callable[[HapticContact, HapticMap], None] | None = None,
 ) -> RoomTrial:
-    """Map the room of a seed with the quick foam and drifting odometry."""
+    """Map the room of a seed with the quick foam and drifting odometry.
+
+    Parameters
+    ----------
+    seed
+        Seed of the room.
+    contacts
+        Number of contacts.
+    resolution_m
+        Side of a cell [m].
+    errors
+        Of the odometry.
+    on_contact
+        Called after each contact.
+    """
     room, rng = touch_room(seed), np.random.default_rng(seed)
     x, y, heading = room.start
     # The bumper covers the whole front: a corner of the hull beside it would be blind.
@@ -98,6 +112,15 @@ def score_map(room: TouchRoom, mapping: TouchMapping, touched: list[tuple[str, f
 
     Judged are the cells within ``AROUND_M`` of a contact point, but for those deeper
     than a wall behind a surface: nobody has felt them. Unknown counts as neither.
+
+    Parameters
+    ----------
+    room
+        Truth.
+    mapping
+        Estimated map.
+    touched
+        Contacts: name of the object and its position (x, y) [m].
     """
     from scipy.spatial import cKDTree
 

@@ -79,7 +79,15 @@ class FrameFaults:
 
 
 def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
-    """Faults of the camera as one switch; none for the kinds that are not the camera's."""
+    """Faults of the camera of one kind; none for kinds that are not the camera's.
+
+    Parameters
+    ----------
+    kind
+        What fails.
+    at_s
+        Time of the fault [s].
+    """
     return {
         FaultKind.DROPPED_FRAMES: FrameFaults(drop=0.2),
         FaultKind.LATE_FRAMES: FrameFaults(late=0.2),
@@ -90,7 +98,17 @@ def frame_faults(kind: FaultKind, at_s: float = 2.0) -> FrameFaults:
 
 
 class FaultyFrames(Closing):
-    """A ``robots.FrameSource`` that loses, repeats, delays and spoils the frames of another one."""
+    """A ``robots.FrameSource`` that loses, repeats, delays and spoils the frames of another one.
+
+    Parameters
+    ----------
+    source
+        Camera without faults.
+    faults
+        What fails, and when.
+    rng
+        Source of randomness.
+    """
 
     def __init__(self, source: FrameSource, faults: FrameFaults, rng: np.random.Generator) -> None:
         self.source, self.faults, self._rng = source, faults, rng
@@ -168,7 +186,15 @@ class PoseFaults:
 
 
 class FaultyBase:
-    """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip."""
+    """A ``robots.MobileBase`` whose pose is wrong and whose wheels slip.
+
+    Parameters
+    ----------
+    base
+        Platform without faults.
+    faults
+        What fails, and when.
+    """
 
     def __init__(self, base: MobileBase, faults: PoseFaults) -> None:
         _check_fractions(faults, slip_fraction=faults.slip_fraction)
@@ -180,7 +206,15 @@ class FaultyBase:
         self._last_s = self._start_s
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; while the wheels slip less of the speed arrives."""
+        """Set the velocities; while the wheels slip less of the speed arrives.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         self._told = (speed_m_s, turn_rate_rad_s)
         self._base.drive(speed_m_s * (1.0 - self._slip()), turn_rate_rad_s)
 
@@ -229,16 +263,20 @@ def wrong_map(
     blocks: int = 3,
     block_cells: int = 8,
 ) -> Int8[np.ndarray, "rows columns"]:
-    """A map that is wrong: shifted, with things that are not there and without things that are.
+    """A map that is wrong: shifted, with obstacles that do not exist and without obstacles that do.
 
     Parameters
     ----------
     cells
         -1 unknown, 0 free, 100 occupied.
+    rng
+        Source of randomness.
     shift_cells
         In a random direction; what comes in at the border is unknown.
     blocks
         So many squares are turned from free to occupied, and as many emptied.
+    block_cells
+        Side of the squares [cells].
     """
     cells = np.asarray(cells)
     if cells.ndim != 2 or cells.size == 0:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 from ..mesh import SurfaceMesh
@@ -37,6 +37,11 @@ def boundary_loops(mesh: SurfaceMesh) -> list[Int[np.ndarray, "k"]]:
 
     A rim is a connected set of edges that have one triangle only; vertices
     where rims meet join them.
+
+    Parameters
+    ----------
+    mesh
+        Mesh with welded vertices.
     """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
@@ -64,14 +69,35 @@ class SupportBand:
     gap_m: float  #: growth of the region until it touched the surface at every rim
     margin_m: float  #: growth that holds the band
 
+    def away(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
+        """Whether points are farther from the band than its own points from each other: there nothing was seen.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) near the surface [m].
+        """
+        from scipy.spatial import cKDTree
+
+        tree = cKDTree(self.points_m)
+        spacing, _ = tree.query(self.points_m, k=min(4, len(self.points_m)))
+        gaps, _ = tree.query(points_m)
+        return gaps > 1.2 * float(np.median(spacing[:, -1]))
+
 
 def support_band(
     mesh: SurfaceMesh, region: HoleRegion, *, most: int = 320, band_m: float | None = None
 ) -> SupportBand:
-    """Points of the visual surface around a hole, evenly spread, at most ``most``.
+    """Points of the visual surface around a hole, evenly spread.
 
     Parameters
     ----------
+    mesh
+        Visual surface, triangles counter-clockwise from outside.
+    region
+        Where the surface is missing.
+    most
+        Maximum number of points.
     band_m
         Width of the band behind each rim [m]; a quarter of the region by default.
 

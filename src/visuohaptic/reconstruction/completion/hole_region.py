@@ -27,7 +27,14 @@ class HoleRegion:
 
     @classmethod
     def of_points(cls, points_m: Float[np.ndarray, "n 3"], score: float = 1.0) -> HoleRegion:
-        """The hull of points.
+        """The convex hull of points.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        score
+            Score of the transparency detector.
 
         Raises
         ------
@@ -49,7 +56,13 @@ class HoleRegion:
         return cls(points[hull.vertices], np.unique(np.round(hull.equations, 9), axis=0), score)
 
     def distance_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """How far the hull must grow to hold a point; negative inside."""
+        """Growth of the hull at which it holds a point; negative inside.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        """
         from .._hull_kernels import hull_distance
 
         points = np.ascontiguousarray(points_m, dtype=np.float64)
@@ -58,7 +71,15 @@ class HoleRegion:
         return result
 
     def within(self, points_m: Float[np.ndarray, "n 3"], reach_m: float = 0.0) -> Bool[np.ndarray, "n"]:
-        """Whether points are in the hull grown by ``reach_m``; much faster than their distances."""
+        """Whether points are in the grown hull; much faster than their distances.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        reach_m
+            Growth of the hull [m].
+        """
         from .._hull_kernels import within_hull
 
         points = np.ascontiguousarray(points_m, dtype=np.float64)
@@ -69,7 +90,13 @@ class HoleRegion:
         return result
 
     def core(self, fraction: float = 0.6) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-        """Corners of the hull drawn to its middle by ``share``, the middle, and how deep each is inside [m]."""
+        """Corners of the shrunk hull with its middle, and the depth of each inside the hull [m].
+
+        Parameters
+        ----------
+        fraction
+            Size of the shrunk hull relative to the hull.
+        """
         middle = self.hull_m.mean(axis=0)
         points = np.concatenate([[middle], middle + fraction * (self.hull_m - middle)])
         return points, -self.distance_m(points)
@@ -93,6 +120,11 @@ class _RegionsFile(BaseModel):
 
 def load_hole_regions(path: Path | str) -> list[HoleRegion]:
     """Read ``regions.json``: ``clusters`` with ``hull`` (corners [m]) and ``score``.
+
+    Parameters
+    ----------
+    path
+        JSON file, as :func:`~visuohaptic.reconstruction.transparency.regions.save_regions` writes it.
 
     Raises
     ------

@@ -15,14 +15,28 @@ __all__ = ["HoleSpace", "supported_part"]
 
 
 class HoleSpace:
-    """The region grown by the band, and grids over it that are made once."""
+    """The region grown by the band, and grids over it that are computed once.
+
+    Parameters
+    ----------
+    region
+        Where the surface is missing.
+    band
+        Known points around it.
+    """
 
     def __init__(self, region: HoleRegion, band: SupportBand) -> None:
         self._region, self._band = region, band
         self._grids: dict[int, tuple[Grid, Bool[np.ndarray, "x y z"]]] = {}
 
     def grid(self, nodes: int) -> tuple[Grid, Bool[np.ndarray, "x y z"]]:
-        """``nodes`` along the longest edge, and which nodes are in the grown region; both never change."""
+        """Grid over the grown region, and which of its nodes are inside; both are cached.
+
+        Parameters
+        ----------
+        nodes
+            Number of nodes along the longest edge.
+        """
         if nodes not in self._grids:
             margin = self._band.margin_m
             low, high = self._region.hull_m.min(axis=0) - margin, self._region.hull_m.max(axis=0) + margin
@@ -33,6 +47,15 @@ class HoleSpace:
 
     def surface(self, fit: RbfSurface, nodes: int, supports_m: Float[np.ndarray, "s 3"]) -> SurfaceMesh:
         """The zero surface in the grown region; parts without supports are left out.
+
+        Parameters
+        ----------
+        fit
+            Signed distance, positive outside.
+        nodes
+            Number of nodes along the longest edge.
+        supports_m
+            Known points of the surface (s, 3) [m].
 
         Raises
         ------
@@ -51,7 +74,17 @@ class HoleSpace:
 
 
 def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near_m: float) -> SurfaceMesh:
-    """The connected parts of a mesh that pass within ``near_m`` of enough supports."""
+    """The connected parts of a mesh that pass near enough supports.
+
+    Parameters
+    ----------
+    mesh
+        Extracted surface.
+    supports_m
+        Known points of the surface (s, 3) [m].
+    near_m
+        Maximum distance of a support from a part [m].
+    """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree

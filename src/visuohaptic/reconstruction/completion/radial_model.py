@@ -100,7 +100,13 @@ class RadialModel:
     def expected(
         self, points_m: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, "n"], Float[np.ndarray, "n"]]:
-        """Distance of the wall from the axis at the angles and heights of points [m], and its deviation [m]."""
+        """Mean and standard deviation of the distance of the wall from the axis [m].
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) whose angles and heights are used [m].
+        """
         theta, _ = _polar(points_m, self.prior)
         z_m = points_m[:, 2]
         here, known = (theta, z_m, np.arange(len(z_m))), (self.theta, self.z_m, self.row)
@@ -124,7 +130,13 @@ class RadialModel:
         return mean_m, np.sqrt(np.maximum(square_m2 - mean_m**2, 0.0))
 
     def deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Root mean square radial distance of estimated points from the wall [m]; no less than to the wall itself."""
+        """Root mean square radial distance of estimated points from the wall [m]; no less than to the wall itself.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) of the estimated surface [m].
+        """
         if not len(points_m):
             return np.zeros(0)
         expected_m, sigma_m = self.expected(points_m)
@@ -132,7 +144,15 @@ class RadialModel:
 
 
 def wall_seen(prior: ShapePrior, band: SupportBand) -> WallSeen:
-    """The walls of the bands, each row told at its middle height."""
+    """The walls of the bands in bins, each row at its middle height.
+
+    Parameters
+    ----------
+    prior
+        Axis and cross-sections of the bands.
+    band
+        Known points around the hole.
+    """
     points_m = band.points_m[np.abs(band.normals[:, 2]) < 0.85]
     theta, rho_m = _polar(points_m, prior)
     logs = np.log(rho_m) - prior.section(theta, points_m[:, 2])

@@ -27,6 +27,17 @@ class Centres:
     sigmas: list[float] = field(default_factory=list)
 
     def put(self, point: np.ndarray, value: float, sigma_m: float) -> None:
+        """Append a centre.
+
+        Parameters
+        ----------
+        point
+            Position (3) [m].
+        value
+            Signed distance at it [m], positive outside.
+        sigma_m
+            Standard deviation of the distance [m].
+        """
         self.points.append(point)
         self.values.append(value)
         self.sigmas.append(sigma_m)
@@ -35,7 +46,17 @@ class Centres:
 def with_off_surface(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], d_m: float
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m"]]:
-    """Centres on, outside (+d) and inside (-d); d is shortened near other points (Sec. 5.3.1)."""
+    """Centres on, outside (+d) and inside (-d); d is shortened near other points (Sec. 5.3.1).
+
+    Parameters
+    ----------
+    points
+        Points (n, 3) of the surface [m].
+    normals
+        Unit normals (n, 3), outwards.
+    d_m
+        Distance of the off-surface centres [m].
+    """
     from scipy.spatial import cKDTree
 
     tree = cKDTree(points)
@@ -59,10 +80,14 @@ def around_core(
     region: HoleRegion,
     rho: Callable[[Float[np.ndarray, "n"], float], Float[np.ndarray, "n"]],
 ) -> RbfSurface:
-    """Inside is where the region's core is: bands far from each other would close each on its own.
+    """The fit with centres that keep the core of the region inside: bands far apart would close each on its own.
 
     Parameters
     ----------
+    fit
+        Spline of the visible bands.
+    region
+        Where the surface is missing.
     rho
         Smoothing of centres by their deviation [m] and the extent of the fit [m].
     """
@@ -80,7 +105,15 @@ def around_core(
 
 
 def free_points(touch: Touch, d_m: float) -> list[np.ndarray]:
-    """Points that a probe passed without contact, half of ``d_m`` apart and that much before a contact."""
+    """Points that a probe passed without contact, half of ``d_m`` apart, up to ``d_m`` before a contact.
+
+    Parameters
+    ----------
+    touch
+        Movement of the probe.
+    d_m
+        Distance kept from the contact, twice that between the points [m].
+    """
     if touch.start_m is None:
         return []
     end = touch.end_m if touch.contact_m is None else touch.contact_m

@@ -14,7 +14,6 @@ that nobody measured.
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,8 +37,6 @@ from .uncertainty import SurfaceUncertainty, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 
-_log = logging.getLogger(__name__)
-
 #: Points of a ring whose deviation is below this part of its radius count as supports of the plan.
 _TRUSTED = 0.06
 #: Rings more uncertain than this part of their radius are not used.
@@ -60,7 +57,7 @@ class CompletionSettings:
     grid: int = 64  #: nodes along the longest edge of the region, of the surface
     plan_grid: int = 34  #: the same, of the mesh on which the next touch is planned
     visual_sigma_m: float = 0.0005  #: noise of the visible surface
-    use_priors: bool = True  #: rings of kindred cross-sections from each touch
+    use_priors: bool = True  #: rings of similar cross-sections from each touch
     ring_points: int = 11  #: of each touch
 
 
@@ -73,6 +70,8 @@ class Completion:
         The visible surface, triangles counter-clockwise from outside, z up.
     region
         Where it is missing.
+    settings
+        Of bands, grids and priors; defaults follow from the size of the region.
     T_visual_haptic
         Maps touches to the frame of the visible surface.
 
@@ -104,7 +103,8 @@ class Completion:
         self.prior: ShapePrior | None = None
         if self.settings.use_priors:
             self.prior = fit_prior(self.band.points_m, self.band.normals, middle_z)
-        self._axis: Float[np.ndarray, "2"] = (
+        #: x and y of the height axis [m].
+        self.axis_m: Float[np.ndarray, "2"] = (
             self.prior.axis_m
             if self.prior is not None
             else height_axis(self.band.points_m, self.band.normals)
@@ -118,7 +118,7 @@ class Completion:
         self._fit = self._visible
         self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
         self._free: list[np.ndarray] = []  #: points that were passed without contact
-        self._innovations: list[float] = []  #: how far touches were off, in deviations
+        self._innovations: list[float] = []  #: standardised residuals of the touches
         self._prior_misses: list[float] = []
         self._space = HoleSpace(region, self.band)
         self._seen: WallSeen | None = None
@@ -134,17 +134,18 @@ class Completion:
         return (np.asarray(sigma_m) / extent_m) ** 2 / self._scale
 
     @property
-    def axis_m(self) -> Float[np.ndarray, "2"]:
-        """x and y of the height axis [m]."""
-        return self._axis
-
-    @property
     def implicit(self) -> RbfSurface:
         """The fitted signed distance, positive outside."""
         return self._fit
 
     def add(self, touch: Touch) -> None:
-        """Join a touch: its contact is on the surface, its line up to there is outside."""
+        """Join a touch: its contact is on the surface, its line up to there is outside.
+
+        Parameters
+        ----------
+        touch
+            Contact, or free line, in the frame of the probe.
+        """
         touch = touch.moved(self._pose) if self._pose is not None else touch
         self.touches.append(touch)
         fresh = Centres()
@@ -168,7 +169,7 @@ class Completion:
         if self.prior is None:
             return
         for earlier, _ in self._contacts[-8:]:
-            # A ring foretells another touch only at its own height.
+            # A ring predicts another touch only at its own height.
             if abs(earlier[2] - contact[2]) > 0.05 * self.region.size_m:
                 continue
             points, sigma = self.prior.ring(earlier, 71)
@@ -195,10 +196,10 @@ class Completion:
         return False
 
     def _rings(self, contact: Float[np.ndarray, "3"], sigma_m: float, into: Centres) -> None:
-        """Where the rest of a touched ring is, by the kindred cross-sections of the bands."""
+        """Where the rest of a touched ring is, by the similar cross-sections of the bands."""
         if self.prior is None:
             return
-        radius = float(np.linalg.norm(contact[:2] - self._axis))
+        radius = float(np.linalg.norm(contact[:2] - self.axis_m))
         points, spread = self.prior.ring(contact, self.settings.ring_points)
         held = np.full(len(points), self.prior.p_sweep)
         if self.prior.p_mirror > 0.5 > self.prior.p_sweep:
@@ -250,35 +251,23 @@ class Completion:
     def _supports(self) -> Float[np.ndarray, "s 3"]:
         return np.vstack([self.band.points_m, *(contact for contact, _ in self._contacts)])
 
-    def _extract(self, nodes: int) -> SurfaceMesh:
-        return self._space.surface(self._fit, nodes, self._supports())
-
     def surface(self) -> SurfaceMesh:
         """The estimated surface in the grown region [m]; it overlaps the visible one in the band."""
-        return self._extract(self.settings.grid)
+        return self._space.surface(self._fit, self.settings.grid, self._supports())
 
     def completed(self) -> SurfaceMesh:
         """The visible surface and, where that is missing, the estimated one."""
         found = self.surface()
-        missing = self._missing(found.vertices_m[found.faces].mean(axis=1))
+        missing = self.band.away(found.vertices_m[found.faces].mean(axis=1))
         if not missing.any():
             return self.visual
         part = found.submesh(np.flatnonzero(missing))
         colors = None if self.visual.colors is None else np.full((len(part.vertices_m), 3), 200, np.uint8)
         return self.visual.joined(SurfaceMesh(part.vertices_m, part.faces, colors))
 
-    def _missing(self, points_m: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, "n"]:
-        """Whether points are away from every visible support and contactless part of the band."""
-        from scipy.spatial import cKDTree
-
-        tree = cKDTree(self.band.points_m)
-        spacing, _ = tree.query(self.band.points_m, k=min(4, len(self.band.points_m)))
-        gaps, _ = tree.query(points_m)
-        return gaps > 1.2 * float(np.median(spacing[:, -1]))
-
     def _planned(self) -> tuple[SurfaceMesh, BiharmonicMesh]:
         if self._plan is None:
-            mesh = self._extract(self.settings.plan_grid)
+            mesh = self._space.surface(self._fit, self.settings.plan_grid, self._supports())
             self._plan = mesh, BiharmonicMesh(mesh.vertices_m, mesh.faces)
         return self._plan
 
@@ -286,7 +275,7 @@ class Completion:
         """Score of every vertex of the planning mesh, and whether it is in the part that was not seen."""
         if self._score is None:
             mesh, distances = self._planned()
-            self._score = distances.score(self._support_vertices(mesh)), self._missing(mesh.vertices_m)
+            self._score = distances.score(self._support_vertices(mesh)), self.band.away(mesh.vertices_m)
         return self._score
 
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
@@ -308,9 +297,15 @@ class Completion:
         return self._uncertainty
 
     def sigma_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision."""
+        """Standard deviation of the completed surface at points of it [m]; where it was seen, that of vision.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) of the completed surface [m].
+        """
         sigma = np.full(len(points_m), self.settings.visual_sigma_m)
-        missing = self._missing(points_m) & (self.region.distance_m(points_m) < self.band.gap_m)
+        missing = self.band.away(points_m) & (self.region.distance_m(points_m) < self.band.gap_m)
         if missing.any():
             found = self.uncertainty()
             sigma[missing] = between(found.mesh.vertices_m, found.sigma_m, points_m[missing])
@@ -318,7 +313,7 @@ class Completion:
 
     @property
     def calibration(self) -> float:
-        """How many times farther than told touches were off: rms, with two imagined touches at 3.
+        """Root mean square of the standardised residuals of the touches, with two imagined ones of 3.
 
         The process is fitted to the visible bands, and what is hidden is rougher than
         what is seen: without touches its deviation is too small.
@@ -334,7 +329,7 @@ class Completion:
         for contact, sigma in self._contacts:
             self._rings(contact, sigma, trusted)
         for point, sigma in zip(trusted.points, trusted.sigmas, strict=True):
-            if sigma < _TRUSTED * np.linalg.norm(point[:2] - self._axis):
+            if sigma < _TRUSTED * np.linalg.norm(point[:2] - self.axis_m):
                 points.append(point)
         gaps, near = cKDTree(mesh.vertices_m).query(np.array(points))
         close = gaps < 0.06 * self.region.size_m
@@ -363,13 +358,15 @@ class Completion:
         """
         mesh, distances = self._planned()
         score, missing = self._scored()
-        ok = missing & reachable(mesh, self._axis, self.touches, size_m=self.region.size_m, clear_m=self._d_m)
+        ok = missing & reachable(
+            mesh, self.axis_m, self.touches, size_m=self.region.size_m, clear_m=self._d_m
+        )
         plans = [self._line(mesh, int(best), score)] if (best := best_vertex(score, ok)) >= 0 else []
         if not plans:
             raise InputError("Completion.next_touch", "no point of the missing part can be reached")
         for low_m, high_m in reaches_m:
             score = np.minimum(score, distances.distance(np.arange(len(score)), np.array([best]))[:, 0])
-            begins = starts(mesh.vertices_m, self._axis, self._supports(), self._d_m)
+            begins = starts(mesh.vertices_m, self.axis_m, self._supports(), self._d_m)
             gap = np.linalg.norm(begins - plans[0].start_m, axis=1)
             chosen = best_vertex(score, ok & (gap >= low_m) & (gap <= high_m))
             if chosen >= 0:
@@ -378,12 +375,10 @@ class Completion:
         return plans
 
     def _line(self, mesh: SurfaceMesh, vertex: int, score: Float[np.ndarray, "v"]) -> TouchPlan:
-        target = mesh.vertices_m[vertex]
-        start = starts(target[None], self._axis, self._supports(), self._d_m)[0]
-        end = np.array([*self._axis, target[2]])
-        direction = (end - start) / np.linalg.norm(end - start)
-        sigma_m = float(self._deviation_m(target[None])[0])
-        return TouchPlan(target, start, end, direction, float(score[vertex]), sigma_m)
+        target_m = mesh.vertices_m[vertex]
+        start_m = starts(target_m[None], self.axis_m, self._supports(), self._d_m)[0]
+        sigma_m = float(self._deviation_m(target_m[None])[0])
+        return TouchPlan.towards_axis(target_m, start_m, self.axis_m, float(score[vertex]), sigma_m)
 
     def expected_error_m(self) -> float:
         """Root mean square deviation of the missing part."""
@@ -396,5 +391,10 @@ class Completion:
 
         Never before ``MIN_TOUCHES`` contacts: what vision alone expects of the
         hidden part was not yet tested.
+
+        Parameters
+        ----------
+        bound_m
+            Accepted root mean square error of the missing part [m].
         """
         return len(self._contacts) >= MIN_TOUCHES and self.expected_error_m() < bound_m

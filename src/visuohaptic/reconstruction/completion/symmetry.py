@@ -41,13 +41,26 @@ class ShapePrior:
     mirror_rad: float = 0.0  #: direction of that plane
 
     def section(self, theta: Float[np.ndarray, "n"], z_m: Float[np.ndarray, "n"]) -> Float[np.ndarray, "n"]:
-        """e(theta) at heights: how far log rho is off that of the profile."""
+        """Logarithm of the cross-section, e(theta) at heights: log rho less that of the profile.
+
+        Parameters
+        ----------
+        theta
+            Angles (n) around the axis [rad].
+        z_m
+            Heights (n) [m].
+        """
         return self._section(theta, z_m)[0]
 
     def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
         """A touched point on the other side of the mirror plane, and its deviation [m].
 
         It doesn't ask whether the cross-section keeps its shape over the height, as :meth:`ring` does.
+
+        Parameters
+        ----------
+        point_m
+            Touched point (3) [m].
         """
         offset = np.asarray(point_m)[:2] - self.axis_m
         along = np.array([np.cos(self.mirror_rad), np.sin(self.mirror_rad)])
@@ -72,7 +85,15 @@ class ShapePrior:
     def ring(
         self, point_m: Float[np.ndarray, "3"], count: int = 12
     ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count"]]:
-        """Where the surface is at the height of a touched point, at other angles, and its deviation [m]."""
+        """Points of the surface at the height of a touched point, at other angles, and their standard deviation [m].
+
+        Parameters
+        ----------
+        point_m
+            Touched point (3) [m].
+        count
+            Number of points.
+        """
         offset = np.asarray(point_m)[:2] - self.axis_m
         radius, angle = float(np.hypot(*offset)), float(np.arctan2(offset[1], offset[0]))
         theta = angle + 2 * np.pi * np.arange(1, count + 1) / (count + 1)
@@ -106,6 +127,15 @@ def fit_prior(
     """Cross-section of the bands below and above ``middle_z_m``; ``None`` when they do not go round.
 
     Source: own; the dissertation's extrapolation has no such prior.
+
+    Parameters
+    ----------
+    points_m
+        Points (n, 3) of the bands [m].
+    normals
+        Their unit normals (n, 3), outwards.
+    middle_z_m
+        Height that divides lower and upper band [m].
     """
     axis = height_axis(points_m, normals)
     offset = points_m[:, :2] - axis

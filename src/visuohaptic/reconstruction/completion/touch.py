@@ -45,7 +45,13 @@ class Touch:
             raise InputError("Touch", f"found {self.sigma_m}, expected > 0", field="sigma_m")
 
     def moved(self, pose: Pose) -> Touch:
-        """The same touch in another frame."""
+        """The same touch in another frame.
+
+        Parameters
+        ----------
+        pose
+            Maps the frame of the touch to the other one.
+        """
         points = (
             None if point is None else pose.apply(point)
             for point in (self.contact_m, self.start_m, self.end_m)
@@ -65,6 +71,32 @@ class TouchPlan:
     score: float  #: biharmonic distance from the nearest support
     sigma_m: float  #: expected distance of the surface from the target
 
+    @classmethod
+    def towards_axis(
+        cls,
+        target_m: Float[np.ndarray, "3"],
+        start_m: Float[np.ndarray, "3"],
+        axis_m: Float[np.ndarray, "2"],
+        score: float,
+        sigma_m: float,
+    ) -> TouchPlan:
+        """The horizontal line from a start at the height of the target to the height axis.
+
+        Parameters
+        ----------
+        target_m, start_m
+            Points (3) at one height [m].
+        axis_m
+            x and y of the height axis [m].
+        score
+            Biharmonic distance of the target from the nearest support.
+        sigma_m
+            Standard deviation of the surface at the target [m].
+        """
+        end_m = np.array([*axis_m, target_m[2]])
+        direction = (end_m - start_m) / np.linalg.norm(end_m - start_m)
+        return cls(target_m, start_m, end_m, direction, score, sigma_m)
+
 
 _AXES = ("x", "y", "z")
 
@@ -74,6 +106,13 @@ def read_touches(path: Path | str, *, sigma_m: float = 0.001) -> list[Touch]:
 
     Columns ``x_m, y_m, z_m`` (contact; empty when nothing was met), optionally
     ``start_x_m, start_y_m, start_z_m``, ``end_x_m, ...`` and ``sigma_m``.
+
+    Parameters
+    ----------
+    path
+        CSV file.
+    sigma_m
+        Standard deviation of contacts without a column for it [m].
 
     Raises
     ------
@@ -111,7 +150,14 @@ def _point(row: dict[str, str], prefix: str) -> Float[np.ndarray, "3"] | None:
 def rigid_fit(
     points_haptic_m: Float[np.ndarray, "n 3"], points_visual_m: Float[np.ndarray, "n 3"]
 ) -> tuple[Pose, float]:
-    """``T_visual_haptic`` by least squares from points seen and touched, and the rms residual [m].
+    """``T_visual_haptic`` by least squares from pairs of points, and the root mean square residual [m].
+
+    Parameters
+    ----------
+    points_haptic_m
+        Points (n, 3) as touched [m].
+    points_visual_m
+        The same points (n, 3) as seen [m].
 
     Raises
     ------

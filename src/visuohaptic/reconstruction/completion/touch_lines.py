@@ -21,12 +21,16 @@ def reachable(
     size_m: float,
     clear_m: float,
 ) -> Bool[np.ndarray, "v"]:
-    """Where a horizontal line meets the surface from outside, and none went in vain before.
+    """Where a horizontal line meets the surface from outside, and none missed before.
 
     Parameters
     ----------
+    mesh
+        Estimated surface.
     axis_m
         x and y of the height axis [m].
+    touches
+        Touches so far.
     size_m
         Of the region [m].
     clear_m
@@ -52,7 +56,19 @@ def starts(
     supports_m: Float[np.ndarray, "s 3"],
     clear_m: float,
 ) -> Float[np.ndarray, "n 3"]:
-    """Where lines to targets begin: outside by the estimated radius, and outside of all supports at least."""
+    """Starts of lines to targets: outside by the estimated radius, and at least outside of all supports.
+
+    Parameters
+    ----------
+    targets_m
+        Targets (n, 3) [m].
+    axis_m
+        x and y of the height axis [m].
+    supports_m
+        Known points (s, 3) of the surface [m].
+    clear_m
+        Clearance of the starts from the surface [m].
+    """
     outward = targets_m[:, :2] - axis_m
     radius = np.linalg.norm(outward, axis=1, keepdims=True)
     reach = float(np.linalg.norm(supports_m[:, :2] - axis_m, axis=1).max())
@@ -63,5 +79,13 @@ def starts(
 
 
 def best_vertex(score: Float[np.ndarray, "v"], ok: Bool[np.ndarray, "v"]) -> int:
-    """The vertex with the largest score among those that are ``ok``; -1 where there is none."""
+    """The allowed vertex with the largest score; -1 where none is allowed.
+
+    Parameters
+    ----------
+    score
+        Scores (v).
+    ok
+        Which vertices (v) are allowed.
+    """
     return int(np.argmax(np.where(ok, score, -1.0))) if ok.any() else -1

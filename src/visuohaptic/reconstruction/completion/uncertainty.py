@@ -29,9 +29,16 @@ class SurfaceUncertainty:
 
 
 def spline_sigma_m(fit: RbfSurface, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-    """Kriging deviation of points of the zero surface along its normal [m].
+    """Kriging standard deviation of points of the zero surface along its normal [m].
 
     It is smooth: every few points are enough, the others take their neighbours'.
+
+    Parameters
+    ----------
+    fit
+        Spline.
+    points_m
+        Points (n, 3) of its zero surface [m].
     """
     some = points_m[:: max(1, len(points_m) // _SAMPLES)]
     # r(X) is a distance only where its slope is one: where it is flat, the surface moves farther.
@@ -42,7 +49,17 @@ def spline_sigma_m(fit: RbfSurface, points_m: Float[np.ndarray, "n 3"]) -> Float
 def between(
     known_m: Float[np.ndarray, "k 3"], values: Float[np.ndarray, "k"], points_m: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n"]:
-    """Values at points, from the three nearest known ones by inverse distance."""
+    """Values at points, from the three nearest known ones by inverse distance weights.
+
+    Parameters
+    ----------
+    known_m
+        Points (k, 3) with values [m].
+    values
+        Their values (k).
+    points_m
+        Points (n, 3) [m].
+    """
     from scipy.spatial import cKDTree
 
     nearest = min(3, len(known_m))

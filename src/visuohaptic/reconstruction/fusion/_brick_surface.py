@@ -16,6 +16,11 @@ def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
 
     A cube rather than a row, because the coordinates that come back are
     float32 and must stay small.
+
+    Parameters
+    ----------
+    count
+        Number of bricks.
     """
     side = max(1, int(np.ceil(np.cbrt(count))))
     side += side**3 < count
@@ -28,7 +33,22 @@ def cube_of_tiles(count: int) -> tuple[int, np.ndarray, np.ndarray]:
 def brick_surface(
     tiled: Float32[np.ndarray, "x y z"], known: np.ndarray, places: Int[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """Marching cubes over bricks side by side; vertices in voxels, joined where bricks meet."""
+    """Marching cubes over bricks side by side; vertices in voxels, joined where bricks meet.
+
+    Parameters
+    ----------
+    tiled
+        Truncated signed distances of bricks side by side (x, y, z).
+    known
+        Which of them were seen (x, y, z).
+    places
+        First voxel of each brick (n, 3).
+
+    Raises
+    ------
+    InputError
+        No surface was seen.
+    """
     from skimage.measure import marching_cubes
 
     if not known.any() or not (tiled[known].min() <= 0 < tiled[known].max()):

@@ -28,16 +28,34 @@ class DepthNoise:
     source: str = ""  #: where the constants are from
 
     def sigma_m(self, depth_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Standard deviation at depths [m]."""
+        """Standard deviation at depths [m].
+
+        Parameters
+        ----------
+        depth_m
+            Depths along the optical axis [m].
+        """
         device = self.constant_m + self.quadratic_per_m * (np.asarray(depth_m) - self.offset_m) ** 2
         return np.sqrt(device**2 + self.tracking_m**2)
 
     def edge_px(self, focal_px: float) -> int:
-        """Margin around edges in which depths are not trusted, at least one pixel [px]."""
+        """Margin around edges in which depths are not trusted, at least one pixel [px].
+
+        Parameters
+        ----------
+        focal_px
+            Focal length [px].
+        """
         return max(1, round(self.edge_rad * focal_px))
 
     def with_tracking(self, tracking_m: float) -> DepthNoise:
-        """The same camera with another accuracy of its poses."""
+        """The same camera with another accuracy of the poses.
+
+        Parameters
+        ----------
+        tracking_m
+            Standard deviation of pose and calibration errors, sigma_t [m].
+        """
         return replace(self, tracking_m=tracking_m)
 
 
@@ -59,7 +77,12 @@ SENSOR_NOISE: dict[str, DepthNoise] = {
 
 
 def sensor_noise(name: str) -> DepthNoise:
-    """Noise of a camera by its name; names as users write them are understood.
+    """Noise of a camera by its name; common spellings are understood.
+
+    Parameters
+    ----------
+    name
+        As in ``sequence.yaml``, for example ``kinect`` or ``Intel RealSense D435i``.
 
     Raises
     ------

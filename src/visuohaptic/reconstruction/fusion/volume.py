@@ -39,7 +39,20 @@ class SpaceGrid:
 
     @classmethod
     def around(cls, low_m: object, high_m: object, voxel_m: float = 0.005) -> SpaceGrid:
-        """The grid that covers a box of the world."""
+        """The grid that covers a box of the world.
+
+        Parameters
+        ----------
+        low_m, high_m
+            Lowest and highest corner of the box, world [m].
+        voxel_m
+            Edge of a voxel [m].
+
+        Raises
+        ------
+        InputError
+            The corners are not three numbers each with low < high, or the grid has too many voxels.
+        """
         low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
         if low.shape != (3,) or high.shape != (3,) or not (high > low).all():
             raise InputError("SpaceGrid", f"found corners {low_m} and {high_m}, expected low < high")
@@ -52,7 +65,13 @@ class SpaceGrid:
         return self.low_m + self.voxel_m * np.array(self.shape)
 
     def centres_m(self, cells: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Centres of voxels by their indices, world [m]."""
+        """Centres of voxels by their indices, world [m].
+
+        Parameters
+        ----------
+        cells
+            Indices (n, 3) of voxels.
+        """
         return self.low_m + self.voxel_m * (np.asarray(cells) + 0.5)
 
 
@@ -63,6 +82,15 @@ def space_of_interest(
 
     Its middle is the point nearest to all optical axes where these cross in
     front of the camera, else the median of what lies in the middle of the images.
+
+    Parameters
+    ----------
+    frames
+        Views of one camera.
+    edge_m
+        Edge of the cube [m].
+    voxel_m
+        Edge of a voxel [m].
 
     Raises
     ------

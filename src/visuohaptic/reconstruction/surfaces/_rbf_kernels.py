@@ -16,6 +16,19 @@ def cubic_values(points, centers, weights, poly, out):
     """``out = poly(x) + sum_i w_i |x - x_i|^3``; ``centers`` is (3, n), so that the loop is a vector one.
 
     Runs in the type of its arguments, float32 on grids and float64 elsewhere.
+
+    Parameters
+    ----------
+    points
+        Points (m, 3).
+    centers
+        Centres in columns (3, n).
+    weights
+        Weights (n).
+    poly
+        Constant and linear coefficients (4).
+    out
+        Values (m), filled.
     """
     xs, ys, zs = centers[0], centers[1], centers[2]
     for p in range(points.shape[0]):
@@ -30,7 +43,21 @@ def cubic_values(points, centers, weights, poly, out):
 
 @kernel(fastmath=True)
 def cubic_gradients(points, centers, weights, poly, out):
-    """Gradient of :func:`cubic_values` at points."""
+    """Gradient of :func:`cubic_values` at points.
+
+    Parameters
+    ----------
+    points
+        Points (m, 3).
+    centers
+        Centres in columns (3, n).
+    weights
+        Weights (n).
+    poly
+        Constant and linear coefficients (4).
+    out
+        Gradients (m, 3), filled.
+    """
     xs, ys, zs = centers[0], centers[1], centers[2]
     for p in range(points.shape[0]):
         x, y, z = points[p, 0], points[p, 1], points[p, 2]
@@ -46,7 +73,15 @@ def cubic_gradients(points, centers, weights, poly, out):
 
 @kernel
 def cubic_matrix(a, b, out):
-    """``out[i, j] = |a_i - b_j|^3``; points are rows."""
+    """``out[i, j] = |a_i - b_j|^3``; points are rows.
+
+    Parameters
+    ----------
+    a, b
+        Points (m, 3) and (n, 3).
+    out
+        Matrix (m, n), filled.
+    """
     for i in range(a.shape[0]):
         for j in range(b.shape[0]):
             dx, dy, dz = a[i, 0] - b[j, 0], a[i, 1] - b[j, 1], a[i, 2] - b[j, 2]
@@ -56,10 +91,25 @@ def cubic_matrix(a, b, out):
 
 @kernel
 def band_nodes(coarse, stride, band, values, wanted, nodes):
-    """Trilinear guess of every fine node, and those within ``band`` of zero in wanted places.
+    """Trilinear interpolation at every fine node, and the wanted nodes within a band around zero.
 
     ``coarse`` are the values at every ``stride``-th node. Returns the number
     of rows of ``nodes`` that were set; ``values`` holds the guesses.
+
+    Parameters
+    ----------
+    coarse
+        Values at every ``stride``-th node.
+    stride
+        Fine steps of a coarse one.
+    band
+        Half width of the band, in the unit of the values.
+    values
+        Interpolated values (x, y, z), filled.
+    wanted
+        Which fine nodes (x, y, z) are wanted.
+    nodes
+        Indices of the nodes in the band, filled from the first row.
     """
     count = 0
     nx, ny, nz = values.shape

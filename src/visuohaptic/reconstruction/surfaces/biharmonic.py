@@ -91,14 +91,26 @@ class BiharmonicMesh:
         self.embedding: Float[np.ndarray, "v k"] = (block @ vectors) / values
 
     def columns(self, index: Int[np.ndarray, "k"]) -> Float[np.ndarray, "v k"]:
-        """Exact columns of the pseudo-inverse: the area-weighted distance of two is biharmonic."""
+        """Exact columns of the pseudo-inverse; the area-weighted distance of two of them is the biharmonic one.
+
+        Parameters
+        ----------
+        index
+            Vertices (k).
+        """
         right = np.zeros((len(self.area), len(index)))
         right[index, np.arange(len(index))] = 1.0
         right -= self.area[:, None]
         return self._centred(self._factor.solve(right))
 
     def distance(self, x: Int[np.ndarray, "k"], y: Int[np.ndarray, "m"]) -> Float[np.ndarray, "k m"]:
-        """Exact biharmonic distance between vertices, in units of the mesh of extent 1 and area 1."""
+        """Exact biharmonic distance between vertices, in units of the mesh of extent 1 and area 1.
+
+        Parameters
+        ----------
+        x, y
+            Vertices (k) and (m).
+        """
         a, b = self.columns(x), self.columns(y)
         weighted = self.area[:, None] * b
         square = (self.area @ (a * a))[:, None] + (weighted * b).sum(axis=0) - 2 * (a.T @ weighted)
@@ -107,6 +119,11 @@ class BiharmonicMesh:
     @one_blas_thread()
     def score(self, supports: Int[np.ndarray, "s"]) -> Float[np.ndarray, "v"]:
         """Distance of every vertex from the nearest support (Eq. 5.7); the largest ones are exact.
+
+        Parameters
+        ----------
+        supports
+            Vertices (s) at which the surface is known.
 
         Raises
         ------

@@ -107,6 +107,15 @@ class RbfSurface:
         """The fit with further centres, by the Schur complement of the old factors.
 
         Equal to a fit of all at once; costs one solve for each new centre.
+
+        Parameters
+        ----------
+        centers_m
+            Centres (m, 3) [m].
+        values_m
+            Signed distance at each [m], positive outside.
+        rho
+            Smoothing of each, in units of the cube of the extent.
         """
         new = (np.asarray(centers_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
         values = np.asarray(values_m, dtype=np.float64).reshape(-1) / self.extent_m
@@ -152,7 +161,13 @@ class RbfSurface:
             raise InputError("RbfSurface", "the system is singular", remedy="join centres at one place")
 
     def __call__(self, points_m: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-        """Signed distance at points [m], positive outside."""
+        """Signed distance at points [m], positive outside.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 3) [m].
+        """
         points = np.asarray(points_m, dtype=np.float64)
         flat = np.ascontiguousarray((points.reshape(-1, 3) - self.origin_m) / self.extent_m)
         out = np.zeros(len(flat))
@@ -160,7 +175,13 @@ class RbfSurface:
         return (out * self.extent_m).reshape(points.shape[:-1])
 
     def on_grid(self, nodes_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
-        """As :meth:`__call__` in float32 for many points; 0.05 mm off for a bottle of 1000 centres."""
+        """As :meth:`__call__` in float32 for many points; 0.05 mm off for a bottle of 1000 centres.
+
+        Parameters
+        ----------
+        nodes_m
+            Points (n, 3) [m].
+        """
         points = ((nodes_m - self.origin_m) / self.extent_m).astype(np.float32)
         out = np.zeros(len(points), dtype=np.float32)
         centers = np.ascontiguousarray(self._centers.T.astype(np.float32))
@@ -169,14 +190,26 @@ class RbfSurface:
         return out * np.float32(self.extent_m)
 
     def gradient(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Gradient at points, about the outward normal."""
+        """Gradient at points, near the outward normal.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        """
         flat = np.ascontiguousarray((np.asarray(points_m).reshape(-1, 3) - self.origin_m) / self.extent_m)
         out = np.zeros_like(flat)
         kernels.cubic_gradients(flat, np.ascontiguousarray(self._centers.T), self._weights, self._poly, out)
         return out
 
     def normals(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Unit gradient."""
+        """Unit gradient.
+
+        Parameters
+        ----------
+        points_m
+            Points (n, 3) [m].
+        """
         found = self.gradient(points_m)
         return found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-12)
 
@@ -185,6 +218,11 @@ class RbfSurface:
         """Standard deviation of r(X) [m] of the thin-plate Gaussian process with the same kernel.
 
         Its scale is the restricted maximum-likelihood one, ``f^T w / (n - 4)``.
+
+        Parameters
+        ----------
+        points_m
+            Points (m, 3) [m].
         """
         points = (np.asarray(points_m, dtype=np.float64).reshape(-1, 3) - self.origin_m) / self.extent_m
         block = np.zeros((len(self._base), len(points)))
@@ -219,13 +257,27 @@ class Grid:
 
     @classmethod
     def over(cls, low_m: Float[np.ndarray, "3"], high_m: Float[np.ndarray, "3"], step_m: float) -> Grid:
-        """The grid that covers a box."""
+        """The grid that covers a box.
+
+        Parameters
+        ----------
+        low_m, high_m
+            Lowest and highest corner (3) [m].
+        step_m
+            Distance between nodes [m].
+        """
         low, high = np.asarray(low_m, dtype=np.float64), np.asarray(high_m, dtype=np.float64)
         counts = np.maximum(np.ceil((high - low) / step_m).astype(int) + 1, 2)
         return cls(low, (int(counts[0]), int(counts[1]), int(counts[2])), float(step_m))
 
     def nodes_m(self, index: Int[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Places of nodes."""
+        """Positions of nodes [m].
+
+        Parameters
+        ----------
+        index
+            Indices (n, 3).
+        """
         return self.low_m + self.step_m * index
 
     @property
@@ -242,6 +294,17 @@ def isosurface(
 
     r(X) is smooth: between every ``stride``-th node it is guessed by
     interpolation, and evaluated where the guess is within two steps of zero.
+
+    Parameters
+    ----------
+    surface
+        Signed distance.
+    grid
+        Nodes at which it is evaluated.
+    wanted
+        Which nodes (x, y, z) the surface may pass; all by default.
+    stride
+        Fine steps of the coarse grid on which it is interpolated.
 
     Returns
     -------

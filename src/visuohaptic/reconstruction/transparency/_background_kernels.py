@@ -16,8 +16,16 @@ __all__ = ["cast_rays", "error_score", "view_moments", "warp_views"]
 def warp_views(depths, motions, fx, fy, cx, cy, warped):
     """Depth images of other views as this view would see their points, nearest first.
 
-    ``depths`` (n, h, w) float32, NaN invalid; ``motions`` (n, 3, 4) float32, ``T_this_other``; ``warped`` (n, h,
-    w) float32 is filled, infinite where nothing lands.
+    Parameters
+    ----------
+    depths
+        Depth images (n, h, w) float32 [m], NaN invalid.
+    motions
+        ``T_this_other`` (n, 3, 4) float32.
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    warped
+        Depths in this view (n, h, w) float32 [m], filled; infinite where nothing is projected.
     """
     views, rows, columns = depths.shape
     one, zero, half = np.float32(1), np.float32(0), np.float32(0.5)
@@ -52,7 +60,22 @@ def warp_views(depths, motions, fx, fy, cx, cy, warped):
 
 @kernel(parallel=True)
 def view_moments(warped, quadratic, constant, offset, tracking, weight, min_views, mean, sigma, score):  # fmt: skip
-    """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` is corrected by n / (n - 1)."""
+    """Mean, sigma' and reliability of each pixel, Eq. (5.3); ``sigma`` is corrected by n / (n - 1).
+
+    Parameters
+    ----------
+    warped
+        Depths of the other views in this one (n, h, w) [m].
+    quadratic, constant, offset, tracking
+        Coefficients of the depth noise, see
+        :class:`~visuohaptic.reconstruction.fusion.depth_noise.DepthNoise`.
+    weight
+        Weight w of the Hellinger distance.
+    min_views
+        Minimum number of views of a pixel.
+    mean, sigma, score
+        Mean depth [m], standard deviation [m] and reliability (h, w), filled.
+    """
     views, rows, columns = warped.shape
     infinite = np.float32(np.inf)
     for i in prange(rows):
@@ -92,9 +115,24 @@ def view_moments(warped, quadratic, constant, offset, tracking, weight, min_view
 
 @kernel(parallel=True)
 def error_score(depth, mean, sigma, reliable, motions, theta, min_seen, fx, fy, cx, cy, error):  # fmt: skip
-    """Error score of each pixel, Eq. (5.4) with the sign corrected; ``motions`` (n, 3, 4) are ``T_other_this``.
+    """Error score of each pixel, Eq. (5.4) with the sign corrected.
 
-    The observed point must have been in the field of view of ``min_seen`` of the other views.
+    Parameters
+    ----------
+    depth
+        Depth image (h, w) [m].
+    mean, sigma, reliable
+        Background model (h, w): mean depth [m], standard deviation [m], reliability.
+    motions
+        ``T_other_this`` (n, 3, 4).
+    theta
+        Error function of the smallest deviation that counts.
+    min_seen
+        Minimum number of other views whose field of view holds the observed point.
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    error
+        Scores (h, w), filled.
     """
     rows, columns = depth.shape
     # erf(x) > theta only beyond this many sigma: most pixels end here.
@@ -131,9 +169,24 @@ def error_score(depth, mean, sigma, reliable, motions, theta, min_seen, fx, fy, 
 
 @kernel(parallel=True)
 def cast_rays(origin, ends, weights, low, voxel, slabs, volume):
-    """Add a weight to every voxel from the camera to the end of each ray; each thread owns a slab of the volume.
+    """Add a weight to every voxel from the camera to the end of each ray; each thread has its own slab.
 
-    ``ends`` (n, 3) points of the world; ``volume`` (x, y, z) float32 with its corner at ``low``.
+    Parameters
+    ----------
+    origin
+        Centre of the camera (3) in the world [m].
+    ends
+        Ends of the rays (n, 3) in the world [m].
+    weights
+        Weight of each ray (n).
+    low
+        Lowest corner of the volume (3) [m].
+    voxel
+        Edge of a voxel [m].
+    slabs
+        Number of slabs of the volume.
+    volume
+        Sums (x, y, z) float32, changed.
     """
     nx, ny, nz = volume.shape
     for slab in prange(slabs):

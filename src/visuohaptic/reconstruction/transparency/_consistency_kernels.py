@@ -55,10 +55,30 @@ def _votes(x, y, z, depths, motions, fx, fy, cx, cy, numbers, width):
 def classify(depth, depths, motions, warped, fx, fy, cx, cy, numbers, width, limit, predicted, label):  # fmt: skip
     """Label each pixel of a view by what other views say about its ray.
 
-    ``depths`` (n, h, w) of the others, ``motions`` (n, 3, 4) ``T_other_this``, ``warped`` (n, h, w) their depths
-    in this view, ``numbers``: quadratic, constant, offset, tracking sigma; ``width``: sigmas that still agree.
-    Filled: ``label``, ``limit`` (depth to which it speaks) and ``predicted`` (depth of the opaque surface, 0
-    unknown). Without a depth in this view a pixel with a prediction is ``DROPPED``.
+    Without a depth in this view a pixel with a prediction is ``DROPPED``.
+
+    Parameters
+    ----------
+    depth
+        Depth image (h, w) [m].
+    depths
+        Depth images of the other views (n, h, w) [m].
+    motions
+        ``T_other_this`` (n, 3, 4).
+    warped
+        Depths of the other views in this one (n, h, w) [m].
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    numbers
+        Quadratic, constant and offset coefficient of the depth noise, and sigma of tracking.
+    width
+        Number of standard deviations within which depths agree.
+    limit
+        Depth up to which each ray is evidence (h, w) [m], filled.
+    predicted
+        Depth of the opaque surface (h, w) [m], 0 unknown, filled.
+    label
+        Label of each pixel (h, w), filled.
     """
     rows, columns = depth.shape
     views = len(depths)
@@ -122,6 +142,17 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
 
     The projector is at +x for a positive ``focal_baseline`` [px m]: column u of depth z is lit through its column
     u - focal_baseline / z, and an occluder lies on the projector's side of what it hides.
+
+    Parameters
+    ----------
+    predicted
+        Depth of the expected surface (h, w) [m], 0 unknown.
+    focal_baseline
+        Focal length times baseline of the projector [px m].
+    slack
+        Tolerance of the comparison [px].
+    shadow
+        Result (h, w), filled.
     """
     rows, columns = predicted.shape
     for i in range(rows):
@@ -141,7 +172,17 @@ def projector_shadow(predicted, focal_baseline, slack, shadow):
 
 @kernel
 def tile_rays(label, limit, edge, bad, known, unknown, nearest):
-    """Per tile of the image: has it bad, known, unknown rays, and the least depth to which a ray speaks."""
+    """Per tile of the image: whether it has bad, known or unknown rays, and the smallest depth up to which a ray is evidence.
+
+    Parameters
+    ----------
+    label, limit
+        Labels and depth limits [m] of the pixels (h, w).
+    edge
+        Edge of a tile [px].
+    bad, known, unknown, nearest
+        Results of each tile, filled.
+    """
     rows, columns = label.shape
     for a in range(bad.shape[0]):
         for b in range(bad.shape[1]):
@@ -162,8 +203,30 @@ def tile_rays(label, limit, edge, bad, known, unknown, nearest):
 def count_rays(label, limit, margin, edge, bad, known, unknown, nearest, motion, fx, fy, cx, cy, low, voxel, brick, contradicted, dropped, clean, clean_brick):  # fmt: skip
     """Count for every voxel the rays that pass it before they end, by label.
 
-    Bricks of ``brick``^3 voxels whose whole picture is clean count as one, in ``clean_brick``. ``motion`` (3, 4)
-    is ``T_camera_world``; the counts (x, y, z) are uint16.
+    Bricks of ``brick``^3 voxels whose whole projection is clean are counted once, in ``clean_brick``.
+
+    Parameters
+    ----------
+    label, limit
+        Labels and depth limits [m] of the pixels (h, w).
+    margin
+        Depth before the end of a ray that does not count [m].
+    edge
+        Edge of a tile [px].
+    bad, known, unknown, nearest
+        Summary of each tile, from :func:`tile_rays`.
+    motion
+        ``T_camera_world`` (3, 4).
+    fx, fy, cx, cy
+        Focal lengths and principal point [px].
+    low, voxel
+        Lowest corner (3) and edge of a voxel [m].
+    brick
+        Edge of a brick [voxels].
+    contradicted, dropped, clean
+        Counts of each voxel (x, y, z) uint16, changed.
+    clean_brick
+        Counts of the bricks of which all rays are clean, changed.
     """
     rows, columns = label.shape
     bx, by, bz = clean_brick.shape

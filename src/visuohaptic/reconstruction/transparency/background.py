@@ -57,7 +57,13 @@ class LocalViews:
     way_m: list[float] = field(default_factory=list)  #: way at each of them [m]
 
     def jumped(self, frame: DepthFrame) -> bool:
-        """Whether the pose cannot follow on that of the last kept view."""
+        """Whether the pose cannot follow that of the last kept view.
+
+        Parameters
+        ----------
+        frame
+            Next view.
+        """
         if not self.frames:
             return False
         motion = self.frames[-1].T_world_camera.inverse() @ frame.T_world_camera
@@ -65,7 +71,13 @@ class LocalViews:
         return float(np.linalg.norm(motion.translation_m)) > self.jump_m or turn > self.jump_rad
 
     def add(self, frame: DepthFrame) -> bool:
-        """Keep a view unless it is next to the last one; tells whether it was kept."""
+        """Keep a view unless it is next to the last one; returns whether it was kept.
+
+        Parameters
+        ----------
+        frame
+            Next view.
+        """
         step = math.inf
         if self.frames:
             before = self.frames[-1].T_world_camera.translation_m
@@ -98,7 +110,13 @@ class LocalViews:
 
 
 def ideal_depth(frame: DepthFrame) -> Float32[np.ndarray, "h w"]:
-    """The depth image as a pinhole without distortion would see it (nearest pixel, no mixing of depths)."""
+    """The depth image as a pinhole without distortion would see it (nearest pixel, no mixing of depths).
+
+    Parameters
+    ----------
+    frame
+        View with lens distortion.
+    """
     camera = frame.camera
     if not camera.distortion.any():
         return np.ascontiguousarray(frame.depth_m)
@@ -111,13 +129,27 @@ def ideal_depth(frame: DepthFrame) -> Float32[np.ndarray, "h w"]:
 
 
 def motions(T_world_this: Pose, others: Sequence[Pose]) -> Float32[np.ndarray, "n 3 4"]:
-    """``T_this_other`` of each other view."""
+    """``T_this_other`` of each other view.
+
+    Parameters
+    ----------
+    T_world_this
+        Pose of this view.
+    others
+        Poses ``T_world_other``.
+    """
     inverse = T_world_this.inverse()
     return np.array([(inverse @ other).matrix[:3] for other in others], dtype=np.float32).reshape(-1, 3, 4)
 
 
 def intrinsics(camera: Camera) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-    """Focal lengths and principal point in single precision [px]."""
+    """Focal lengths and principal point in single precision [px].
+
+    Parameters
+    ----------
+    camera
+        Camera without distortion.
+    """
     matrix = camera.matrix.astype(np.float32)
     return matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
 

@@ -70,7 +70,19 @@ def ray_image(
     noise: DepthNoise = SENSOR_NOISE["kinect"],
     settings: ConsistencySettings | None = None,
 ) -> RayImage:
-    """Label every ray of a view by what other views of the same camera say."""
+    """Label every ray of a view by what other views of the same camera say.
+
+    Parameters
+    ----------
+    frame
+        View to label.
+    others
+        Other views of the same camera.
+    noise
+        Noise of the camera.
+    settings
+        Tolerances.
+    """
     from ._background_kernels import warp_views
     from ._consistency_kernels import classify
 
@@ -166,7 +178,13 @@ class ConsistencyDetector:
         self._clean_bricks = np.zeros([-(-n // _BRICK) for n in shape], np.uint16)
 
     def add(self, frame: DepthFrame) -> RayImage | None:
-        """Compare one view with those before it; None when there are too few."""
+        """Compare one view with those before it; ``None`` when there are too few.
+
+        Parameters
+        ----------
+        frame
+            Next view.
+        """
         self._remember(frame)
         reach = max(self.settings.way_m) + 0.2
         while self._way_m[-1] - self._way_m[0] > 3 * reach:
@@ -174,7 +192,13 @@ class ConsistencyDetector:
         return self._compare(len(self._frames) - 1)
 
     def run(self, frames: Sequence[DepthFrame]) -> None:
-        """Compare every view of a sequence with views around it; their order does not matter."""
+        """Compare every view of a sequence with views around it; their order does not matter.
+
+        Parameters
+        ----------
+        frames
+            All views.
+        """
         self._frames, self._way_m = [], []
         for frame in frames:
             self._remember(frame)

@@ -67,7 +67,23 @@ def error_image(
     model_poses: list[Pose],
     settings: TransparencySettings | None = None,
 ) -> Float32[np.ndarray, "h w"]:
-    """Error score of each pixel, Eq. (5.4): erf of the deviation, mapped from [theta, 1] to [0, 1], times S_r."""
+    """Error score of each pixel, Eq. (5.4): erf of the deviation, mapped from [theta, 1] to [0, 1], times S_r.
+
+    Parameters
+    ----------
+    model
+        Background model of the pixels.
+    depth_m
+        Depth image (h, w) [m].
+    camera
+        Camera without distortion.
+    T_world_camera
+        Pose of the view.
+    model_poses
+        Poses of the views of the model.
+    settings
+        Thresholds of the score.
+    """
     from ._background_kernels import error_score
 
     settings = settings or TransparencySettings()
@@ -107,7 +123,13 @@ class TransparencyDetector:
         self._views = LocalViews(s.views, s.span_m, s.gap_m, min(0.01, s.step_m), s.jump_m)
 
     def add(self, frame: DepthFrame) -> ErrorImage:
-        """Compare one view with its model and cast its error rays."""
+        """Compare one view with its model and cast its error rays.
+
+        Parameters
+        ----------
+        frame
+            Next view.
+        """
         self.views += 1
         views, settings = self._views, self.settings
         if views.jumped(frame):

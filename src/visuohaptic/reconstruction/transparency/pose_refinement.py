@@ -101,6 +101,23 @@ def alignment_step(
 
     Points are matched along their pixel's ray and measured along the normal of
     the expected surface; ``prior`` is the told motion.
+
+    Parameters
+    ----------
+    depth_m
+        Depth image to be moved (h, w) [m].
+    target_m
+        Expected depth image (h, w) [m].
+    matrix
+        Camera matrix (3, 3) [px].
+    prior
+        Measured motion ``T_target_view``.
+    noise
+        Noise of the camera.
+    sigma_m, sigma_rad
+        Standard deviation of the measured motion, position [m] and rotation [rad].
+    step_px
+        Every how many pixels a point is used.
     """
     rows, columns = np.mgrid[2 : depth_m.shape[0] - 2 : step_px, 2 : depth_m.shape[1] - 2 : step_px]
     fx, fy, cx, cy = matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]

@@ -70,7 +70,15 @@ class SearchReport:
 
 
 def search_threshold(voxels: int, false_alarms: float) -> float:
-    """Log-odds [nat] that fewer than ``false_alarms`` of ``voxels`` reach by chance."""
+    """Log-odds [nat] that fewer than ``false_alarms`` of ``voxels`` exceed by chance.
+
+    Parameters
+    ----------
+    voxels
+        Number of voxels that are searched.
+    false_alarms
+        Expected number of false voxels of a search.
+    """
     return math.log(max(voxels, 1) / false_alarms)
 
 

@@ -20,10 +20,14 @@ __all__ = ["mask_refracted_rays"]
 def mask_refracted_rays(
     frame: DepthFrame, regions: Sequence[TransparentRegion], *, min_m: float = 0.01
 ) -> DepthFrame:
-    """The frame without what was read through one of the regions.
+    """The frame without readings through one of the regions.
 
     Parameters
     ----------
+    frame
+        View to mask.
+    regions
+        Transparent parts.
     min_m
         Way inside a region's hull from which on a reading is left out: hulls are a voxel or two too large, and
         what they brush is still seen directly [m].

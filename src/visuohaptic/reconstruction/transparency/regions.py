@@ -29,7 +29,13 @@ class TransparentRegion:
     volume_m3: float  #: of the hull [m3]
 
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points of the world are in the hull."""
+        """Whether points of the world are in the hull.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 3) of the world [m].
+        """
         a, b, c = (self.hull_m[self.faces[:, k]] for k in range(3))
         normal = np.cross(b - a, c - a)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-15)
@@ -56,6 +62,8 @@ def find_regions(
         What each voxel's evidence is; averaged over a region.
     strong, weak
         Voxels that found a region, and voxels that may belong to it (a superset).
+    grid
+        Position and size of the voxels.
     min_voxels
         Strong voxels that a region needs.
     """
@@ -106,7 +114,17 @@ def _region(
 def outer_points(
     inside: Bool[np.ndarray, "x y z"], score: Float[np.ndarray, "x y z"], grid: SpaceGrid
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n"]]:
-    """Centres [m] and scores of the outer voxels: the rough shape that Alt 2016, Fig. 5.6 shows."""
+    """Centres [m] and scores of the outer voxels: the rough shape that Alt 2016, Fig. 5.6 shows.
+
+    Parameters
+    ----------
+    inside
+        Which voxels (x, y, z) are transparent.
+    score
+        Their scores (x, y, z).
+    grid
+        Position and size of the voxels.
+    """
     from scipy import ndimage
 
     outer = inside & ~ndimage.binary_erosion(inside)
@@ -115,7 +133,17 @@ def outer_points(
 
 
 def save_regions(path: Path | str, regions: tuple[TransparentRegion, ...], **about: Any) -> None:
-    """Write ``regions.json``: of each cluster its hull, centroid, size and score [m]."""
+    """Write ``regions.json``: of each cluster its hull, centroid, size and score [m].
+
+    Parameters
+    ----------
+    path
+        File to write.
+    regions
+        Transparent parts.
+    about
+        Further entries of the file.
+    """
     clusters = [
         {
             "hull": np.round(region.hull_m, 5).tolist(),

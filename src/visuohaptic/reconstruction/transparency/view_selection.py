@@ -72,6 +72,15 @@ def nearest_on_both_sides(
     """Views of the given ranks (1: the next one) on each side of one view.
 
     Between views that stand at one place, within ``_SAME_PLACE_M``, their order decides.
+
+    Parameters
+    ----------
+    baselines_m
+        Signed baselines (n) of all views to this one [m].
+    ranks
+        Ranks of the wanted views on each side.
+    index
+        Number of this view.
     """
     step = np.arange(len(baselines_m)) - index
     place = np.trunc(baselines_m / _SAME_PLACE_M)

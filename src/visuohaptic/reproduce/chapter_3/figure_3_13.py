@@ -15,8 +15,8 @@ from ...deformation.shapes.mesher import mesh_container
 from ...report.charts import COLOURS, draw_axes
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
-from ...simulation.foam.strip import Outline
-from ...simulation.tabletop.gripper import GraspObject
+from ...simulation.foam.outline import Outline
+from ...simulation.tabletop.gripper_setup import GraspObject
 from ..output import Output
 
 __all__ = ["CAPTION", "TITLE", "run"]

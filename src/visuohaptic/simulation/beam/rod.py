@@ -112,7 +112,13 @@ class RodState:
     points_m: Float[np.ndarray, "n 3"]  #: centres of the cross sections
 
     def pose(self, xi: float) -> Pose:
-        """Cross section at xi = x / L: maps its coordinates to those of the straight rod."""
+        """Cross section at xi = x / L: maps its coordinates to those of the straight rod.
+
+        Parameters
+        ----------
+        xi
+            Position along the rod over its length, 0 at the base and 1 at the tip.
+        """
         from scipy.interpolate import CubicSpline
 
         if not 0 <= xi <= 1:

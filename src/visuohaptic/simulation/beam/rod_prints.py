@@ -32,7 +32,17 @@ class Print:
 
 
 def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: float = 215.0) -> Print:
-    """AprilTag 36h11 whose black border has the side ``size_m`` [m], with half a cell of white paper."""
+    """An AprilTag 36h11 with half a cell of white paper around its black border.
+
+    Parameters
+    ----------
+    tag_id
+        Number in the family.
+    size_m
+        Side of the black border [m].
+    dark, bright
+        Grey levels of ink and paper.
+    """
     import cv2
 
     family = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
@@ -46,7 +56,17 @@ def print_of_tag(tag_id: int, size_m: float, *, dark: float = 25.0, bright: floa
 def print_of_image(
     image: UInt8[np.ndarray, "R C"], width_m: float, *, dark: float = 20.0, bright: float = 225.0
 ) -> Print:
-    """A picture as a printer puts it on paper: smooth between its pixels, and not quite black or white."""
+    """An image as a printer puts it on paper: smooth between its pixels, and not quite black or white.
+
+    Parameters
+    ----------
+    image
+        Grey image (rows, columns).
+    width_m
+        Printed width [m].
+    dark, bright
+        Grey levels of ink and paper.
+    """
     import cv2
 
     image = np.asarray(image)
@@ -59,7 +79,15 @@ def print_of_image(
 
 
 def collage(seed: int, side_px: int = 320) -> UInt8[np.ndarray, "side side"]:
-    """A picture full of shapes and shades, different for every seed; it tracks as a photo does."""
+    """An image full of shapes and shades, different for every seed; it tracks as a photo does.
+
+    Parameters
+    ----------
+    seed
+        Seed of the shapes.
+    side_px
+        Side of the image [px].
+    """
     import cv2
 
     rng = np.random.default_rng([7202, seed])

@@ -26,7 +26,15 @@ class PoseNoise:
 
     @classmethod
     def of(cls, lateral_um: float, depth_um: float, in_plane_mdeg: float, tilt_mdeg: float) -> PoseNoise:
-        """From the units in which trackers are compared."""
+        """From the units in which trackers are compared.
+
+        Parameters
+        ----------
+        lateral_um, depth_um
+            Standard deviation of the position across and along the optical axis [um].
+        in_plane_mdeg, tilt_mdeg
+            Standard deviation of the rotation about the optical axis and about the axes across it [mdeg].
+        """
         mdeg = math.radians(1e-3)
         return cls(1e-6 * lateral_um, 1e-6 * depth_um, mdeg * in_plane_mdeg, mdeg * tilt_mdeg)
 
@@ -84,7 +92,15 @@ class RodRig:
         return Pose(rotation, np.array([0.0, 0.0, self.distance_m]) - rotation @ middle)
 
     def poses(self, state: RodState, T_camera_sensor: Pose | None = None) -> dict[str, Pose]:
-        """``T_camera_template`` of every template, the reference first."""
+        """``T_camera_template`` of every template, the reference first.
+
+        Parameters
+        ----------
+        state
+            Shape of the rod.
+        T_camera_sensor
+            Pose of the sensor in the camera frame; that of the rig by default.
+        """
         view = self.T_camera_sensor if T_camera_sensor is None else T_camera_sensor
         found = {self.reference: view @ self.T_sensor_reference}
         for name, (xi, mount) in self.mounts.items():
@@ -93,7 +109,17 @@ class RodRig:
 
 
 def noisy_pose(pose: Pose, covariance: Float[np.ndarray, "6 6"], rng: np.random.Generator) -> Pose:
-    """A pose with an error of this covariance, in the axes of the target frame."""
+    """A pose with an error of this covariance, in the axes of the target frame.
+
+    Parameters
+    ----------
+    pose
+        True pose.
+    covariance
+        Covariance (6, 6) of translation [m] and rotation vector [rad], in the axes of the target frame.
+    rng
+        Source of the noise.
+    """
     error = rng.multivariate_normal(np.zeros(6), covariance, method="cholesky")
     turn = Pose.from_rotation_vector(error[3:], np.zeros(3)).rotation
     return Pose(turn @ pose.rotation, pose.translation_m + error[:3])

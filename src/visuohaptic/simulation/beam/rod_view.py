@@ -78,7 +78,19 @@ class RodRenderer:
         T_camera_sensor: Pose | None = None,
         t_s: float = 0.0,
     ) -> UInt8[np.ndarray, "rows columns"]:
-        """Picture of the rod under a load."""
+        """Image of the rod under a load.
+
+        Parameters
+        ----------
+        state
+            Shape of the rod.
+        rng
+            Source of the noise.
+        T_camera_sensor
+            Pose of the sensor in the camera frame; that of the rig by default.
+        t_s
+            Time of the frame [s].
+        """
         exact = self.exact(state, T_camera_sensor)
         times = np.full(self.camera.height, t_s)
         return self.effects.developed(exact[..., None], times, rng)[..., 0]
@@ -86,7 +98,15 @@ class RodRenderer:
     def exact(
         self, state: RodState, T_camera_sensor: Pose | None = None
     ) -> Float32[np.ndarray, "rows columns"]:
-        """The same before light, noise and rounding."""
+        """The image before light, noise and rounding.
+
+        Parameters
+        ----------
+        state
+            Shape of the rod.
+        T_camera_sensor
+            Pose of the sensor in the camera frame; that of the rig by default.
+        """
         view = self.rig.T_camera_sensor if T_camera_sensor is None else T_camera_sensor
         image = self._table(view)
         low, high, half = _BASE_M
@@ -196,9 +216,20 @@ def _ribbon(points_camera_m: Float[np.ndarray, "n 3"], width_m: float) -> Float[
 
 
 def hand_held(rig: RodRig, t_s: float, *, shift_m: float = 0.01, turn_rad: float = 0.04) -> Pose:
-    """``T_camera_sensor`` of a camera that a hand holds: slow swings about the rig's view.
+    """``T_camera_sensor`` of a hand-held camera: slow swings about the view of the rig.
 
     Sines of unlike periods of 2 to 5 s, in every direction.
+
+    Parameters
+    ----------
+    rig
+        Rod and camera.
+    t_s
+        Time [s].
+    shift_m
+        Amplitude of the translation [m].
+    turn_rad
+        Amplitude of the rotation [rad].
     """
     periods_s = np.array([2.9, 3.7, 4.9, 3.1, 4.3, 2.3])
     swing = np.sin(2 * np.pi * t_s / periods_s + np.arange(6))

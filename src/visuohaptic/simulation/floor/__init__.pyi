@@ -1,11 +1,13 @@
+from .floor_model import FloorObject as FloorObject
+from .floor_model import FloorRobot as FloorRobot
+from .floor_model import centroid_m as centroid_m
+from .floor_model import floor_mjcf as floor_mjcf
 from .floor_push import FloorBody as FloorBody
 from .floor_push import FloorPush as FloorPush
 from .floor_push import FloorTrace as FloorTrace
 from .floor_senses import FloorSenses as FloorSenses
 from .floor_senses import SenseErrors as SenseErrors
 from .floor_world import FloorBase as FloorBase
-from .floor_world import FloorObject as FloorObject
-from .floor_world import FloorRobot as FloorRobot
 from .floor_world import FloorTouch as FloorTouch
 from .floor_world import FloorWorld as FloorWorld
 from .walls import merged_rectangles as merged_rectangles

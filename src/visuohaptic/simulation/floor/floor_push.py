@@ -76,18 +76,22 @@ class FloorTrace:
 
 
 class FloorPush:
-    """MuJoCo with a platform that moves exactly as told.
+    """MuJoCo with a platform that moves exactly along the given poses.
 
     Parameters
     ----------
     thing
-        What is pushed, and where it stands: (x, y, yaw) in the world.
+        Pushed object.
+    start_m
+        Its pose (x [m], y [m], yaw [rad]) in the world.
     platform_m
-        Start of the platform (x, y, heading).
+        Start of the platform (x [m], y [m], heading [rad]).
     radius_m
-        Of the platform.
+        Radius of the platform [m].
     time_step_s
-        Of the physics.
+        Time step of the physics [s].
+    walls_m
+        Fixed boxes (x0, y0, x1, y1) [m].
     """
 
     def __init__(
@@ -137,7 +141,15 @@ class FloorPush:
         return np.array([self._data.qpos[3], self._data.qpos[4], yaw])
 
     def move(self, platform_m: Sequence[float], speed_m_s: float = 0.05) -> None:
-        """Drive in a straight line to a pose (x, y, heading), slowly."""
+        """Drive in a straight line to a pose (x, y, heading), slowly.
+
+        Parameters
+        ----------
+        platform_m
+            Pose (x [m], y [m], heading [rad]) to reach.
+        speed_m_s
+            Speed of the platform [m/s].
+        """
         target = np.asarray(platform_m, dtype=np.float64)
         way = target - self._data.qpos[:3]
         duration = max(float(np.hypot(way[0], way[1])), self.radius_m * abs(float(way[2]))) / speed_m_s
@@ -146,7 +158,15 @@ class FloorPush:
         self._data.qpos[:3] = target
 
     def drive(self, path_m: Float[np.ndarray, "k 3"], speed_m_s: float = 0.05) -> FloorTrace:
-        """Drive along a path of poses and record at each of them."""
+        """Drive along a path of poses and record at each of them.
+
+        Parameters
+        ----------
+        path_m
+            Poses (k, 3): x [m], y [m], heading [rad].
+        speed_m_s
+            Speed of the platform [m/s].
+        """
         rows, contact, touching, times = [], [], [], []
         for row, pose in enumerate(path_m):
             if row:

@@ -27,7 +27,17 @@ class SenseErrors:
 
 
 class FloorSenses:
-    """Pose, touch and looks, as ``tasks.travel.TravelSenses`` asks for them."""
+    """Pose, touch and looks, as ``tasks.travel.TravelSenses`` asks for them.
+
+    Parameters
+    ----------
+    world
+        Simulated world.
+    rng
+        Source of the errors.
+    errors
+        Their standard deviations.
+    """
 
     def __init__(
         self, world: FloorWorld, rng: np.random.Generator, errors: SenseErrors | None = None
@@ -62,7 +72,13 @@ class FloorSenses:
         return force, (float(x), float(y))
 
     def look(self, id: str) -> tuple[float, float, float] | None:
-        """Where a thing is."""
+        """Measured pose (x [m], y [m], yaw [rad]) of an object; ``None`` where it is not seen.
+
+        Parameters
+        ----------
+        id
+            Name of the object.
+        """
         place = self._world.item_pose_m(id)
         if np.hypot(*(place[:2] - self._world.pose_m()[:2])) > self._errors.range_m:
             return None

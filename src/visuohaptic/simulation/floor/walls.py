@@ -41,6 +41,11 @@ def merged_rectangles(cells: Bool[np.ndarray, "rows columns"]) -> Float[np.ndarr
     """Rectangles (x0, y0, x1, y1) [cells] that cover the true cells once each.
 
     Runs along the rows, joined with the run above where both have the same ends.
+
+    Parameters
+    ----------
+    cells
+        Which cells (rows, columns) are to be covered.
     """
     padded = np.pad(cells, ((0, 0), (1, 1))).astype(np.int8)
     change = np.diff(padded, axis=1)

@@ -1,3 +1,4 @@
+from .outline import Outline as Outline
 from .press_rig import PressSample as PressSample
 from .press_rig import PressShape as PressShape
 from .press_rig import calibration_press as calibration_press
@@ -6,9 +7,8 @@ from .press_rig import press_outline as press_outline
 from .press_rig import press_path as press_path
 from .rig import SensorRig as SensorRig
 from .strip import FoamStrip as FoamStrip
-from .strip import FoamStripGeometry as FoamStripGeometry
-from .strip import Outline as Outline
 from .strip import StripState as StripState
+from .strip_geometry import FoamStripGeometry as FoamStripGeometry
 from .strip_law import REFERENCE_FOAM as REFERENCE_FOAM
 from .strip_law import SOFT_FOAM as SOFT_FOAM
 from .strip_law import StripLaw as StripLaw

@@ -126,6 +126,20 @@ def solve_strip(
         (k, n) length of a column along s, (k - 1, n) distance to the next one [m].
     thickness
         (n,) of the layers [m].
+    height
+        Height of the strip across the sensor plane [m].
+    table_start, table_step
+        First strain and step of the tables.
+    stress_table, shear_table, shear_slope_table
+        Stress [Pa], shear modulus [Pa] and its slope by strain [Pa], at the strains of the tables (t,).
+    loss, loss_strain
+        Hysteresis elements: relative stress and scale of the strain (j,).
+    relaxation, relaxation_strain, decay
+        Relaxation: relative stress, scale of the strain, and decay over the step.
+    shear_limit
+        Parameter g0 of the shear energy.
+    iterations
+        Maximum number of Newton steps.
     touched
         (k,) columns that a body touched in the last step: where the search for contacts begins.
     reaction

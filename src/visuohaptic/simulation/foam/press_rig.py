@@ -11,7 +11,9 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ..rendering.scene import FoamScene, SceneObject
-from .strip import FoamStrip, FoamStripGeometry, Outline, StripState
+from .outline import Outline
+from .strip import FoamStrip, StripState
+from .strip_geometry import FoamStripGeometry
 from .strip_law import SOFT_FOAM, StripLaw
 
 __all__ = ["PressSample", "PressShape", "calibration_press", "press", "press_outline", "press_path"]

@@ -62,6 +62,14 @@ class SensorRig:
 
         Parameters
         ----------
+        folder
+            Existing folder.
+        foam
+            Name of the material file, relative to the folder.
+        length_m
+            Length of the strip [m].
+        radius_m
+            Radius of a bent strip [m]; straight by default.
         more
             Further fields of ``sensor.yaml``.
         """

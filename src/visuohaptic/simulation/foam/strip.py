@@ -9,131 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...core.errors import InputError
-from ...core.geometry import wrap_angle
 from ._strip_kernels import penetration, solve_strip
-from .strip_law import (
-    FREE_STRAIN,
-    REFERENCE_FOAM,
-    SOFT_FOAM,
-    TABLE_END,
-    TABLE_SIZE,
-    TABLE_START,
-    StripLaw,
-    write_calibration_csv,
-)
+from .outline import Outline
+from .strip_geometry import FoamStripGeometry
+from .strip_law import FREE_STRAIN, SOFT_FOAM, TABLE_END, TABLE_SIZE, TABLE_START, StripLaw
 
-__all__ = [
-    "REFERENCE_FOAM",
-    "SOFT_FOAM",
-    "FoamStrip",
-    "FoamStripGeometry",
-    "Outline",
-    "StripLaw",
-    "StripState",
-    "write_calibration_csv",
-]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outline:
-    """Cross section of a rigid body: a polygon grown by a disc; one vertex is a disc."""
-
-    vertices_m: Float[np.ndarray, "n 2"]  #: counter-clockwise
-    radius_m: float = 0.0  #: of the rounded edges
-
-    @classmethod
-    def disc(cls, centre_m: tuple[float, float], radius_m: float) -> Outline:
-        """A cylinder's cross section."""
-        return cls(np.array([centre_m], dtype=np.float64), radius_m)
-
-    @classmethod
-    def box(
-        cls,
-        centre_m: tuple[float, float],
-        size_m: tuple[float, float],
-        yaw_rad: float = 0.0,
-        edge_m: float = 0.0,
-    ) -> Outline:
-        """A box of ``size_m`` = (length along its x, along its y) with edges rounded by ``edge_m``."""
-        half = 0.5 * np.asarray(size_m, dtype=np.float64) - edge_m
-        if half.min() <= 0:
-            raise InputError("Outline.box", f"edge radius {edge_m} m does not fit into a box of {size_m} m")
-        corners = half * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        return cls(corners, edge_m).moved(centre_m[0], centre_m[1], yaw_rad)
-
-    def moved(self, x_m: float, y_m: float, yaw_rad: float = 0.0) -> Outline:
-        """Turned about the origin, then shifted."""
-        c, s = math.cos(yaw_rad), math.sin(yaw_rad)
-        turned = np.asarray(self.vertices_m, dtype=np.float64) @ np.array([[c, s], [-s, c]])
-        return Outline(turned + np.array([x_m, y_m]), self.radius_m)
-
-    def polygon_m(self, spacing_rad: float = math.pi / 24) -> Float[np.ndarray, "k 2"]:
-        """The outline as a plain polygon, its arcs cut into pieces of ``spacing_rad``."""
-        vertices = np.asarray(self.vertices_m, dtype=np.float64)
-        if self.radius_m <= 0.0:
-            return vertices
-        if len(vertices) == 1:
-            angle = np.arange(0.0, 2 * math.pi - 1e-9, spacing_rad)
-            return vertices + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)])
-        edges = np.roll(vertices, -1, axis=0) - vertices
-        outward = np.arctan2(edges[:, 1], edges[:, 0]) - math.pi / 2
-        pieces = []
-        for i, vertex in enumerate(vertices):
-            begin = outward[i - 1]
-            turn = wrap_angle(outward[i] - begin)
-            angle = begin + turn * np.linspace(0.0, 1.0, 2 + int(abs(turn) / spacing_rad))
-            pieces.append(vertex + self.radius_m * np.column_stack([np.cos(angle), np.sin(angle)]))
-        return np.concatenate(pieces)
-
-
-@dataclass(frozen=True, slots=True)
-class FoamStripGeometry:
-    """A strip glued with its back to a straight plate or to a round platform, in frame F."""
-
-    length_m: float = 0.25  #: along the back
-    width_m: float = 0.02  #: w, in the direction of compression
-    height_m: float = 0.01  #: h
-    radius_m: float = math.inf  #: of the platform under the back contour
-    spacing_m: float = 0.0005  #: of the columns along the back
-
-    def __post_init__(self) -> None:
-        if min(self.length_m, self.width_m, self.height_m, self.radius_m, self.spacing_m) <= 0:
-            raise InputError("FoamStripGeometry", f"found {self}, expected lengths > 0")
-        if self.length_m > 1.9 * math.pi * self.radius_m:
-            raise InputError(
-                "FoamStripGeometry", f"{self.length_m} m do not fit around radius {self.radius_m} m"
-            )
-
-    def positions_m(self) -> Float[np.ndarray, "k"]:
-        """s of the columns, from -length / 2 to length / 2; s grows with y."""
-        count = max(2, round(self.length_m / self.spacing_m)) + 1
-        return np.linspace(-0.5 * self.length_m, 0.5 * self.length_m, count)
-
-    def back_m(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
-        """Points of the back contour."""
-        s = np.asarray(s_m, dtype=np.float64)
-        if math.isinf(self.radius_m):
-            return np.column_stack([np.zeros_like(s), s])
-        angle = s / self.radius_m
-        return self.radius_m * np.column_stack([np.cos(angle) - 1.0, np.sin(angle)])
-
-    def normals(self, s_m: Float[np.ndarray, "k"]) -> Float[np.ndarray, "k 2"]:
-        """Unit vectors from the back to the front."""
-        s = np.asarray(s_m, dtype=np.float64)
-        angle = np.zeros_like(s) if math.isinf(self.radius_m) else s / self.radius_m
-        return np.column_stack([np.cos(angle), np.sin(angle)])
-
-    def stretch(self, height_m: float) -> float:
-        """Length along s at a height above the back, by the length at the back."""
-        return 1.0 if math.isinf(self.radius_m) else 1.0 + height_m / self.radius_m
-
-    def position_of(self, points_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n"]:
-        """s of the columns on whose rays points lie."""
-        points = np.asarray(points_m, dtype=np.float64)
-        if math.isinf(self.radius_m):
-            return points[:, 1]
-        return self.radius_m * np.arctan2(points[:, 1], points[:, 0] + self.radius_m)
+__all__ = ["FoamStrip", "StripState"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,7 +41,13 @@ class StripState:
         return self.pressure_Pa > 0.0
 
     def centre_m(self, body: int) -> float:
-        """Where along s a body's contact force acts; NaN without contact."""
+        """Position along s at which the contact force of a body acts [m]; NaN without contact.
+
+        Parameters
+        ----------
+        body
+            Index of the body.
+        """
         weight = np.where(self.body == body, self.pressure_Pa, 0.0)
         total = float(weight.sum())
         return float(weight @ self.s_m / total) if total > 0 else math.nan
@@ -171,6 +58,13 @@ class FoamStrip:
 
     Forces act along the columns' normals only: shear along the mounting curve
     is negligible (Alt 2016, Sec. 3.3).
+
+    Parameters
+    ----------
+    geometry
+        Size and spacing; the standard strip by default.
+    law
+        Of the foam.
 
     Examples
     --------
@@ -203,7 +97,13 @@ class FoamStrip:
         self._memory[:, 3 * n : -1] = 1.0
 
     def inner_m(self, height_m: float) -> Float[np.ndarray, "k 2"]:
-        """Where a line of the foam is now that was ``height_m`` above the back at rest, frame F."""
+        """Present position of a material line of the foam, frame F [m].
+
+        Parameters
+        ----------
+        height_m
+            Height of the line above the back in the undeformed strip [m].
+        """
         layers = np.concatenate([[0.0], np.cumsum(self._thickness)])
         upper = int(np.clip(np.searchsorted(layers, height_m), 1, len(self._thickness)))
         fraction = (height_m - layers[upper - 1]) / (layers[upper] - layers[upper - 1])

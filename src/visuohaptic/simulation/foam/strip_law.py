@@ -73,7 +73,13 @@ class StripLaw:
             raise InputError("StripLaw", f"found layers {self.layers}, expected parts > 0 with sum 1")
 
     def elastic_stress_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Loading branch: nominal stress at a strain [Pa]."""
+        """Loading branch: nominal stress at a strain [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compression, 0 to 1.
+        """
         stretch = 1.0 - np.asarray(strain, dtype=np.float64)
         return sum(
             (2 * mu / a * (1 - stretch**a) / stretch for mu, a in zip(self.mu_Pa, self.alpha, strict=True)),
@@ -81,7 +87,13 @@ class StripLaw:
         )
 
     def energy_density_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Integral of the loading branch over the strain [J/m^3]."""
+        """Integral of the loading branch over the strain [J/m^3].
+
+        Parameters
+        ----------
+        strain
+            Compression, 0 to 1.
+        """
         stretch = 1.0 - np.asarray(strain, dtype=np.float64)
         return sum(
             (
@@ -92,7 +104,13 @@ class StripLaw:
         )
 
     def shear_modulus_Pa(self, strain: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """G at a compression [Pa]."""
+        """G at a compression [Pa].
+
+        Parameters
+        ----------
+        strain
+            Compression, 0 to 1.
+        """
         strain = np.asarray(strain, dtype=np.float64)
         stretch = 1.0 - strain
         # At zero strain the quotient is 0/0 with the limit mu.
@@ -112,6 +130,13 @@ class StripLaw:
 
         The time matters only where the foam relaxes; without it the path is
         infinitely slow.
+
+        Parameters
+        ----------
+        strain
+            Path of compressions (n).
+        t_s
+            Time of each [s].
         """
         strain = np.asarray(strain, dtype=np.float64)
         base = self.elastic_stress_Pa(strain)
@@ -141,6 +166,8 @@ class StripLaw:
             In any order.
         direction
             ``"loading"`` from rest, or ``"unloading"`` after ``max_strain``.
+        max_strain
+            Strain at which unloading starts.
         """
         strain = np.asarray(strain, dtype=np.float64)
         if direction == "loading":
@@ -162,8 +189,19 @@ class StripLaw:
     ) -> list[tuple[float, float, str]]:
         """Rows (strain, stress_Pa, direction) of repeated press runs, up and down.
 
-        ``noise_Pa`` is the standard deviation of the stress, e.g. that of the
-        force sensor (0.15 N in Alt 2016, Sec. 3.6.1) by the area of the strip.
+        Parameters
+        ----------
+        runs
+            Number of runs.
+        max_strain
+            Largest strain of each run.
+        points
+            Points of a run in each direction.
+        noise_Pa
+            Standard deviation of the stress [Pa], e.g. that of the force sensor (0.15 N in Alt 2016, Sec.
+            3.6.1) by the area of the strip.
+        rng
+            Source of the noise.
         """
         rng = rng if rng is not None else np.random.default_rng(0)
         up = np.linspace(0.0, max_strain, points)

@@ -1,13 +1,15 @@
 from .laser import LaserConfig as LaserConfig
 from .laser import SimulatedLaser as SimulatedLaser
+from .mujoco_model import feet_mjcf as feet_mjcf
+from .mujoco_model import obstacle_mjcf as obstacle_mjcf
+from .mujoco_model import platform_mjcf as platform_mjcf
+from .mujoco_model import world_mjcf as world_mjcf
 from .obstacles import ObstacleKind as ObstacleKind
 from .obstacles import SimulatedObstacle as SimulatedObstacle
 from .obstacles import box as box
 from .obstacles import cylinder as cylinder
 from .obstacles import door as door
-from .obstacles import feet_mjcf as feet_mjcf
 from .obstacles import leaning_solid as leaning_solid
-from .obstacles import obstacle_mjcf as obstacle_mjcf
 from .obstacles import section as section
 from .obstacles import table as table
 from .obstacles import wall as wall
@@ -21,7 +23,6 @@ from .office import wall_obstacles as wall_obstacles
 from .platform import DrivenWorld as DrivenWorld
 from .platform import PlatformConfig as PlatformConfig
 from .platform import SimulatedBase as SimulatedBase
-from .platform import platform_mjcf as platform_mjcf
 from .push_truth import BodyTruth as BodyTruth
 from .push_truth import PushTruth as PushTruth
 from .push_world import FoamPushWorld as FoamPushWorld

@@ -13,11 +13,18 @@ __all__ = ["cast"]
 
 @kernel
 def cast(cells, start_row, start_column, directions, longest):
-    """Length of every beam [cells] to the border of the first occupied cell.
+    """Length of every beam [cells] to the border of the first occupied cell; infinite without an echo.
 
-    ``cells``: 1 occupied, 2 opaque without echo, 0 free; ``start``: grid
-    coordinates, cell (i, j) covers i..i+1; ``directions`` (n, 2): unit vectors
-    (row, column). Infinite where there is no echo within ``longest``.
+    Parameters
+    ----------
+    cells
+        1 occupied, 2 opaque without echo, 0 free (rows, columns).
+    start_row, start_column
+        Grid coordinates of the scanner; cell (i, j) covers i..i+1.
+    directions
+        Unit vectors (n, 2) as (row, column).
+    longest
+        Maximum length [cells].
     """
     rows, columns = cells.shape
     lengths = np.full(len(directions), np.inf)

@@ -55,7 +55,14 @@ class SimulatedLaser:
         self._opaque = opaque
 
     def scan(self, pose: tuple[float, float, float], t_s: float) -> LaserScan:
-        """What the scanner at (x, y, yaw) in the map frame sees.
+        """The scan from a pose in the map frame.
+
+        Parameters
+        ----------
+        pose
+            (x [m], y [m], yaw [rad]).
+        t_s
+            Time of the scan [s].
 
         Raises
         ------

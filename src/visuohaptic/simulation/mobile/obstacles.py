@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ..foam.strip import Outline
+from ..foam.outline import Outline
 from ..rendering.scene import Solid
 
 __all__ = [
@@ -21,9 +21,7 @@ __all__ = [
     "box",
     "cylinder",
     "door",
-    "feet_mjcf",
     "leaning_solid",
-    "obstacle_mjcf",
     "section",
     "table",
     "wall",
@@ -129,14 +127,34 @@ class SimulatedObstacle:
         return float(np.hypot(far * self.length_m, 0.5 * self.width_m))
 
     def moved(self, x_m: float, y_m: float, yaw_rad: float) -> SimulatedObstacle:
-        """The same at another place."""
+        """The same obstacle at another pose.
+
+        Parameters
+        ----------
+        x_m, y_m
+            Position in the world [m].
+        yaw_rad
+            Rotation about the vertical [rad].
+        """
         return replace(self, x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
 
 
 def box(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (0.3, 0.3, 0.3), **rest: Any
 ) -> SimulatedObstacle:
-    """A box of size (along x, along y, height)."""
+    """A box.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    size_m
+        Length along x, length along y, height [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     length, width, height = size_m
     return SimulatedObstacle(
         name,
@@ -153,7 +171,19 @@ def box(
 def cylinder(
     name: str, x_m: float, y_m: float, radius_m: float = 0.1, height_m: float = 0.3, **rest: Any
 ) -> SimulatedObstacle:
-    """An upright cylinder."""
+    """An upright cylinder.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    radius_m, height_m
+        Size [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     across_m = 2 * radius_m
     return SimulatedObstacle(
         name,
@@ -170,7 +200,19 @@ def cylinder(
 def table(
     name: str, x_m: float, y_m: float, size_m: tuple[float, float, float] = (1.2, 0.7, 0.72), **rest: Any
 ) -> SimulatedObstacle:
-    """A table that does not move; the foam meets its legs."""
+    """A table that does not move; the foam meets its legs.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position in the world [m].
+    size_m
+        Length along x, length along y, height [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     length, width, height = size_m
     return SimulatedObstacle(
         name,
@@ -188,7 +230,19 @@ def table(
 def wall(
     name: str, x_m: float, y_m: float, length_m: float = 2.0, thickness_m: float = 0.1, **rest: Any
 ) -> SimulatedObstacle:
-    """A wall along its x."""
+    """A wall along its x.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    x_m, y_m
+        Position of its centre in the world [m].
+    length_m, thickness_m
+        Size [m].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     return SimulatedObstacle(
         name,
         ObstacleKind.WALL,
@@ -210,7 +264,21 @@ def door(
     mass_kg: float = 12.0,
     **rest: Any,
 ) -> SimulatedObstacle:
-    """A wing that turns about its hinge."""
+    """A door leaf that turns about its hinge.
+
+    Parameters
+    ----------
+    name
+        Unique name.
+    hinge_x_m, hinge_y_m
+        Position of the hinge in the world [m].
+    length_m
+        Width of the leaf [m].
+    mass_kg
+        Mass [kg].
+    rest
+        Further fields of :class:`SimulatedObstacle`.
+    """
     return SimulatedObstacle(
         name,
         ObstacleKind.DOOR,
@@ -230,10 +298,16 @@ def section(
     rotation: Float[np.ndarray, "3 3"],
     height_m: float,
 ) -> tuple[Outline, ...]:
-    """Cut of an obstacle by the plane z = ``height_m``, in the world; empty when it lies below or above.
+    """Cut of an obstacle by a horizontal plane, in the world; empty when it lies below or above.
 
-    ``position_m`` and ``rotation`` place its own frame, whose origin is on the
-    floor below its centre.
+    Parameters
+    ----------
+    obstacle
+        Shape.
+    position_m, rotation
+        Pose of its own frame in the world, (3) [m] and (3, 3); the origin is on the floor below its centre.
+    height_m
+        Height of the plane [m].
     """
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     tilt = math.acos(min(1.0, max(-1.0, float(rotation[2, 2]))))
@@ -261,32 +335,22 @@ def section(
 
 
 def leaning_solid(obstacle: SimulatedObstacle, T_world_obstacle: Pose, T_foam_world: Pose) -> Solid | None:
-    """The body itself where an upright section does not tell its look: it leans, or is round and turns."""
+    """The body itself where an upright section does not give its appearance: it leans, or is round and turns.
+
+    Parameters
+    ----------
+    obstacle
+        Shape.
+    T_world_obstacle
+        Pose of its frame.
+    T_foam_world
+        Maps the world to frame F of the sensor.
+    """
     tilt = math.acos(min(1.0, max(-1.0, float(T_world_obstacle.rotation[2, 2]))))
     if not obstacle.movable or (tilt < UPRIGHT_RAD and obstacle.kind is not ObstacleKind.CYLINDER):
         return None
     outline = obstacle.outlines[0].polygon_m()
     return Solid(outline, obstacle.height_m, T_foam_world @ T_world_obstacle)
-
-
-def feet_mjcf(obstacle: SimulatedObstacle) -> str:
-    """Contact of the feet with the floor.
-
-    MuJoCo's friction is associated: a foot that slides is also lifted, in
-    proportion to the damping of its friction rows, and with the default
-    constants boxes hop on their feet and stop too late. Friction rows four
-    times slower than a soft normal row keep the feet down and the friction
-    that of Coulomb; the no-slip solver keeps obstacles at rest from creeping.
-    """
-    if not obstacle.movable or obstacle.kind is ObstacleKind.DOOR:
-        return ""
-    friction = obstacle.friction * obstacle.static_ratio
-    return "".join(
-        f'<pair name="foot{i}:{obstacle.name}" geom1="floor" geom2="foot{i}:{obstacle.name}" condim="3" '
-        f'friction="{friction} {friction} 0 0 0" solref="0.005 1" solreffriction="0.02 1" '
-        'solimp="0.1 0.1 0.001"/>'
-        for i in range(6 if obstacle.kind is ObstacleKind.CYLINDER else 4)
-    )
 
 
 def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
@@ -304,54 +368,3 @@ def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
             chain.append(p)
         chains.append(chain[:-1])
     return np.array(chains[0] + chains[1])
-
-
-def obstacle_mjcf(obstacle: SimulatedObstacle) -> str:
-    """MuJoCo body of an obstacle; its frame is on the floor below its centre (door: at the hinge)."""
-    o = obstacle
-    place = f'pos="{o.x_m} {o.y_m} 0" euler="0 0 {o.yaw_rad}"'
-    half = 0.5 * o.height_m
-    # Obstacles and floor meet each other (bit 1); the rigid platform meets obstacles (bit 2).
-    mask = 'contype="3" conaffinity="3"'
-    name = f"obstacle:{o.name}"
-    if o.kind is ObstacleKind.TABLE:
-        shape = "cylinder" if o.round_legs else "box"
-        size = f"{o.leg_m / 2} {half}" if o.round_legs else f"{o.leg_m / 2} {o.leg_m / 2} {half}"
-        centres = (np.asarray(leg.vertices_m).mean(axis=0) for leg in o.outlines)
-        geoms = "".join(
-            f'<geom type="{shape}" size="{size}" pos="{c[0]} {c[1]} {half}" {mask}/>' for c in centres
-        )
-        return f'<body name="{name}" {place}>{geoms}</body>'
-    if o.kind is ObstacleKind.DOOR:
-        size = f"{o.length_m / 2} {o.width_m / 2} {half - 0.01}"
-        joint = (
-            ""
-            if o.fixed
-            else (
-                f'<joint name="{name}" type="hinge" axis="0 0 1" limited="true" range="-1.7 1.7" '
-                f'frictionloss="{o.hinge_friction_Nm}" damping="{o.hinge_damping_Nms}"/>'
-            )
-        )
-        pose = f'pos="{o.length_m / 2} 0 {half + 0.01}"'
-        geom = f'<geom type="box" size="{size}" {pose} mass="{o.mass_kg}" {mask}/>'
-        return f'<body name="{name}" {place}>{joint}{geom}</body>'
-    if o.kind is ObstacleKind.CYLINDER:
-        shape, size = "cylinder", f"{o.length_m / 2} {half - FOOT_M / 2}"
-        angle = np.arange(6) * math.pi / 3
-        feet = (0.5 * o.length_m - FOOT_M) * np.column_stack([np.cos(angle), np.sin(angle)])
-    else:
-        shape, size = "box", f"{o.length_m / 2} {o.width_m / 2} {half - FOOT_M / 2}"
-        corners = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-        feet = (0.5 * np.array([o.length_m, o.width_m]) - FOOT_M) * corners
-    solid = (
-        f'<geom type="{shape}" size="{size}" pos="0 0 {half + FOOT_M / 2}" mass="{o.mass_kg}" '
-        f'friction="{o.friction} 0 0" {mask}/>'
-    )
-    if o.fixed:
-        return f'<body name="{name}" {place}>{solid}</body>'
-    stand = "".join(
-        f'<geom name="foot{i}:{o.name}" type="sphere" size="{FOOT_M}" pos="{x} {y} {FOOT_M}" mass="0" '
-        'contype="0" conaffinity="0"/>'
-        for i, (x, y) in enumerate(feet)
-    )
-    return f'<body name="{name}" {place}><freejoint name="{name}"/>{solid}{stand}</body>'

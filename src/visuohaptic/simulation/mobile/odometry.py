@@ -27,6 +27,15 @@ class DriftingBase:
     """A ``robots.MobileBase`` whose state drifts away from the truth; commands go through.
 
     Both agree at the begin.
+
+    Parameters
+    ----------
+    base
+        Platform with exact odometry.
+    rng
+        Source of the errors.
+    errors
+        Their standard deviations.
     """
 
     def __init__(
@@ -40,7 +49,15 @@ class DriftingBase:
         self._true = self._told = base.state()
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities."""
+        """Set the velocities.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         self._base.drive(speed_m_s, turn_rate_rad_s)
 
     def stop(self) -> None:

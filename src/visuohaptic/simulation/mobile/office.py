@@ -97,7 +97,7 @@ def obstacles_for_map(
     start_m: tuple[float, float] | None = None,
     seed: int = 0,
 ) -> tuple[ApproachPath, ApproachPath, ApproachPath]:
-    """Three reachable places for a light, a heavy and a fixed obstacle, each at the end of a straight way.
+    """Three reachable places for a light, a heavy and a fixed obstacle, each at the end of a straight path.
 
     A corridor as wide as the platform, from behind the start of the way to the
     end of the push, is free of occupied and unknown cells and of the other
@@ -112,6 +112,10 @@ def obstacles_for_map(
         Clearance on both sides of the way.
     approach_m, push_m
         Free gap between foam and obstacle at the start, and way behind the obstacle.
+    start_m
+        Position (x, y) from which they are reachable [m].
+    seed
+        Seed of the choice.
 
     Raises
     ------
@@ -286,7 +290,21 @@ def wall_obstacles(
     centre_m: tuple[float, float],
     radius_m: float = 1.5,
 ) -> tuple[SimulatedObstacle, ...]:
-    """The map's occupied cells near a place as fixed boxes, runs of a row in one."""
+    """The occupied cells of a map near a place as fixed boxes, one for each run of a row.
+
+    Parameters
+    ----------
+    cells
+        -1 unknown, 0 free, 100 occupied (rows, columns).
+    resolution_m
+        Side of a cell [m].
+    origin
+        Pose (x [m], y [m], yaw [rad]) of cell (0, 0).
+    centre_m
+        Place (x, y) [m].
+    radius_m
+        Maximum distance from it [m].
+    """
     c, s = math.cos(origin[2]), math.sin(origin[2])
     x, y = centre_m[0] - origin[0], centre_m[1] - origin[1]
     column, row = (c * x + s * y) / resolution_m, (c * y - s * x) / resolution_m

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import FoamStripGeometry
+from ..foam.strip_geometry import FoamStripGeometry
 
-__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase", "platform_mjcf"]
+__all__ = ["DrivenWorld", "PlatformConfig", "SimulatedBase"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,15 @@ class PlatformConfig:
 
     @classmethod
     def round_with_bent_strip(cls, radius_m: float = 0.17, **rest: Any) -> PlatformConfig:
-        """The dissertation's platform: round, the foam bent around its front."""
+        """The dissertation's platform: round, the foam bent around its front.
+
+        Parameters
+        ----------
+        radius_m
+            Radius of platform and strip [m].
+        rest
+            Further fields.
+        """
         strip = FoamStripGeometry(radius_m=radius_m, spacing_m=0.001)
         return cls(radius_m=radius_m, round=True, strip=strip, **rest)
 
@@ -51,24 +59,6 @@ class PlatformConfig:
     def foam_height_m(self) -> float:
         """Middle of the foam above the floor: where it pushes."""
         return self.floor_below_m - 0.5 * self.strip.height_m
-
-
-def platform_mjcf(config: PlatformConfig) -> str:
-    """MuJoCo body of the platform: three planar joints; only its rigid hull touches obstacles."""
-    c = config
-    top = 0.15
-    # Slightly proud of the back contour: rigid contact begins when the foam has bottomed out.
-    proud = 0.04 * c.strip.width_m
-    if c.round:
-        shape = f'type="cylinder" size="{c.radius_m + proud} {top}" pos="0 0 {top + 0.01}"'
-    else:
-        shape = f'type="box" size="{c.radius_m + proud} {c.width_m / 2} {top}" pos="0 0 {top + 0.01}"'
-    inertia = 0.5 * c.mass_kg * c.radius_m**2
-    return f"""<body name="platform">
-      <inertial pos="0 0 0.1" mass="{c.mass_kg}" diaginertia="{inertia} {inertia} {inertia}"/>
-      <joint name="platform:x" type="slide" axis="1 0 0"/><joint name="platform:y" type="slide" axis="0 1 0"/>
-      <joint name="platform:yaw" type="hinge" axis="0 0 1"/>
-      <geom {shape} friction="0.3 0 0" contype="2" conaffinity="0"/></body>"""
 
 
 class DrivenWorld(Protocol):
@@ -106,7 +96,15 @@ class SimulatedBase:
         self._turn_rate_rad_s = 0.0
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities; they hold until the next call or :meth:`stop`."""
+        """Set the velocities; they hold until the next call or :meth:`stop`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
@@ -130,7 +128,13 @@ class SimulatedBase:
         return BaseState(self._world.t_s, x, y, heading, speed, turn)
 
     def ramp(self, dt_s: float) -> tuple[float, float]:
-        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s])."""
+        """Velocities that the drive aims at after a time step (speed [m/s], turn rate [rad/s]).
+
+        Parameters
+        ----------
+        dt_s
+            Time step [s].
+        """
         config = self._world.config
         self._speed_m_s = _towards(
             self._speed_m_s, self.target_speed_m_s, config.max_acceleration_m_s2 * dt_s

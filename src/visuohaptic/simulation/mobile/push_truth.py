@@ -42,7 +42,18 @@ class PushTruth:
     drive_N: float  #: forward force of the drive
 
     def body(self, name: str) -> BodyTruth:
-        """The movable obstacle of a name."""
+        """The movable obstacle of a name.
+
+        Parameters
+        ----------
+        name
+            Name of a movable obstacle.
+
+        Raises
+        ------
+        InputError
+            There is no movable obstacle of this name.
+        """
         for body in self.bodies:
             if body.name == name:
                 return body

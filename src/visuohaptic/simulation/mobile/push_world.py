@@ -13,19 +13,18 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError, MissingExtraError
 from ...core.geometry import so3_exp
 from ...core.measurement import Event, EventKind
-from ..foam.strip import FoamStrip, Outline
+from ..foam.outline import Outline
+from ..foam.strip import FoamStrip
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from ..rendering.scene import FoamScene, SceneObject
+from .mujoco_model import world_mjcf
 from .obstacles import (
-    GRAVITY_M_S2,
     ObstacleKind,
     SimulatedObstacle,
-    feet_mjcf,
     leaning_solid,
-    obstacle_mjcf,
     section,
 )
-from .platform import PlatformConfig, SimulatedBase, platform_mjcf
+from .platform import PlatformConfig, SimulatedBase
 from .push_truth import BodyTruth, PushTruth
 
 __all__ = ["FoamPushWorld"]
@@ -92,7 +91,7 @@ class FoamPushWorld:
         self.events: list[tuple[str, Event]] = []  #: true events by obstacle name
         self._strip = FoamStrip(self.config.strip, law)
         self._mujoco: Any = mujoco
-        self._model: Any = mujoco.MjModel.from_xml_string(_mjcf(self.config, self.obstacles))
+        self._model: Any = mujoco.MjModel.from_xml_string(world_mjcf(self.config, self.obstacles))
         self._data: Any = mujoco.MjData(self._model)
         self._data.qpos[:3] = self.config.x_m, self.config.y_m, self.config.heading_rad
         mujoco.mj_forward(self._model, self._data)
@@ -126,7 +125,15 @@ class FoamPushWorld:
         return c * vx + s * vy, c * vy - s * vx, turn
 
     def place_platform(self, x_m: float, y_m: float, heading_rad: float) -> None:
-        """Put the platform elsewhere, at rest and with fresh foam, and begin a new push."""
+        """Put the platform elsewhere, at rest and with fresh foam, and start a new push.
+
+        Parameters
+        ----------
+        x_m, y_m
+            Position in the world [m].
+        heading_rad
+            Heading [rad].
+        """
         self._data.qpos[:3] = x_m, y_m, heading_rad
         self._data.qvel[:3] = 0.0
         self._mujoco.mj_forward(self._model, self._data)
@@ -138,7 +145,18 @@ class FoamPushWorld:
         self.truth = self._record(self.t_s)
 
     def step(self, dt_s: float) -> PushTruth:
-        """Let time pass; the last equilibrium of the foam is the new :attr:`truth`."""
+        """Let time pass; the last equilibrium of the foam is the new :attr:`truth`.
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s], more than 0 and at most 10.
+
+        Raises
+        ------
+        InputError
+            The time is out of range or the physics diverged.
+        """
         if not 0 < dt_s <= 10:
             raise InputError("FoamPushWorld.step", f"found {dt_s} s, expected more than 0 and at most 10 s")
         count = max(1, round(dt_s / FOAM_STEP_S))
@@ -378,16 +396,3 @@ class FoamPushWorld:
             platform_velocity=self.platform_velocity(),
             drive_N=self._drive_N,
         )
-
-
-def _mjcf(config: PlatformConfig, obstacles: Sequence[SimulatedObstacle]) -> str:
-    """The whole model. Elliptic cones and no-slip iterations keep boxes at rest from creeping."""
-    bodies = "\n".join(obstacle_mjcf(o) for o in obstacles)
-    feet = "\n".join(feet_mjcf(o) for o in obstacles)
-    return f"""<mujoco><compiler angle="radian" inertiafromgeom="auto"/>
-    <option cone="elliptic" impratio="10" noslip_iterations="5" integrator="implicitfast"
-      gravity="0 0 {-GRAVITY_M_S2}"/>
-    <worldbody><geom name="floor" type="plane" size="100 100 1" friction="0.3 0 0"
-      contype="1" conaffinity="1"/>
-    {platform_mjcf(config)}
-    {bodies}</worldbody><contact>{feet}</contact></mujoco>"""

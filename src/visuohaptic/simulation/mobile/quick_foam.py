@@ -39,7 +39,13 @@ class StripWorld(Protocol):
         """At the newest step."""
 
     def step(self, dt_s: float) -> _Truth:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +60,27 @@ class _Setup:
 
 
 class QuickFrames(BlankFrames):
-    """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass."""
+    """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass.
+
+    Parameters
+    ----------
+    world
+        Simulated world.
+    frame_rate_Hz
+        Frames per second.
+    """
 
     def __init__(self, world: StripWorld, frame_rate_Hz: float = 30.0) -> None:
         self.world, self.frame_rate_Hz = world, frame_rate_Hz
 
     def advance(self, dt_s: float) -> float:
-        """Let so much time pass [s]; returns the time now [s]."""
+        """Let time pass; returns the new time [s].
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         return self.world.step(dt_s).t_s
 
 
@@ -68,6 +88,21 @@ class QuickFoam:
     """Reads the strip of a ``FoamPushWorld`` or ``QuickWorld`` as a foam sensor would.
 
     It offers what tasks use of a foam sensor: ``read(frame)``, ``reset()`` and ``setup.material``.
+
+    Parameters
+    ----------
+    world
+        Simulated world.
+    rng
+        Source of the noise.
+    contour_sigma_m
+        Standard deviation of a point of the contour [m].
+    gain_sigma
+        Relative standard deviation of the calibration.
+    spacing_m
+        Distance of the points of the profile [m].
+    densification_strain
+        Strain beyond which a profile is not valid.
     """
 
     def __init__(
@@ -92,7 +127,13 @@ class QuickFoam:
         """Nothing is remembered."""
 
     def read(self, frame: Frame) -> ForceProfile:
-        """The profile at the time of the newest frame."""
+        """The profile at the time of the newest frame.
+
+        Parameters
+        ----------
+        frame
+            Newest frame; only its time is used.
+        """
         state = self.world.truth.strip
         pick = slice(None, None, self._every)
         s, noise = state.s_m[pick], self.sigma_m * self._rng.standard_normal(len(state.s_m[pick]))

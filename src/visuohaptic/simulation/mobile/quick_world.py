@@ -17,7 +17,9 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ...core.robots import BaseState
-from ..foam.strip import FoamStrip, FoamStripGeometry, Outline, StripState
+from ..foam.outline import Outline
+from ..foam.strip import FoamStrip, StripState
+from ..foam.strip_geometry import FoamStripGeometry
 from ..foam.strip_law import SOFT_FOAM, StripLaw
 from .obstacles import ObstacleKind, SimulatedObstacle
 from .platform import PlatformConfig
@@ -66,7 +68,15 @@ class QuickWorld:
         return self
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
-        """Set the velocities."""
+        """Set the velocities.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward speed [m/s].
+        turn_rate_rad_s
+            Turn rate [rad/s].
+        """
         if not (math.isfinite(speed_m_s) and math.isfinite(turn_rate_rad_s)):
             raise InputError(
                 "drive", f"found {speed_m_s} m/s and {turn_rate_rad_s} rad/s, expected finite numbers"
@@ -86,7 +96,13 @@ class QuickWorld:
         return self.pose
 
     def step(self, dt_s: float) -> QuickTruth:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         c, (x, y, heading) = self.config, self.pose
         limits = (c.max_acceleration_m_s2 * dt_s, c.max_turn_acceleration_rad_s2 * dt_s)
         speed, turn = (

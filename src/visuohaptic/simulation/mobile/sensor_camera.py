@@ -29,7 +29,15 @@ class Renderer(Protocol):
     def render(
         self, scene: FoamScene, *, rng: np.random.Generator
     ) -> UInt8[np.ndarray, "rows columns *colour"]:
-        """Image of a scene, with noise from ``rng``."""
+        """Image of a scene, with noise from ``rng``.
+
+        Parameters
+        ----------
+        scene
+            Scene at one time.
+        rng
+            Source of the noise.
+        """
 
 
 class SimulatedSensorCamera(Closing):

@@ -26,7 +26,17 @@ class TouchRoom:
     def occupied(
         self, points_m: Float[np.ndarray, "*n 2"], *, movable: bool = False, grow_m: float = 0.0
     ) -> Bool[np.ndarray, "*n"]:
-        """Whether places are inside fixed (or, if asked, movable) things, where they stood at the begin."""
+        """Whether points are inside fixed, or movable, objects at their initial poses.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 2) [m].
+        movable
+            Whether the movable objects are meant, else the fixed ones.
+        grow_m
+            Growth of the objects [m].
+        """
         inside = np.zeros(points_m.shape[:-1], dtype=bool)
         for o in self.obstacles:
             if o.movable != movable:
@@ -42,7 +52,13 @@ class TouchRoom:
 
 
 def touch_room(seed: int) -> TouchRoom:
-    """A room of some 3.4 m x 2.6 m whose sizes and things differ from seed to seed."""
+    """A room of some 3.4 m x 2.6 m whose sizes and objects differ from seed to seed.
+
+    Parameters
+    ----------
+    seed
+        Seed of the room.
+    """
     rng = np.random.default_rng(seed)
     wide, deep = float(rng.uniform(3.2, 3.8)), float(rng.uniform(2.4, 3.0))
     t = WALL_M

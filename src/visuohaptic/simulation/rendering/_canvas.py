@@ -51,10 +51,19 @@ class Coverage:
 def coverage(
     polygon_px: Float[np.ndarray, "n 2"], rows: int, columns: int, blur_px: float = 0.0
 ) -> Coverage | None:
-    """Share of each pixel that a polygon of either direction covers, behind a Gaussian blur.
+    """Fraction of each pixel that a polygon of either direction covers, behind a Gaussian blur.
 
     The polygon's indicator convolved with the pixel's square and a Gaussian of
     standard deviation ``blur_px``, at each pixel; ``None`` when it is outside.
+
+    Parameters
+    ----------
+    polygon_px
+        Corners (n, 2) [px].
+    rows, columns
+        Size of the image [px].
+    blur_px
+        Standard deviation of the blur [px].
     """
     if len(polygon_px) < 3 or not np.isfinite(polygon_px).all():
         return None
@@ -113,7 +122,19 @@ Hole = tuple[np.ndarray, float, Parts]
 
 
 class Canvas:
-    """Float picture of a camera onto which layers are painted from far to near."""
+    """Float picture of a camera onto which layers are painted from far to near.
+
+    Parameters
+    ----------
+    camera
+        Lens and size of the image.
+    channels
+        1 grey, 3 blue, green, red.
+    blur_px
+        Standard deviation of the blur of the lens [px].
+    distance_m
+        Distance from the camera to the scene [m].
+    """
 
     def __init__(self, camera: Camera, channels: int, blur_px: float, distance_m: float) -> None:
         self.camera = camera
@@ -125,11 +146,23 @@ class Canvas:
 
     @staticmethod
     def tile_m(surface: Surface) -> float:
-        """Period of a surface's texture [m]."""
+        """Period of a surface's texture [m].
+
+        Parameters
+        ----------
+        surface
+            Surface with a texture.
+        """
         return MATERIALS[surface.material]
 
     def cover(self, polygon_px: Float[np.ndarray, "n 2"]) -> Coverage | None:
-        """Coverage of a polygon in this picture; kept, as much of a scene stands still to the camera."""
+        """Coverage of a polygon in this image; cached, as much of a scene stands still to the camera.
+
+        Parameters
+        ----------
+        polygon_px
+            Corners (n, 2) [px].
+        """
         key = polygon_px.tobytes()
         if key in self._covers:
             found = self._covers.pop(key)  # and to the end of the queue again
@@ -141,7 +174,15 @@ class Canvas:
         return found
 
     def fill(self, plane: Plane, hidden: Coverage | None = None) -> None:
-        """The farthest layer, everywhere but where a later one will cover it fully."""
+        """Paint the farthest layer, everywhere but where a later one will cover it fully.
+
+        Parameters
+        ----------
+        plane
+            Textured plane.
+        hidden
+            Where a later layer will be.
+        """
         fraction = np.ones(self.image.shape[:2], np.float32)
         if hidden is not None:
             fraction[hidden.window] = hidden.fraction != 1
@@ -150,7 +191,17 @@ class Canvas:
     def paint_parts(
         self, polygons: list[np.ndarray], planes: list[Plane], active_rows: np.ndarray | None = None
     ) -> Parts:
-        """Paint faces that do not overlap each other but share edges, such as those of a solid."""
+        """Paint faces that do not overlap each other but share edges, such as those of a solid.
+
+        Parameters
+        ----------
+        polygons
+            Corners of each face (n, 2) [px].
+        planes
+            Textured plane of each face.
+        active_rows
+            Rows of the image that are painted; all by default.
+        """
         parts = [(self.cover(p), plane) for p, plane in zip(polygons, planes, strict=True)]
         found = [(c, plane) for c, plane in parts if c is not None]
         if active_rows is not None:
@@ -168,6 +219,17 @@ class Canvas:
 
         The outline is exact; edges between facets, which hardly differ, are not blurred. What of
         the blurred outline lies outside of all facets is painted as ``rest``.
+
+        Parameters
+        ----------
+        outline
+            Corners of the outline (n, 2) [px].
+        rest
+            Plane of what no facet covers.
+        polygons
+            Corners of each facet (n, 2) [px].
+        planes
+            Textured plane of each facet.
         """
         whole = self.cover(outline)
         if whole is None:
@@ -191,6 +253,15 @@ class Canvas:
         """Paint regions of which each contains the next, with holes that show other solids.
 
         A hole is the signed sum of its polygons.
+
+        Parameters
+        ----------
+        covers
+            Coverage of each region, the largest first; ``None`` where it is out of view.
+        planes
+            Textured plane of each region.
+        holes
+            Polygons with signs, and the faces that are seen through them.
         """
         outer = covers[0]
         if outer is None:

@@ -54,12 +54,18 @@ def paint_tag(
     position_m: Float[np.ndarray, "rows"],
     blur_px: float,
 ) -> None:
-    """Paint the tag over the picture, each row with the finger where it was when the row was exposed.
+    """Paint the tag over the image, each row with the finger where it was when the row was exposed.
 
     Parameters
     ----------
+    image
+        Exact image (rows, columns, channels) float32, changed.
+    camera
+        Camera.
     T_camera_foam
         Pose of the finger at position 0.
+    tag
+        AprilTag and its pose on the finger.
     position_m
         Position of the finger along x of F at the exposure of each row.
     blur_px

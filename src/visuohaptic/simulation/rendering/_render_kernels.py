@@ -18,10 +18,17 @@ __all__ = ["add_filtered_coverage", "add_plane", "add_signed_coverage", "develop
 def add_signed_coverage(polygon: np.ndarray, x0: int, y0: int, cover: np.ndarray) -> None:
     """Exact area of a polygon inside each pixel; the polygon turns to the left on the screen.
 
-    ``polygon`` (n, 2) in px, pixel centres at integers, entirely inside the window of
-    ``cover`` (h, w) float32 (zero at the start) whose first pixel is (x0, y0). Each edge adds
-    the area between itself and the right border of the window, differentiated
+    Each edge adds the area between itself and the right border of the window, differentiated
     along the row; a running sum at the end integrates it again.
+
+    Parameters
+    ----------
+    polygon
+        Corners (n, 2) [px], pixel centres at integers, entirely inside the window.
+    x0, y0
+        First pixel of the window.
+    cover
+        Window (h, w) float32, zero at the start, changed.
     """
     height, width = cover.shape
     count = len(polygon)
@@ -89,6 +96,21 @@ def add_filtered_coverage(
     dy. Edges are cut into pieces of 0.6 sigma with two Gauss points each; ``table`` has
     the filter b(x) and ``integral`` its integral, both (n,) at x from ``-radius - 1`` to
     ``radius + 1`` px in even steps, with b = 0 beyond ``radius``.
+
+    Parameters
+    ----------
+    polygon
+        Corners (n, 2) [px].
+    x0, y0
+        First pixel of the window.
+    sigma
+        Standard deviation of the Gaussian [px].
+    table, integral
+        Filter b(x) and its integral (n,).
+    radius
+        Distance beyond which the filter is zero [px].
+    cover
+        Window (h, w) float32, changed.
     """
     height, width = cover.shape
     count = len(polygon)
@@ -151,14 +173,32 @@ def add_plane(
     amplitude: float,
     colour: np.ndarray,
 ) -> None:
-    """Add ``weight`` times the look of a textured plane to a window of the image.
+    """Add a weighted textured plane to a window of the image.
 
-    ``image`` (H, W, C) float32; ``weight`` (h, w) float32 of the window that begins at
-    (x0, y0); with ``replace`` the image becomes the look where the weight is not 0; ``rays``
-    (H, W, 2) or (1, W, 2) normalised viewing rays, the latter with
-    ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``; ``matrices`` (H or 1, 3, 3) from a ray
-    (x, y, 1) to plane coordinates (a, b, 1) up to scale; ``tile`` (T, T) uint8 with T a power of
-    two, mean 128, standard deviation 42; look ``colour + amplitude * (tile - 128) / 42``.
+    Its levels are ``colour + amplitude * (tile - 128) / 42``.
+
+    Parameters
+    ----------
+    image
+        Image (H, W, C) float32, changed.
+    weight
+        Weight (h, w) float32 of each pixel of the window.
+    replace
+        Whether the image becomes the texture where the weight is not 0.
+    x0, y0
+        First pixel of the window.
+    rays
+        Normalised viewing rays (H, W, 2); or (1, W, 2) with ``y = rays[0, 0, 1] + row * rays[0, 1, 1]``.
+    matrices
+        From a ray (x, y, 1) to plane coordinates (a, b, 1) up to scale, (H or 1, 3, 3).
+    tile
+        Texture (T, T) uint8, T a power of two, mean 128, standard deviation 42.
+    texels_per_m
+        Texture elements per metre of the plane.
+    amplitude
+        Standard deviation of the texture [grey levels].
+    colour
+        Mean level of each channel (C).
     """
     height, width = weight.shape
     channels = image.shape[2]
@@ -227,10 +267,24 @@ def develop(
 ) -> None:
     """Turn the exact image into grey levels: gain, noise, clipping, rounding.
 
-    ``field`` (H, W) float32 or (0, 0) for none; ``row_gain`` (H,); ``sigma_of_level``
-    (256,) noise at each grey level, or (0,) for no noise; ``seeds`` (H,) uint64, one per row;
-    ``quantiles`` (65536,) float32 of the standard normal distribution. Each
-    64-bit number of the splitmix64 generator gives four normal numbers.
+    Each 64-bit number of the splitmix64 generator gives four normal numbers.
+
+    Parameters
+    ----------
+    image
+        Exact image (H, W, C) float32.
+    field
+        Relative light (H, W) float32, or (0, 0) for none.
+    row_gain
+        Gain of each row (H,).
+    sigma_of_level
+        Noise at each grey level (256,), or (0,) for none.
+    seeds
+        One seed per row (H,) uint64.
+    quantiles
+        Of the standard normal distribution (65536,) float32.
+    result
+        Grey levels (H, W, C) uint8, filled.
     """
     height, width, channels = image.shape
     shaded = field.shape[0] > 0

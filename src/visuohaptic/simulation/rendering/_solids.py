@@ -43,17 +43,37 @@ class Face:
 
 
 def at_height(points_m: Float[np.ndarray, "n K 2"], z_m: float) -> Float[np.ndarray, "n K 3"]:
-    """Points of a plane at a height."""
+    """Points of a horizontal plane in space.
+
+    Parameters
+    ----------
+    points_m
+        Points (n, K, 2) [m].
+    z_m
+        Height of the plane [m].
+    """
     return np.concatenate([points_m, np.full((*points_m.shape[:-1], 1), z_m)], axis=-1)
 
 
 def closed(front: Float[np.ndarray, "n K 2"], back: Float[np.ndarray, "m K 2"]) -> Float[np.ndarray, "p K 2"]:
-    """Polygon between two contours that run in the same direction."""
+    """Polygon between two contours that run in the same direction.
+
+    Parameters
+    ----------
+    front, back
+        Contours (n, K, 2) and (m, K, 2) [m].
+    """
     return np.concatenate([front, back[::-1]])
 
 
 def turned_left(outline_m: Float[np.ndarray, "n K 2"]) -> Float[np.ndarray, "n K 2"]:
-    """The outline in counter-clockwise order."""
+    """The outline in counter-clockwise order.
+
+    Parameters
+    ----------
+    outline_m
+        Outline (n, K, 2) [m].
+    """
     return outline_m if polygon_area(outline_m[:, outline_m.shape[1] // 2]) > 0 else outline_m[::-1]
 
 
@@ -67,6 +87,17 @@ def prism_faces(
     """Faces of an upright prism that look at the camera's centre; the outline is counter-clockwise.
 
     Side faces whose normal's x is below ``min_normal_x`` are left out.
+
+    Parameters
+    ----------
+    outline_m
+        Outline (n, K, 2), counter-clockwise [m].
+    low_m, top_m
+        Heights of base and top [m].
+    centre_m
+        Centre of the camera (3) in frame F [m].
+    min_normal_x
+        Smallest x of the normal of a side face that is kept.
     """
     keys = outline_m.shape[1]
     mid = keys // 2
@@ -110,7 +141,17 @@ def prism_faces(
 def silhouette(
     outline_m: Float[np.ndarray, "n K 2"], low_m: float, top_m: float, centre_m: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "m K 3"]:
-    """Border of an upright convex prism as seen from the camera's centre."""
+    """Outline of an upright convex prism as seen from the camera's centre.
+
+    Parameters
+    ----------
+    outline_m
+        Outline (n, K, 2), counter-clockwise [m].
+    low_m, top_m
+        Heights of base and top [m].
+    centre_m
+        Centre of the camera (3) in frame F [m].
+    """
     seen = _seen(outline_m[:, outline_m.shape[1] // 2], centre_m)
     if seen.all() or not seen.any():
         return at_height(outline_m, top_m)
@@ -134,6 +175,19 @@ def solid_faces(
 
     ``texture_z_m`` is the height in the solid at which the texture of its sides begins: that of the sensor
     plane when it stands, so that nothing jumps when a body starts to lean.
+
+    Parameters
+    ----------
+    outline_m
+        Outline (n, 2) in the frame of the solid [m].
+    height_m
+        Height of the solid [m].
+    poses_foam_solid
+        ``T_foam_solid`` at each of the K keys.
+    texture_z_m
+        Height in the solid at which the texture of its sides starts [m].
+    centre_m
+        Centre of the camera (3) in frame F [m].
     """
     keys = len(poses_foam_solid)
     middle = poses_foam_solid[keys // 2]
@@ -180,6 +234,17 @@ def hidden_parts(
 
     Hidden is what lies in the shadow that the prism throws from the camera's centre, but not
     on its own base: there the foam touches it from the near side.
+
+    Parameters
+    ----------
+    foam_m
+        Polygon of the foam's top (p, K, 2) [m].
+    outline_m
+        Outline of the prism (n, 2) [m].
+    top_m
+        Height of its top [m].
+    centre_m
+        Centre of the camera (3) in frame F [m].
     """
     mid = foam_m.shape[1] // 2
     points = foam_m[:, mid]
@@ -206,7 +271,19 @@ def hidden_from(
     top_m: float,
     centre_m: Float[np.ndarray, "3"],
 ) -> Bool[np.ndarray, "n"]:
-    """Which points of the plane z = 0 an upright prism hides; those that touch it are seen."""
+    """Which points of the plane z = 0 an upright prism hides; those that touch it are seen.
+
+    Parameters
+    ----------
+    points_m
+        Points (n, 2) [m].
+    outline_m
+        Outline of the prism (m, 2) [m].
+    top_m
+        Height of its top [m].
+    centre_m
+        Centre of the camera (3) in frame F [m].
+    """
     shadow = _within(_shadow(outline_m, top_m, centre_m), points_m, 1e-6)
     return shadow & ~_within(outline_m, points_m, -1e-4)
 

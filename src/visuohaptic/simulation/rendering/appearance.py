@@ -32,7 +32,13 @@ class Surface:
             )
 
     def levels(self, channels: int) -> Float[np.ndarray, "channels"]:
-        """Mean level of each channel."""
+        """Mean level of each channel.
+
+        Parameters
+        ----------
+        channels
+            1 grey, 3 blue, green, red.
+        """
         if channels == 3 and self.bgr is not None:
             return np.array(self.bgr, dtype=np.float64)
         return np.full(channels, float(self.grey))
@@ -56,7 +62,15 @@ class Look:
 
     @classmethod
     def photo(cls, *, colour: bool = False, stripe: bool = False) -> Look:
-        """Textured surfaces with shading, close to a photograph."""
+        """Textured surfaces with shading, close to a photograph.
+
+        Parameters
+        ----------
+        colour
+            Whether images have three channels.
+        stripe
+            Whether the front edge of the foam has a stripe.
+        """
         return cls(
             foam=Surface(175.0, 3.5, "foam", (70.0, 165.0, 240.0)),
             body=Surface(52.0, 3.0, "metal", (56.0, 52.0, 49.0)),
@@ -80,7 +94,13 @@ class Occluder:
     velocity: tuple[float, float] = (0.0, 0.0)  #: of the outline [px/s or m/s], zero shift at ``start_s``
 
     def outline_at(self, t_s: float) -> Float[np.ndarray, "n 2"]:
-        """The polygon at a time."""
+        """The polygon at a time.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         outline = np.asarray(self.outline, dtype=np.float64)
         if not np.isfinite(self.start_s):
             if any(self.velocity):

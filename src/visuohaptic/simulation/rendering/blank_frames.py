@@ -24,7 +24,13 @@ class BlankFrames(Closing):
 
     @abstractmethod
     def advance(self, dt_s: float) -> float:
-        """Let so much time pass [s]; returns the time now [s]."""
+        """Let time pass; returns the new time [s].
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
 
     @property
     def camera(self) -> Camera | None:

@@ -28,19 +28,37 @@ class ContourTruth:
     def back_at(
         self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
     ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the back contour; see :func:`crossings`."""
+        """Where lines ``origin + t direction`` cross the back contour; see :func:`crossings`.
+
+        Parameters
+        ----------
+        origin_px, direction_px
+            Origins and directions of the lines (n, 2) [px].
+        """
         return crossings(self.back_px, origin_px, direction_px)
 
     def front_at(
         self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
     ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the front contour; see :func:`crossings`."""
+        """Where lines ``origin + t direction`` cross the front contour; see :func:`crossings`.
+
+        Parameters
+        ----------
+        origin_px, direction_px
+            Origins and directions of the lines (n, 2) [px].
+        """
         return crossings(self.front_px, origin_px, direction_px)
 
     def stripe_at(
         self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
     ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the stripe's inner edge; see :func:`crossings`."""
+        """Where lines ``origin + t direction`` cross the stripe's inner edge; see :func:`crossings`.
+
+        Parameters
+        ----------
+        origin_px, direction_px
+            Origins and directions of the lines (n, 2) [px].
+        """
         return crossings(self.stripe_px, origin_px, direction_px)
 
 
@@ -54,6 +72,13 @@ def crossings(
     Of several crossings the one nearest to the origin is returned, t may be
     negative; NaN where a line does not meet the curve. With directions of length 1,
     t is in pixels.
+
+    Parameters
+    ----------
+    curve_px
+        Points of the curve (n, 2) [px].
+    origin_px, direction_px
+        Origins and directions of the lines (n, 2) [px].
     """
     origin = np.atleast_2d(np.asarray(origin_px, dtype=np.float64))
     direction = np.broadcast_to(np.atleast_2d(np.asarray(direction_px, dtype=np.float64)), origin.shape)

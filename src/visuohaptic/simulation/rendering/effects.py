@@ -53,13 +53,25 @@ class CameraEffects:
             )
 
     def light_field(self, rows: int, columns: int) -> Float32[np.ndarray, "rows columns"]:
-        """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere."""
+        """Relative light at each pixel by vignetting and gradient; empty when it is 1 everywhere.
+
+        Parameters
+        ----------
+        rows, columns
+            Size of the image [px].
+        """
         if not (self.vignetting or self.gradient_x or self.gradient_y):
             return np.zeros((0, 0), np.float32)
         return _light_field(rows, columns, self.vignetting, self.gradient_x, self.gradient_y)
 
     def row_gain(self, row_times_s: Float[np.ndarray, "rows"]) -> Float[np.ndarray, "rows"]:
-        """Gain times light of each row at the time of its exposure."""
+        """Gain times light of each row at the time of its exposure.
+
+        Parameters
+        ----------
+        row_times_s
+            Exposure time of each row (rows) [s].
+        """
         if self.light is None:
             return np.full(len(row_times_s), self.gain)
         if row_times_s[0] == row_times_s[-1]:
@@ -78,7 +90,17 @@ class CameraEffects:
         row_times_s: Float[np.ndarray, "rows"],
         rng: np.random.Generator,
     ) -> UInt8[np.ndarray, "rows columns channels"]:
-        """Grey levels of a blurred exact image; the same ``rng`` state gives the same levels."""
+        """Grey levels of a blurred exact image; the same ``rng`` state gives the same levels.
+
+        Parameters
+        ----------
+        image
+            Exact image (rows, columns, channels) float32.
+        row_times_s
+            Exposure time of each row (rows) [s].
+        rng
+            Source of the noise.
+        """
         rows, columns, _ = image.shape
         seeds = rng.integers(0, 2**64, rows, dtype=np.uint64)
         result = np.zeros(image.shape, np.uint8)

@@ -37,11 +37,23 @@ class ExposedScene:
         return self.scenes[len(self.scenes) // 2]
 
     def points(self, name: str) -> Float[np.ndarray, "n K 2"]:
-        """``back_m`` or ``front_m`` at each key."""
+        """``back_m`` or ``front_m`` at each key.
+
+        Parameters
+        ----------
+        name
+            Name of the field of the scene.
+        """
         return np.stack([np.asarray(getattr(s, name), dtype=np.float64) for s in self.scenes], axis=1)
 
     def outline(self, index: int) -> Float[np.ndarray, "n K 2"]:
-        """Outline of an object at each key, counter-clockwise."""
+        """Outline of an object at each key, counter-clockwise.
+
+        Parameters
+        ----------
+        index
+            Index of the object.
+        """
         return turned_left(
             np.stack([np.asarray(s.objects[index].outline_foam_m, np.float64) for s in self.scenes], axis=1)
         )
@@ -130,7 +142,15 @@ def _check(scene: FoamScene) -> None:
 
 
 def inner_edge(back: np.ndarray, front: np.ndarray, width_m: float) -> np.ndarray:
-    """Inner edge of the stripe: its width behind the front, at most half way to the back."""
+    """Inner edge of the stripe: its width behind the front, at most half way to the back.
+
+    Parameters
+    ----------
+    back, front
+        Contours (n, K, 2) [m].
+    width_m
+        Width of the stripe [m].
+    """
     across = back - front
     length = np.linalg.norm(across, axis=-1, keepdims=True)
     return front + np.minimum(width_m / np.maximum(length, 1e-12), 0.5) * across

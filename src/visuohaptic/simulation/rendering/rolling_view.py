@@ -57,7 +57,13 @@ class RollingView:
         return self.poses_camera_foam[self.keys // 2].inverse().translation_m
 
     def to_camera(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n K 3"]:
-        """Points in the camera frame at each key."""
+        """Points in the camera frame at each key.
+
+        Parameters
+        ----------
+        points_foam_m
+            Points (n, K, 3) in frame F at each key [m].
+        """
         if self.keys == 1:
             return self.poses_camera_foam[0].apply(points_foam_m)
         return np.stack(
@@ -65,7 +71,13 @@ class RollingView:
         )
 
     def weights(self, rows: Float[np.ndarray, "m"]) -> Float[np.ndarray, "m K"]:
-        """Cubic interpolation over the keys at image rows (Lagrange, four nearest keys)."""
+        """Cubic interpolation over the keys at image rows (Lagrange, four nearest keys).
+
+        Parameters
+        ----------
+        rows
+            Image rows (m) [px].
+        """
         rows = np.asarray(rows, dtype=np.float64)
         if self.keys == 1:
             return np.ones((len(rows), 1))
@@ -83,7 +95,13 @@ class RollingView:
         return result
 
     def pixels(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "n 2"]:
-        """Where the points are seen in the frame; NaN outside of the view and its margin."""
+        """Image positions of points in the frame; NaN outside of the view and its margin.
+
+        Parameters
+        ----------
+        points_camera_m
+            Points (n, K, 3) in the camera frame at each key [m].
+        """
         inside = np.asarray(self._inside(points_camera_m) >= 0).all(axis=1)
         points = np.where(inside.reshape(-1, 1, 1), points_camera_m, np.nan)
         return self._seen(points)
@@ -99,12 +117,24 @@ class RollingView:
         return seen
 
     def polyline(self, points_foam_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
-        """Pixels of an open line, with points added where the image bends it."""
+        """Pixels of an open line, with points added where the image bends it.
+
+        Parameters
+        ----------
+        points_foam_m
+            Points (n, K, 3) in frame F at each key [m].
+        """
         points = self.to_camera(points_foam_m)
         return self.pixels(self._divided(points, closed=False))
 
     def polygon(self, points_camera_m: Float[np.ndarray, "n K 3"]) -> Float[np.ndarray, "m 2"]:
-        """Pixels of a polygon, cut at the border of the view; (0, 2) when nothing is left."""
+        """Pixels of a polygon, cut at the border of the view; (0, 2) when nothing is left.
+
+        Parameters
+        ----------
+        points_camera_m
+            Corners (n, K, 3) in the camera frame at each key [m].
+        """
         points = self._clipped(points_camera_m)
         if len(points) < 3:
             return np.zeros((0, 2))
@@ -116,7 +146,15 @@ class RollingView:
         along_a: Float[np.ndarray, "K 3"],
         along_b: Float[np.ndarray, "K 3"],
     ) -> Float[np.ndarray, "rows 3 3"]:
-        """Matrices from rays (x, y, 1) to plane coordinates (a, b, 1) up to scale, per image row."""
+        """Matrices from rays (x, y, 1) to plane coordinates (a, b, 1) up to scale, per image row.
+
+        Parameters
+        ----------
+        origin_foam_m
+            Origin of the plane (K, 3) in frame F [m].
+        along_a, along_b
+            Its unit vectors (K, 3).
+        """
         matrices = []
         for pose, origin, a, b in zip(self.poses_camera_foam, origin_foam_m, along_a, along_b, strict=True):
             columns = np.column_stack([pose.rotation @ a, pose.rotation @ b, pose.apply(origin)])

@@ -18,7 +18,21 @@ _REDUCTION = 8
 def shade_floor(
     image: np.ndarray, view: RollingView, scene: FoamScene, outlines_m: list[np.ndarray], look: Look
 ) -> None:
-    """Darken the floor around the feet of outlines (n, K, 2) in frame F, in place."""
+    """Darken the floor around the feet of outlines, in place.
+
+    Parameters
+    ----------
+    image
+        Image (rows, columns, channels) float32, changed.
+    view
+        Camera.
+    scene
+        Heights of the floor.
+    outlines_m
+        Outlines (n, K, 2) in frame F [m].
+    look
+        Strength and width of the shadow.
+    """
     import cv2
 
     rows, columns, channels = image.shape

@@ -236,6 +236,15 @@ def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
     """Rays of an ideal view, pixel (i, j) along R (slopes_x[j], slopes_y[i], 1).
 
     Returns ``hit`` (h, w) and ``found`` (h, w, 11), see :func:`_trace`; points in the world.
+
+    Parameters
+    ----------
+    origin, rotation
+        Centre (3) [m] and rotation (3, 3) of the view in the world.
+    slopes_x, slopes_y
+        Slopes of the rays of the columns (w) and rows (h).
+    solids, segments, boxes
+        Scene, see :class:`~visuohaptic.simulation.tabletop.refraction.RefractingScene`.
     """
     rows, columns = len(slopes_y), len(slopes_x)
     hit = np.zeros((rows, columns), np.uint8)
@@ -255,12 +264,21 @@ def trace_rays(origin, rotation, slopes_x, slopes_y, solids, segments, boxes):
 
 @kernel
 def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_y):
-    """Where the projector's pixels land, as its pinhole would see them, and who lands in each of these cells.
+    """Landing points of the projector's pixels, as its pinhole would see them, and the owner of each cell.
 
     Returns ``landing`` (h, w, 2), NaN without a landing, ``bright`` (h, w), the light per area that each projector
     pixel gives there (1 = undisturbed), ``owner`` (h, w), the brightest projector pixel (row * w + column) that
     lands in a cell or -1, and ``mixed`` (h, w), 1 where a second, displaced part of the pattern of at least half
     the brightness lands on it.
+
+    Parameters
+    ----------
+    hit, found
+        Result of :func:`trace_rays` from the projector.
+    rotation, origin
+        Rotation (3, 3) and centre (3) [m] of the projector in the world.
+    focal_x, focal_y, first_x, centre_y
+        Focal lengths, column of the first pixel on the image axis and row of the principal point [px].
     """
     rows, columns = hit.shape
     landing = np.full((rows, columns, 2), np.nan)
@@ -306,7 +324,23 @@ def pattern_map(hit, found, rotation, origin, focal_x, focal_y, first_x, centre_
 def decode_pattern(hit, found, p_found, landing, bright, owner, mixed, rotation, projector, focal_x, focal_y, first_x, centre_y, row_tolerance, min_signal):  # fmt: skip
     """Column of the projector that each camera pixel sees, NaN where the pattern fails there.
 
-    ``first_x``: column of the projector's first pixel on its own image axis, negative of its principal point.
+    Parameters
+    ----------
+    hit, found
+        Result of :func:`trace_rays` from the camera.
+    p_found
+        Result of :func:`trace_rays` from the projector.
+    landing, bright, owner, mixed
+        Result of :func:`pattern_map`.
+    rotation, projector
+        Rotation (3, 3) and centre (3) [m] of the projector in the world.
+    focal_x, focal_y, first_x, centre_y
+        Focal lengths, column of the projector's first pixel on its own image axis (negative of its principal
+        point) and row of the principal point [px].
+    row_tolerance
+        Maximum shift of the pattern across the rows [px].
+    min_signal
+        Smallest transmitted fraction x albedo x cosine / depth^2 that can be decoded [1/m^2].
     """
     rows, columns = hit.shape
     p_rows, p_columns = owner.shape

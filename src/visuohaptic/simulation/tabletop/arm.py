@@ -28,8 +28,10 @@ class SimulatedArm:
         Standard deviation of every axis at the end of each motion, new for each motion.
     reach_m
         Smallest and largest distance of the tip from the base.
+    turn_rate_rad_s
+        Maximum turn rate [rad/s].
     rng
-        Of the repeatability.
+        Source of the errors.
     """
 
     def __init__(
@@ -57,7 +59,14 @@ class SimulatedArm:
         self._slip = np.zeros(3)
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
-        """Begin to move the tip in a straight line, turning evenly on the way.
+        """Start to move the tip in a straight line, turning evenly on the way.
+
+        Parameters
+        ----------
+        T_base_tip
+            Pose to reach.
+        speed_m_s
+            Speed of the tip [m/s].
 
         Raises
         ------
@@ -102,7 +111,13 @@ class SimulatedArm:
         return Pose(self._pose.rotation, self._pose.translation_m + self._slip) @ self.error
 
     def advance(self, dt_s: float) -> None:
-        """Let time pass."""
+        """Let time pass.
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         if not dt_s >= 0:
             raise InputError("SimulatedArm.advance", f"found {dt_s} s, expected 0 or more")
         self.t_s += dt_s

@@ -34,7 +34,15 @@ class Bottle:
     def radius_m(
         self, theta: Float[np.ndarray, "*n"], z_m: Float[np.ndarray, "*n"]
     ) -> Float[np.ndarray, "*n"]:
-        """Distance of the wall from the axis in direction ``theta`` at height ``z_m``."""
+        """Distance of the wall from the axis [m].
+
+        Parameters
+        ----------
+        theta
+            Angle around the axis [rad].
+        z_m
+            Height [m].
+        """
         z = np.asarray(z_m, dtype=np.float64)
         base = np.interp(z, self.knots_z, self.knots_r)
         section = np.clip(np.searchsorted(self.knots_z, z, side="right") - 1, 0, len(self.bulge_m) - 1)
@@ -57,7 +65,14 @@ class Bottle:
     ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
         """Triangles of the wall between two heights, counter-clockwise from outside.
 
-        ``caps`` closes the floor and the top where they are within.
+        Parameters
+        ----------
+        low_m, high_m
+            Heights [m]; the whole bottle by default.
+        step_m
+            Length of an edge [m].
+        caps
+            Whether floor and top are closed where they are within.
         """
         high = self.height_m if high_m is None else high_m
         rows = max(2, int(np.ceil((high - low_m) / step_m)) + 1)
@@ -97,7 +112,18 @@ class Bottle:
     ) -> Float[np.ndarray, "3"] | None:
         """First contact of a point probe that moves along a line; ``None`` when it meets nothing.
 
-        ``sigma_m`` is the noise of the reported position, in each direction.
+        Parameters
+        ----------
+        start_m
+            Start of the line (3) [m].
+        direction
+            Unit vector (3).
+        length_m
+            Length of the line [m].
+        sigma_m
+            Standard deviation of the reported position in each direction [m].
+        rng
+            Source of that noise; none by default.
         """
         way = np.linspace(0.0, length_m, max(200, int(length_m / 0.0005)))
         inside = self._inside(start_m + np.outer(way, direction))
@@ -122,7 +148,15 @@ class Bottle:
 
 
 def random_bottle(rng: np.random.Generator, kind: str | None = None) -> Bottle:
-    """A bottle as a shop may have it."""
+    """A bottle as a shop may have it.
+
+    Parameters
+    ----------
+    rng
+        Source of randomness.
+    kind
+        Base area, one of ``SECTIONS``; random by default.
+    """
     kind = kind or str(rng.choice(SECTIONS))
     height = float(rng.uniform(0.15, 0.30))
     radius = float(rng.uniform(0.025, 0.045))

@@ -146,7 +146,13 @@ class CrownCapCell(BlankFrames):
         self._points, self._k, self._is_hook = self.opener.points()
 
     def advance(self, dt_s: float) -> float:
-        """Let so much time pass [s]; returns the time now [s]."""
+        """Let time pass; returns the new time [s].
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         for _ in range(2):
             self.arm.advance(0.5 * dt_s)
             self._balance()
@@ -155,12 +161,24 @@ class CrownCapCell(BlankFrames):
         return self.arm.t_s
 
     def feel(self, frame: Frame) -> tuple[Float[np.ndarray, "6"], Float[np.ndarray, "6 6"]]:
-        """Wrench (N, Nm) that a beam sensor reads, axes of the tool, and its covariance."""
+        """Wrench (N, Nm) that a beam sensor reads, axes of the tool, and its covariance.
+
+        Parameters
+        ----------
+        frame
+            Newest frame.
+        """
         sigma = np.array(self.wrench_sigma)
         return self.wrench_gain * self.wrench_tool + sigma * self.rng.standard_normal(6), np.diag(sigma**2)
 
     def look(self, frame: Frame) -> CapSeen:
-        """Where the camera on the tool sees the cap; it doesn't once the cap is off."""
+        """Measured pose of the cap in the view of the camera on the tool; not valid once the cap is off.
+
+        Parameters
+        ----------
+        frame
+            Newest frame.
+        """
         tip = self.arm.true_pose()
         way = self.position_base_m - tip.translation_m
         far = float(np.linalg.norm(way))

@@ -71,10 +71,20 @@ class DeformableContainer:
 
         Parameters
         ----------
+        name
+            Name of the object.
+        shell
+            Shape and wall.
+        material
+            Name of the material.
         closed
             Nothing can get out.
         fill
             Share of the volume that a liquid takes; it has a weight in any case.
+        max_m
+            Maximum deformation of the curves [m].
+        mass_kg
+            Mass of the empty container [kg].
         """
         from ...deformation.shells.fourier_shell import pinch_stiffness
 
@@ -103,7 +113,19 @@ class DeformableContainer:
         radius_m: Mapping[float, float],
         **rest: float,
     ) -> DeformableContainer:
-        """From (deformations [m], forces [N]) by height [m], as ``deformation.grasp_curve`` computes them."""
+        """From (deformations [m], forces [N]) by height [m], as ``deformation.grasp_curve`` computes them.
+
+        Parameters
+        ----------
+        name
+            Name of the object.
+        curves
+            Deformations [m] and forces [N] by height [m].
+        radius_m
+            Radius of the wall [m] by height [m].
+        rest
+            Further fields.
+        """
         heights = sorted(curves)
         depth = np.unique(np.concatenate([[0.0], *[np.asarray(curves[z][0], dtype=float) for z in heights]]))
         depth = depth[depth <= min(max(curves[z][0]) for z in heights) + 1e-12]
@@ -116,11 +138,25 @@ class DeformableContainer:
         )
 
     def radius_at(self, height_m: float) -> float:
-        """Radius of the wall [m]; 0 below and above the object."""
+        """Radius of the wall [m]; 0 below and above the object.
+
+        Parameters
+        ----------
+        height_m
+            Height above the foot [m].
+        """
         return float(np.interp(height_m, self.height_m, self.radius_m, left=0.0, right=0.0))
 
     def force_at(self, height_m: float, deformation_m: float) -> float:
-        """Force of one tip [N]; beyond the last deformation the wall meets itself and is ten times stiffer."""
+        """Force of one tip [N]; beyond the last deformation the walls are in self-contact, ten times stiffer.
+
+        Parameters
+        ----------
+        height_m
+            Height above the foot [m].
+        deformation_m
+            Deformation under the tip [m].
+        """
         if not self.height_m[0] <= height_m <= self.height_m[-1] or deformation_m <= 0:
             return 0.0
         index = min(int(np.searchsorted(self.height_m, height_m, side="right")), len(self.height_m) - 1)

@@ -53,7 +53,13 @@ class DepthCamera:
 
     @classmethod
     def kinect(cls, width: int = 640) -> DepthCamera:
-        """A Kinect's field of view at another width: noise, steps and window keep their size in space."""
+        """A Kinect's field of view at another width: noise, steps and window keep their size in space.
+
+        Parameters
+        ----------
+        width
+            Width of the images [px].
+        """
         scale = width / 640
         optics = DepthCameraOptics(
             noise_px=0.06 * scale,

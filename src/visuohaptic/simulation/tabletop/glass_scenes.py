@@ -51,7 +51,13 @@ class GlassScene:
     high_m: Float[np.ndarray, "3"]  #: greatest corner [m]
 
     def truth(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Which points of the world are inside transparent parts."""
+        """Which points of the world are inside transparent parts.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 3) of the world [m].
+        """
         inside = np.zeros(np.shape(points_m)[:-1], dtype=bool)
         for solid in self.glass:
             inside |= solid.transparent_at(points_m)
@@ -65,7 +71,17 @@ class GlassScene:
         pose_sigma_m: float = 0.0,
         pose_sigma_rad: float = 0.0,
     ) -> Iterator[GlassView]:
-        """Depth images along the way; the told poses are off by Gaussian noise, each on its own."""
+        """Depth images along the path; the reported poses have Gaussian errors, each on its own.
+
+        Parameters
+        ----------
+        sensor
+            Depth camera.
+        rng
+            Source of the noise.
+        pose_sigma_m, pose_sigma_rad
+            Standard deviation of the reported poses, per axis [m] and [rad].
+        """
         for i, pose in enumerate(self.poses):
             depth_m = sensor.render(self.scene, pose, rng)
             yield GlassView(0.1 * i, depth_m, disturb_pose(pose, rng, pose_sigma_m, pose_sigma_rad), pose)
@@ -79,7 +95,19 @@ class GlassScene:
         pose_sigma_m: float = 0.0,
         pose_sigma_rad: float = 0.0,
     ) -> int:
-        """Render into a sequence folder with the told poses; tells the number of views."""
+        """Render into a sequence folder with the reported poses; returns the number of views.
+
+        Parameters
+        ----------
+        folder
+            New folder.
+        sensor
+            Depth camera.
+        rng
+            Source of the noise.
+        pose_sigma_m, pose_sigma_rad
+            Standard deviation of the reported poses, per axis [m] and [rad].
+        """
         from ...io.depth.depth_sequence import DepthFrame
         from ...io.depth.depth_sequence_out import write_sequence
 
@@ -92,7 +120,17 @@ class GlassScene:
 
 
 def disturb_pose(pose: Pose, rng: np.random.Generator, sigma_m: float, sigma_rad: float) -> Pose:
-    """A pose with an error of ``sigma`` per axis, turned about the camera's own centre."""
+    """A pose with an error of ``sigma`` per axis, turned about the camera's own centre.
+
+    Parameters
+    ----------
+    pose
+        True pose.
+    rng
+        Source of the error.
+    sigma_m, sigma_rad
+        Standard deviation per axis [m] and [rad].
+    """
     if sigma_m == 0 and sigma_rad == 0:
         return pose
     turn = Pose.from_rotation_vector(sigma_rad * rng.standard_normal(3), sigma_m * rng.standard_normal(3))

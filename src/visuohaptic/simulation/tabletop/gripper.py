@@ -10,7 +10,6 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -19,122 +18,21 @@ from ...core.camera.frame import Frame
 from ...core.camera.model import Camera
 from ...core.camera.pose import Pose
 from ...core.errors import InputError
-from ...core.ranges import POSITIVE, check_ranges
 from ...core.resources import Closing
 from ...core.robots import GripperState
-from ..foam.rig import SensorRig
-from ..foam.strip import FoamStrip, FoamStripGeometry, Outline
+from ..foam.strip import FoamStrip
+from ..foam.strip_geometry import FoamStripGeometry
 from ..foam.strip_law import StripLaw
-from ..rendering._finger_tag import FingerTag, paint_tag
-from ..rendering.appearance import Look, Occluder, Surface
-from ..rendering.effects import CameraEffects
+from ..rendering._finger_tag import paint_tag
 from ..rendering.renderer import SceneRenderer
 from ..rendering.scene import FoamScene, SceneObject
+from .gripper_setup import ROD, RUBBER_FOAM, FingerView, GraspObject, GripperDrive, GripperTruth
 
-__all__ = [
-    "GRIPPER_RIG",
-    "ROD",
-    "RUBBER_FOAM",
-    "FingerView",
-    "GraspObject",
-    "GripperDrive",
-    "GripperTruth",
-    "VirtualGripper",
-    "gripper_look",
-]
+__all__ = ["VirtualGripper"]
 
-#: Rubber foam (EPDM): slope some 0.4 MPa per unit strain, a 7 cm bottle reaches 100 N.
-RUBBER_FOAM = StripLaw(mu_Pa=(200e3, 5e3), alpha=(3.0, -2.0))
-#: The rod on the finger: cross section 1.5 x 1 cm.
-ROD = FoamStripGeometry(length_m=0.1, width_m=0.015, height_m=0.01, spacing_m=0.001)
-#: Camera above the gripper, slightly outside of the grasping range.
-GRIPPER_RIG = SensorRig(look_ahead_m=0.022)
 
 #: Longest way of the finger in one step [m], and longest step [s].
 STEP_M, STEP_S = 1e-4, 0.005
-#: Width of the stripe on the rod [m].
-STRIPE_M = 0.003
-
-_TAG = FingerTag()
-_BLUE = Surface(150.0, 8.0, "cardboard", (170.0, 140.0, 110.0))
-
-
-def gripper_look(*, stripe: bool = True) -> Look:
-    """Black rubber on a finger of bare metal, with a green stripe along the front."""
-    return Look(
-        foam=Surface(38.0, 2.0, "foam", (36.0, 38.0, 40.0)),
-        body=Surface(150.0, 3.0, "metal", (152.0, 150.0, 147.0)),
-        floor=Surface(112.0, 10.0, "planks", (74.0, 108.0, 138.0)),
-        stripe=Surface(120.0, 2.0, "plain", (70.0, 170.0, 55.0)) if stripe else None,
-        stripe_width_m=STRIPE_M,
-        body_margin_m=0.005,
-        face_contrast=0.35,
-        shadow=0.4,
-        colour=stripe,
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class GripperDrive:
-    """Opening and drive of the gripper; both fingers move alike."""
-
-    open_m: float = field(default=0.1, metadata=POSITIVE)  #: maximum opening, between the fronts of both rods
-    acceleration_m_s2: float = field(default=0.5, metadata=POSITIVE)  #: of each finger
-    max_force_N: float = field(default=120.0, metadata=POSITIVE)  #: the drive stops by itself at this force
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FingerView:
-    """The camera of the gripper and the surfaces of the finger that it sees."""
-
-    rig: SensorRig = GRIPPER_RIG
-    look: Look = field(default_factory=gripper_look)
-    effects: CameraEffects = field(default_factory=lambda: CameraEffects(1.0, 3.0))
-    tag: FingerTag | None = _TAG  #: AprilTag on the finger
-    occluders: tuple[Occluder, ...] = ()  #: objects in front of the scene
-    frame_rate_Hz: float = field(default=30.0, metadata=POSITIVE)
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GraspObject:
-    """Something between the fingers: an outline on a spring that both fingers load."""
-
-    outline: Outline  #: cross section, frame R
-    #: Force by the displacement of its surface before one finger; infinite for a rigid object.
-    stiffness_N_per_m: float = math.inf
-    top_m: float = 0.05  #: height of its top above the foam's top
-    surface: Surface = _BLUE
-
-    def __post_init__(self) -> None:
-        if not self.stiffness_N_per_m > 0:
-            raise InputError(
-                "GraspObject", f"found {self.stiffness_N_per_m}, expected > 0", field="stiffness_N_per_m"
-            )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GripperTruth:
-    """What is the case at one moment."""
-
-    t_s: float
-    position_m: float  #: of the finger along x of R
-    speed_m_s: float
-    force_N: float  #: of the foam on all objects along x
-    object_force_N: Float[np.ndarray, "objects"]  #: on every object
-    shift_m: Float[np.ndarray, "objects"]  #: way that every object's surface has retreated
-    front_m: Float[np.ndarray, "k 2"]  #: front contour, frame F
-    stripe_m: Float[np.ndarray, "k 2"]  #: inner edge of the stripe, frame F
-
-    @property
-    def front_rest_m(self) -> Float[np.ndarray, "k 2"]:
-        """Front contour in the fixed frame R."""
-        return self.front_m + np.array([self.position_m, 0.0])
 
 
 class VirtualGripper(Closing):
@@ -191,7 +89,20 @@ class VirtualGripper(Closing):
     # Gripper
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening; the drive stops by itself at its force limit."""
+        """Start to move to an opening; the drive stops by itself at its maximum force.
+
+        Parameters
+        ----------
+        opening_m
+            Distance between the fronts of both rods to reach [m].
+        speed_m_s
+            Speed of the opening [m/s].
+
+        Raises
+        ------
+        InputError
+            The opening is out of range or the speed is not positive.
+        """
         if not (0.0 <= opening_m <= self.drive.open_m and speed_m_s > 0):
             raise InputError(
                 "move",
@@ -246,18 +157,36 @@ class VirtualGripper(Closing):
         return Frame(developed if self._renderer.look.colour else developed[..., 0], t_s, index)
 
     def advance_to(self, t_s: float) -> None:
-        """Let time pass up to ``t_s``."""
+        """Let time pass up to ``t_s``.
+
+        Parameters
+        ----------
+        t_s
+            Time to reach [s].
+        """
         while self._times[-1] < t_s - 1e-12:
             step = STEP_M / self._limit if self._limit > 0 else STEP_S
             self._step(min(STEP_S, step, t_s - self._times[-1]))
 
     def skip_to(self, t_s: float) -> None:
-        """Let time pass without pictures; the next frame is the first one at or after ``t_s``."""
+        """Let time pass without images; the next frame is the first one at or after a time.
+
+        Parameters
+        ----------
+        t_s
+            Time to reach [s].
+        """
         self.advance_to(t_s)
         self._next_frame = max(self._next_frame, math.ceil(t_s * self.view.frame_rate_Hz - 1e-9))
 
     def truth(self, t_s: float | None = None) -> GripperTruth:
-        """What was the case at a time that has been simulated; the newest by default."""
+        """True state at a time that has been simulated; the newest by default.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         if t_s is None:
             return self._truths[-1]
         after = bisect.bisect_left(self._times, t_s)
@@ -278,7 +207,13 @@ class VirtualGripper(Closing):
         )  # fmt: skip
 
     def scene(self, t_s: float) -> FoamScene:
-        """What the camera sees at a time, in frame F of the finger."""
+        """What the camera sees at a time, in frame F of the finger.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         truth = self.truth(t_s)
         bodies = []
         for item, shift in zip(self.objects, truth.shift_m, strict=True):

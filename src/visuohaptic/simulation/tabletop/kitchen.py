@@ -68,7 +68,15 @@ class KitchenTable(BlankFrames):
         self._held_z: float | None = None
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
-        """Begin to move to an opening."""
+        """Start to move to an opening.
+
+        Parameters
+        ----------
+        opening_m
+            Distance between the fingers to reach [m].
+        speed_m_s
+            Speed of the opening [m/s].
+        """
         if not (0.0 <= opening_m <= self.open_m and speed_m_s > 0):
             raise InputError(
                 "move",
@@ -88,7 +96,13 @@ class KitchenTable(BlankFrames):
         return GripperState(self.arm.t_s, self._opening, moving)
 
     def advance(self, dt_s: float) -> float:
-        """Let so much time pass [s]; returns the time now [s]."""
+        """Let time pass; returns the new time [s].
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         self.arm.advance(dt_s)
         step = self._limit * dt_s
         way = max(-step, min(step, self._target - self._opening))
@@ -102,7 +116,13 @@ class KitchenTable(BlankFrames):
         return self.arm.t_s
 
     def feel(self, frame: Frame) -> FingerObservation:
-        """Reading of the finger at the newest frame."""
+        """Reading of the finger at the newest frame.
+
+        Parameters
+        ----------
+        frame
+            Newest frame.
+        """
         if self.arm.t_s >= self.blind_at_s:
             return FingerObservation(frame.t_s, False, math.nan, math.inf, math.nan)
         noise = self.rng.standard_normal(2)
@@ -113,7 +133,13 @@ class KitchenTable(BlankFrames):
         return FingerObservation(frame.t_s, True, force, self.force_sigma_N, surface)
 
     def weigh(self, frame: Frame) -> float:
-        """Vertical load on the fingers [N] with its zero's offset; NaN when the sensor is blind."""
+        """Vertical load on the fingers [N] with its zero's offset; NaN when the sensor is blind.
+
+        Parameters
+        ----------
+        frame
+            Newest frame.
+        """
         if self.arm.t_s >= self.blind_at_s:
             return math.nan
         load = self.container.mass_kg * GRAVITY_M_S2 if self.lifted_m > 0 else 0.0

@@ -30,7 +30,13 @@ class ProbeCell(BlankFrames):
     duration_s: float = math.inf
 
     def advance(self, dt_s: float) -> float:
-        """Let so much time pass [s]; returns the time now [s]."""
+        """Let time pass; returns the new time [s].
+
+        Parameters
+        ----------
+        dt_s
+            Simulated time [s].
+        """
         self.arm.advance(dt_s)
         return self.arm.t_s
 

@@ -69,11 +69,23 @@ class Revolution:
         return float(self.profile_m[-1, 1])
 
     def radius_m(self, height_m: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
-        """Outer radius (before the squash) at heights above the foot; 0 above and below [m]."""
+        """Outer radius (before the squash) at heights above the foot; 0 above and below [m].
+
+        Parameters
+        ----------
+        height_m
+            Heights above the foot [m].
+        """
         return np.interp(height_m, self.profile_m[:, 1], self.profile_m[:, 0], left=0.0, right=0.0)
 
     def contains(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points of the world lie inside the outer surface, contents included."""
+        """Whether points of the world lie inside the outer surface, contents included.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 3) of the world [m].
+        """
         local = np.asarray(points_m) - np.asarray(self.foot_m)
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
         x = (c * local[..., 0] + s * local[..., 1]) / self.squash
@@ -81,7 +93,13 @@ class Revolution:
         return (np.hypot(x, y) <= self.radius_m(local[..., 2])) & (local[..., 2] >= 0)
 
     def transparent_at(self, points_m: Float[np.ndarray, "*n 3"]) -> Bool[np.ndarray, "*n"]:
-        """Whether points lie inside at a height where no band hides more than half of it."""
+        """Whether points lie inside at a height where no band hides more than half of it.
+
+        Parameters
+        ----------
+        points_m
+            Points (..., 3) of the world [m].
+        """
         if self.kind != "glass":
             return np.zeros(np.shape(points_m)[:-1], dtype=bool)
         inside = self.contains(points_m)

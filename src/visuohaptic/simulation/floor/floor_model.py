@@ -1,0 +1,161 @@
+"""Objects and robot on a floor, and their MuJoCo model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.errors import InputError
+from ...core.geometry import polygon_centroid
+from ...io.maps.occupancy_map import OccupancyMap
+
+__all__ = ["FloorObject", "FloorRobot", "floor_mjcf"]
+
+GRAVITY_M_S2 = 9.81
+#: Height of the rim's equator and of the things' outlines: they meet there (m).
+PUSH_HEIGHT_M = 0.04
+#: Outlines are rounded by this, feet are spheres of that radius (m).
+EDGE_M, FOOT_M = 0.006, 0.004
+#: Time constant of the contact with the rim (s): 10 N press it in by 3 mm with a thing of 3 kg.
+FOAM_S = 0.03
+#: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts a thing in MuJoCo's
+#: convex contacts, does not let it hop.
+SINK_S = 0.02
+#: Walls are as hard as furniture is: friction of outlines against them and each other.
+WALL_FRICTION = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FloorObject:
+    """Something that stands on the floor."""
+
+    id: str
+    footprint_m: Float[np.ndarray, "p 2"]  #: outline where it stands at first, map frame
+    mass_kg: float
+    floor_friction: float
+    contact_friction: float = 0.3  #: with the robot's rim
+    centre_offset_m: tuple[float, float] = (0.0, 0.0)  #: of mass, from the outline's centroid
+    round_m: float = (
+        0.0  #: radius of a round thing, about the centroid; its footprint is not used for contact
+    )
+
+    def __post_init__(self) -> None:
+        if (
+            not min(self.mass_kg, self.floor_friction) > 0
+            or min(self.contact_friction, self.round_m) < 0
+            or len(self.footprint_m) < 3
+        ):
+            raise InputError("FloorObject", f"found {self}, expected an outline, mass and floor friction > 0")
+
+    @property
+    def friction_N(self) -> float:
+        """Force that moves it."""
+        return self.mass_kg * GRAVITY_M_S2 * self.floor_friction
+
+
+@dataclass(frozen=True, slots=True)
+class FloorRobot:
+    """A round robot on two wheels."""
+
+    radius_m: float = 0.17
+    force_max_N: float = 20.0  #: of the drive; pushed back harder it stands
+    acceleration_m_s2: float = 0.5
+    turn_acceleration_rad_s2: float = 2.0
+
+
+def floor_mjcf(
+    map: OccupancyMap,
+    boxes: Float[np.ndarray, "n 4"],
+    items: Sequence[FloorObject],
+    robot: FloorRobot,
+    step_s: float,
+) -> str:
+    """MuJoCo model; contact bit 1 is the floor with the feet, bit 2 what stands on it.
+
+    Parameters
+    ----------
+    map
+        Pose of the map in the world.
+    boxes
+        Walls (x0, y0, x1, y1) in the frame of the map [m].
+    items
+        Objects with different names.
+    robot
+        Size of the robot.
+    step_s
+        Time step of the physics [s].
+    """
+    x, y, yaw = map.origin
+    height = PUSH_HEIGHT_M
+    walls = "".join(
+        f'<geom type="box" pos="{(x0 + x1) / 2} {(y0 + y1) / 2} {height}" '
+        f'size="{(x1 - x0) / 2} {(y1 - y0) / 2} {height}" contype="2" conaffinity="2" '
+        f'friction="{WALL_FRICTION} 0 0"/>'
+        for x0, y0, x1, y1 in boxes
+    )
+    bodies = "".join(_item_mjcf(item) for item in items)
+    return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
+    <option timestep="{step_s}" cone="elliptic" impratio="5" integrator="implicitfast"
+      gravity="0 0 {-GRAVITY_M_S2}"/>
+    <default><geom condim="3" solref="0.01 1" solimp="0.95 0.99 0.001"/></default>
+    <worldbody>
+    <geom type="plane" size="500 500 1" contype="1" conaffinity="0"/>
+    <body pos="{x} {y} 0" euler="0 0 {yaw}">{walls}</body>
+    <body name="robot"><inertial pos="0 0 0" mass="1e5" diaginertia="1e4 1e4 1e4"/>
+      <joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint type="hinge" axis="0 0 1"/>
+      <geom name="rim" type="sphere" size="{robot.radius_m}" pos="0 0 {height}" contype="2" conaffinity="2"
+        friction="0 0 0"/></body>
+    {bodies}</worldbody></mujoco>"""
+
+
+def _item_mjcf(item: FloorObject) -> str:
+    """A ring of capsules, or a sphere, on feet: pairs with closed formulas for their contact."""
+    centre, height = polygon_centroid(item.footprint_m), PUSH_HEIGHT_M
+    own = item.footprint_m - centre
+    # Foam is between rim and outline: soft, so that it feels forces and no blows.
+    shape = (
+        f'mass="0" contype="2" conaffinity="2" priority="1" solref="{FOAM_S} 1" solimp="0.8 0.8 0.001" '
+        f'friction="{item.contact_friction} 0 0"'
+    )
+    if item.round_m > 0:
+        parts = f'<geom type="sphere" size="{item.round_m}" pos="0 0 {height}" {shape}/>'
+        angle = np.arange(6) * (math.pi / 3)
+        feet = 0.7 * item.round_m * np.column_stack([np.cos(angle), np.sin(angle)])
+    else:
+        inner = _inset(own, EDGE_M)
+        parts = "".join(
+            f'<geom type="capsule" size="{EDGE_M}" fromto="{a[0]} {a[1]} {height} {b[0]} {b[1]} {height}" '
+            f"{shape}/>"
+            for a, b in zip(inner, np.roll(inner, -1, axis=0), strict=True)
+        )
+        feet = 0.8 * own
+    # It stands upright and evenly on its feet: they move with the centre of mass.
+    feet = feet + np.asarray(item.centre_offset_m)
+    stand = "".join(
+        f'<geom type="sphere" size="{FOOT_M}" pos="{u} {v} {FOOT_M}" mass="0" contype="0" conaffinity="1" '
+        f'priority="1" solref="{SINK_S} 1" solimp="0.6 0.6 0.001" friction="{item.floor_friction} 0 0"/>'
+        for u, v in feet
+    )
+    extent = float((own**2).sum(axis=1).mean()) / 2
+    inertia = item.mass_kg * extent
+    cx, cy = item.centre_offset_m
+    joints = "".join(f'<joint type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
+    return (
+        f'<body name="item:{item.id}" pos="{centre[0]} {centre[1]} 0">{joints}'
+        f'<joint type="hinge" axis="0 0 1"/><inertial pos="{cx} {cy} 0.05" mass="{item.mass_kg}" '
+        f'diaginertia="{inertia} {inertia} {inertia}"/>{parts}{stand}</body>'
+    )
+
+
+def _inset(outline: Float[np.ndarray, "p 2"], by_m: float) -> Float[np.ndarray, "q 2"]:
+    """The outline moved inwards, so that capsules about it end where the outline is."""
+    import shapely
+
+    inner = shapely.Polygon(outline).buffer(-by_m, join_style="mitre")
+    if inner.is_empty or inner.geom_type != "Polygon":
+        return outline
+    return np.array(inner.exterior.coords)[:-1]
