@@ -18,7 +18,7 @@ from .io.maps import OccupancyMap as OccupancyMap
 from .navigation.graph import assign_regions as assign_regions
 from .navigation.graph import build_graph as build_graph
 from .navigation.planning import make_plan as make_plan
-from .navigation.plots import plot_plan as plot_plan
+from .navigation.plots import plot_path_plan as plot_path_plan
 from .navigation.problem import MovableObject as MovableObject
 from .navigation.problem import PlanningProblem as PlanningProblem
 from .navigation.problem import RobotModel as RobotModel

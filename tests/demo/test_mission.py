@@ -12,20 +12,18 @@ from visuohaptic.demo import (
     CHAPTERS,
     PARTS,
     Chapter,
+    ChapterOutcome,
     ChapterResult,
     Mission,
-    Outcome,
     contained,
-    office_map,
     recognise_the_bottle,
+    run_chapters,
     run_mission,
     table_bottle,
-    tell,
     training_objects,
     write_story,
 )
-from visuohaptic.demo.office_chapters import new_objects
-from visuohaptic.demo.probe_chapters import outline_given
+from visuohaptic.demo.probe_chapters import default_outline
 from visuohaptic.demo.story import done, failed
 from visuohaptic.recognition.touch import wall_from_stiffness
 from visuohaptic.simulation import FaultKind
@@ -44,7 +42,7 @@ def chapter(name: str, needs: tuple[str, ...], result: ChapterResult | Exception
 
 
 def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) -> None:
-    story = tell(
+    story = run_chapters(
         Mission(0, tmp_path),
         (
             chapter("a", (), done("all well", True)),
@@ -65,7 +63,7 @@ def test_what_needs_a_failed_chapter_is_skipped_with_the_reason(tmp_path: Path) 
 
 def test_a_mistake_of_ours_is_not_a_failed_chapter(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError):
-        tell(Mission(0, tmp_path), (chapter("a", (), ZeroDivisionError()),))
+        run_chapters(Mission(0, tmp_path), (chapter("a", (), ZeroDivisionError()),))
 
 
 def test_the_parts_are_chapters_of_the_story() -> None:
@@ -79,7 +77,7 @@ def test_the_parts_are_chapters_of_the_story() -> None:
 
 def test_navigate_maps_finds_the_door_blocked_and_arrives(tmp_path: Path) -> None:
     lines: list[str] = []
-    story = run_mission(tmp_path, part="navigate", seed=1, say=lines.append)
+    story = run_mission(tmp_path, part="navigate", seed=1, on_message=lines.append)
     assert story.complete, story.summary()
     assert not story.wrong_claims
     assert any("plan: push" in line for line in lines)
@@ -88,7 +86,7 @@ def test_navigate_maps_finds_the_door_blocked_and_arrives(tmp_path: Path) -> Non
 @pytest.mark.parametrize("fault", [FaultKind.LOST_POSE, FaultKind.WRONG_MAP])
 def test_a_lost_robot_does_not_claim_to_be_there(tmp_path: Path, fault: FaultKind) -> None:
     story = run_mission(tmp_path, chapters=("drive",), seed=2, fault=fault)
-    assert story.chapters[0].outcome is Outcome.FAILED
+    assert story.chapters[0].outcome is ChapterOutcome.FAILED
     assert story.chapters[0].reason
 
 
@@ -113,7 +111,7 @@ def test_what_slips_or_falls_is_not_lifted(tmp_path: Path, fault: FaultKind) -> 
 def test_contents_outside_of_the_model_are_not_claimed(tmp_path: Path, closed: bool, fill: float) -> None:
     """The true bottle is swapped for a partly filled one: gas by Boyle's law, its weight with the water."""
     mission = Mission(3, tmp_path)
-    outline_given(mission)
+    default_outline(mission)
     bottle = mission.bottle
     assert bottle is not None
     shell = contained(bottle.outline_m, bottle.wall_m, "closed" if closed else "open")
@@ -155,19 +153,6 @@ def test_the_foam_tags_one_thing(tmp_path: Path) -> None:
     assert story.complete, story.summary()
     assert not story.wrong_claims
     assert (tmp_path / "touch" / "run.mcap").is_file()
-
-
-def test_new_things_are_told_apart_and_walls_are_not_new() -> None:
-    grid = office_map()
-    rng = np.random.default_rng(0)
-    wall = np.column_stack([np.full(50, 4.95), np.linspace(0.5, 1.5, 50)])
-    one, two = (
-        [3.0, 2.0] + 0.02 * rng.standard_normal((40, 2)),
-        [3.4, 2.0] + 0.02 * rng.standard_normal((40, 2)),
-    )
-    found = new_objects(grid, np.concatenate([wall, one, two]))
-    assert len(found) == 2
-    assert new_objects(grid, wall) == []
 
 
 def test_the_wall_is_found_from_the_stiffness() -> None:

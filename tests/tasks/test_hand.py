@@ -17,11 +17,11 @@ from visuohaptic.tasks.framework import Trace, replay
 from visuohaptic.tasks.manipulation import (
     ClassifyOutcome,
     ClassifySettings,
+    GraspAndLiftTask,
     GraspOutcome,
-    GraspPlan,
-    GraspTask,
     Hand,
     HandObservation,
+    LiftPlan,
     Place,
     SqueezeCurve,
     SqueezeOutcome,
@@ -162,19 +162,19 @@ def test_it_says_so_when_it_is_not_sure() -> None:
 
 def test_a_grasp_lifts() -> None:
     kitchen, hand = table(container(mass_kg=0.3))
-    plan = GraspPlan(Place(0.1), force_N=4.0)
+    plan = LiftPlan(Place(0.1), force_N=4.0)
     found = grasp_and_lift(hand, plan)
     assert found.ending.outcome == GraspOutcome.LIFTED
     assert kitchen.lifted_m == pytest.approx(0.1, abs=2e-3)
     # 4 N on 1500 N/m, less the first newton or so that was needed to feel the surface at all.
     assert found.deformation_m == pytest.approx(4.0 / 1500.0, abs=5e-4)
-    assert replay(found.trace, GraspTask(plan), HandObservation) == found.ending
+    assert replay(found.trace, GraspAndLiftTask(plan), HandObservation) == found.ending
 
 
 def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:
     """On the way up the fingers stay at the same height of the wall, however fast the arm is."""
     kitchen, hand = table(container((1500.0, 6000.0, 1500.0), mass_kg=0.05))
-    grasp_and_lift(hand, GraspPlan(Place(0.08), force_N=4.0, arm_m_s=0.3))
+    grasp_and_lift(hand, LiftPlan(Place(0.08), force_N=4.0, arm_m_s=0.3))
     assert kitchen.lifted_m == pytest.approx(0.1, abs=1e-3)
     # The wall becomes stiffer upwards: a height that lags by a frame's way (1 cm) would change the force.
     assert kitchen.force_N == pytest.approx(4.1, abs=0.3)
@@ -193,7 +193,7 @@ def test_what_is_held_comes_along_before_the_fingers_feel_it() -> None:
 )
 def test_every_failed_grasp_has_its_reason(world: dict[str, Any], plan: dict[str, Any], outcome: str) -> None:
     kitchen, hand = table(container(mass_kg=0.3), **world)
-    found = grasp_and_lift(hand, GraspPlan(Place(0.1), **({"force_N": 4.0} | plan)))
+    found = grasp_and_lift(hand, LiftPlan(Place(0.1), **({"force_N": 4.0} | plan)))
     assert not found.ending.success
     assert found.ending.outcome == outcome
     assert found.ending.why
@@ -202,6 +202,6 @@ def test_every_failed_grasp_has_its_reason(world: dict[str, Any], plan: dict[str
 
 def test_bad_plans_are_refused() -> None:
     with pytest.raises(InputError, match="force_N: found 0"):
-        GraspPlan(Place(0.1), force_N=0.0)
+        LiftPlan(Place(0.1), force_N=0.0)
     with pytest.raises(InputError, match="expected rising forces"):
         SqueezeSettings(forces_N=(2.0, 1.0))

@@ -117,9 +117,11 @@ def test_late_and_repeated_observations_change_nothing(t_s: float) -> None:
     ),
     st.floats(0.1, 10.0),
 )
-def test_every_trace_reads_back_and_replays(moments: list[tuple[float, float, Look]], limit_N: float) -> None:
+def test_every_trace_reads_back_and_replays(
+    observed: list[tuple[float, float, Look]], limit_N: float
+) -> None:
     machine, t_s = Push(limit_N), 0.0
-    for wait_s, force, look in moments:
+    for wait_s, force, look in observed:
         t_s += wait_s
         machine.step(Seen(t_s, force, look, (force, t_s), ((t_s, -force),)))
         if machine.ending is not None:
@@ -152,8 +154,8 @@ def test_a_replay_that_differs_says_where(tmp_path: Path) -> None:
         (['{"task": "p", "settings": {}}', '{"ending": 3}'], "ending: found 3, expected a mapping"),
         (
             ['{"task": "p", "settings": {}}',
-             '{"t_s": "x", "state": "", "seen": {}, "told": {}, "next_state": "", "why": ""}'],
-            "line 2: t_s: found 'x', expected a finite number",
+             '{"t_s": "x", "state": "", "observation": {}, "command": {}, "next_state": "", "why": ""}'],
+            "line 2: t_s: found 'x', expected float",
         ),
     ],
 )  # fmt: skip

@@ -30,21 +30,21 @@ from visuohaptic.tasks.mobile.touch_map import MapObservation, MapOutcome, MapSe
 from visuohaptic.tasks.mobile.touch_map._map_contacts import aside_rad, contact_of
 
 
-def moment(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapObservation:
+def seen_at(t_s: float, x_m: float = 0.0, heading_rad: float = 0.0, **more: Any) -> MapObservation:
     values: dict[str, Any] = {"touched": False, "explored": "", "contact": False, "face_rad": math.nan}
     return MapObservation(t_s, x_m, 0.0, heading_rad, **(values | more))
 
 
 def test_left_along_right_and_straight_on_again() -> None:
     task = TouchMapTask(MapSettings(contacts=2, along_m=0.3))
-    assert task.step(moment(0.0)).explore
-    assert task.step(moment(1.0, explored="tagged", contact=True)).turn_rate_rad_s > 0
+    assert task.step(seen_at(0.0)).explore
+    assert task.step(seen_at(1.0, explored="tagged", contact=True)).turn_rate_rad_s > 0
     assert task.state is MapState.TURN_AWAY
-    assert task.step(moment(2.0, heading_rad=0.5 * math.pi)).speed_m_s > 0
-    assert task.step(moment(2.5, 0.2, 0.5 * math.pi)).speed_m_s > 0
-    assert task.step(moment(3.0, 0.35, 0.5 * math.pi)).turn_rate_rad_s < 0
-    assert task.step(moment(4.0, 0.35, 0.0)).explore
-    assert task.step(moment(5.0, explored="tagged", contact=True)).speed_m_s == 0.0
+    assert task.step(seen_at(2.0, heading_rad=0.5 * math.pi)).speed_m_s > 0
+    assert task.step(seen_at(2.5, 0.2, 0.5 * math.pi)).speed_m_s > 0
+    assert task.step(seen_at(3.0, 0.35, 0.5 * math.pi)).turn_rate_rad_s < 0
+    assert task.step(seen_at(4.0, 0.35, 0.0)).explore
+    assert task.step(seen_at(5.0, explored="tagged", contact=True)).speed_m_s == 0.0
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.MAPPED
     assert (
@@ -59,29 +59,29 @@ def test_left_along_right_and_straight_on_again() -> None:
 )
 def test_it_turns_left_until_the_face_is_parallel(face_rad: float, turn_rad: float) -> None:
     task = TouchMapTask()
-    task.step(moment(0.0))
-    task.step(moment(1.0, explored="tagged", contact=True, face_rad=face_rad))
-    assert task.step(moment(1.1, heading_rad=turn_rad - 0.05)).turn_rate_rad_s > 0
-    assert task.step(moment(1.2, heading_rad=turn_rad - 0.01)).speed_m_s > 0
+    task.step(seen_at(0.0))
+    task.step(seen_at(1.0, explored="tagged", contact=True, face_rad=face_rad))
+    assert task.step(seen_at(1.1, heading_rad=turn_rad - 0.05)).turn_rate_rad_s > 0
+    assert task.step(seen_at(1.2, heading_rad=turn_rad - 0.01)).speed_m_s > 0
 
 
 def test_ways_that_meet_nothing_turn_right_and_end() -> None:
     task = TouchMapTask(MapSettings(empty_ways=2))
-    task.step(moment(0.0))
-    assert task.step(moment(1.0, explored="nothing_found")).turn_rate_rad_s < 0
-    assert task.step(moment(2.0, heading_rad=-0.5 * math.pi)).explore
-    task.step(moment(3.0, explored="nothing_found"))
+    task.step(seen_at(0.0))
+    assert task.step(seen_at(1.0, explored="nothing_found")).turn_rate_rad_s < 0
+    assert task.step(seen_at(2.0, heading_rad=-0.5 * math.pi)).explore
+    task.step(seen_at(3.0, explored="nothing_found"))
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.NOTHING_FOUND
 
 
 def test_held_it_tries_every_way_out_and_then_says_that_it_is_stuck() -> None:
     task = TouchMapTask(MapSettings(frees=6))
-    task.step(moment(0.0))
-    task.step(moment(1.0, explored="tagged", contact=True))
+    task.step(seen_at(0.0))
+    task.step(seen_at(1.0, explored="tagged", contact=True))
     told = []
     while not task.ended:
-        told.append(task.step(moment(task.trace().steps[-1].t_s + 0.5)))
+        told.append(task.step(seen_at(task.trace().steps[-1].t_s + 0.5)))
     ways = [c for k, c in enumerate(told) if k == 0 or c != told[k - 1]]
     # It turned left: back the way it came, forward with the foam, turned to the right; and again, then left.
     assert [math.copysign(1.0, c.speed_m_s) if c.speed_m_s else 0.0 for c in ways[1:-1]] == [-1, 1, 0] * 2
@@ -92,31 +92,31 @@ def test_held_it_tries_every_way_out_and_then_says_that_it_is_stuck() -> None:
 
 def test_free_again_it_ends_the_turn_that_was_held() -> None:
     task = TouchMapTask(MapSettings(stuck_s=1.0))
-    task.step(moment(0.0))
-    task.step(moment(1.0, explored="tagged", contact=True, face_rad=0.5 * math.pi))
+    task.step(seen_at(0.0))
+    task.step(seen_at(1.0, explored="tagged", contact=True, face_rad=0.5 * math.pi))
     for t_s in (1.5, 2.0, 2.5, 3.0):
-        told = task.step(moment(t_s, heading_rad=0.1))
+        told = task.step(seen_at(t_s, heading_rad=0.1))
     assert told.speed_m_s < 0
     assert task.state is MapState.COME_FREE
-    told = task.step(moment(3.5, -0.13, 0.1))
+    told = task.step(seen_at(3.5, -0.13, 0.1))
     assert told.turn_rate_rad_s > 0
     assert task.state is MapState.TURN_AWAY
-    assert task.step(moment(4.0, -0.13, 0.5 * math.pi)).speed_m_s > 0
+    assert task.step(seen_at(4.0, -0.13, 0.5 * math.pi)).speed_m_s > 0
     assert task.state is MapState.ALONG
 
 
 def test_what_the_end_of_the_foam_met_is_met_once_more() -> None:
     task = TouchMapTask(MapSettings(contacts=2))
-    task.step(moment(0.0))
-    told = task.step(moment(1.0, explored="tagged", aside_rad=-0.6))
+    task.step(seen_at(0.0))
+    told = task.step(seen_at(1.0, explored="tagged", aside_rad=-0.6))
     assert told.turn_rate_rad_s < 0
     assert task.once_more
     assert task.contacts == 0
-    assert task.step(moment(2.0, heading_rad=-0.59)).explore
+    assert task.step(seen_at(2.0, heading_rad=-0.59)).explore
     # Whatever it is the second time: no third.
     assert (
         task.step(
-            moment(3.0, heading_rad=-0.6, explored="tagged", contact=True, aside_rad=0.5)
+            seen_at(3.0, heading_rad=-0.6, explored="tagged", contact=True, aside_rad=0.5)
         ).turn_rate_rad_s
         > 0
     )
@@ -160,13 +160,13 @@ def test_walls_and_middles_need_no_second_time() -> None:
 
 def test_a_failing_sensor_and_the_time_end_it() -> None:
     task = TouchMapTask()
-    task.step(moment(0.0))
-    task.step(moment(1.0, explored="sensor_failed"))
+    task.step(seen_at(0.0))
+    task.step(seen_at(1.0, explored="sensor_failed"))
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.SENSOR_FAILED
     task = TouchMapTask(MapSettings(timeout_s=10.0))
-    task.step(moment(0.0))
-    task.step(moment(11.0))
+    task.step(seen_at(0.0))
+    task.step(seen_at(11.0))
     assert task.ending is not None
     assert task.ending.outcome == MapOutcome.TIMED_OUT
     with pytest.raises(InputError, match="along_m: found 0"):

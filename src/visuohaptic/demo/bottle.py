@@ -18,12 +18,13 @@ from ..core.camera.pose import Pose
 from ..deformation.shapes.container import ContainerDescription
 from ..deformation.shells.fourier_shell import RevolutionShell
 from ..recognition.data.data_set import FeatureSet, load_feature_set
+from ..recognition.touch.outline_match import container_outline
 from ..simulation.tabletop.bottles import Bottle
 from ..simulation.tabletop.deformable import DeformableContainer
 from ..simulation.tabletop.refraction import PET, Band, Box, RefractingScene, Revolution
 
 __all__ = [
-    "CLASS", "GROUPS", "HEIGHTS", "PLACE", "STATES", "TableBottle", "around_the_table", "contained", "profile_of",
+    "CLASS", "GROUPS", "HEIGHTS", "PLACE", "STATES", "TableBottle", "around_the_table", "contained",
     "table_bottle", "training_objects",
 ]  # fmt: skip
 
@@ -73,21 +74,22 @@ def training_objects() -> FeatureSet:
     return load_feature_set(Path(__file__).with_name("containers.npz"))
 
 
-def profile_of(description: ContainerDescription, around: int = 32) -> Float[np.ndarray, "k 2"]:
-    """Radius and height of the rings of a round container."""
-    from ..deformation.shapes.mesher import mesh_container
-
-    thing = mesh_container(description, around=around)
-    points = thing.mesh.vertices_m[np.unique(thing.mesh.faces)]
-    heights = np.unique(points[:, 2].round(6))
-    radius = [np.hypot(*points[np.abs(points[:, 2] - z) < 2e-6, :2].T).max() for z in heights]
-    return np.column_stack([radius, heights])
-
-
 def contained(
     outline_m: Float[np.ndarray, "k 2"], wall_m: float, state: str, stiffer: float = 1.0
 ) -> DeformableContainer:
-    """How a round PET bottle of an outline gives way in a state."""
+    """Force against deformation of a round PET bottle of an outline in a state.
+
+    Parameters
+    ----------
+    outline_m
+        Radius and height (k, 2) [m].
+    wall_m
+        Thickness of the wall [m].
+    state
+        One of ``STATES``.
+    stiffer
+        Factor of the modulus.
+    """
     closed, fill = STATES[state]
     z = np.linspace(outline_m[0, 1], outline_m[-1, 1], 81)
     r = np.interp(z, outline_m[:, 1], outline_m[:, 0])
@@ -103,13 +105,19 @@ def contained(
 
 
 def table_bottle(rng: np.random.Generator) -> TableBottle:
-    """A bottle that the classifier has not seen, somewhere on the table, in a state."""
+    """A bottle that the classifier has not seen, somewhere on the table, in a state.
+
+    Parameters
+    ----------
+    rng
+        Draws variant, state and place.
+    """
     from ..deformation.shapes.container import load_container
     from ..deformation.shapes.variants import draw_variant
 
     description = draw_variant(load_container(CLASS), int(rng.integers(200)), 1000 + int(rng.integers(1000)))
     state = list(STATES)[int(rng.integers(len(STATES)))]
-    outline = profile_of(description)
+    outline = container_outline(description)
     wall = float(description.wall[0])
     foot = (float(rng.uniform(-0.02, 0.02)), float(rng.uniform(-0.02, 0.02)))
     height = float(outline[-1, 1])
@@ -155,7 +163,15 @@ def table_bottle(rng: np.random.Generator) -> TableBottle:
 
 
 def around_the_table(views: int, rng: np.random.Generator) -> list[Pose]:
-    """Views on a circle that look at the middle of the table."""
+    """Views on a circle that look at the middle of the table.
+
+    Parameters
+    ----------
+    views
+        How many.
+    rng
+        Draws radius, height and first angle.
+    """
     first = float(rng.uniform(0, 2 * math.pi))
     radius, height = float(rng.uniform(0.72, 0.82)), float(rng.uniform(0.42, 0.52))
     return [

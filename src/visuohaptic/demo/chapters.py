@@ -14,7 +14,7 @@ from . import hand_chapters as hand
 from . import office_chapters as way
 from . import probe_chapters as probe
 from . import touch_chapters as touch
-from .story import Chapter, Mission, Story, tell
+from .story import Chapter, Mission, Story, run_chapters
 
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
@@ -22,28 +22,28 @@ if TYPE_CHECKING:
 __all__ = ["CHAPTERS", "PARTS", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
-    Chapter("map", "The platform maps its way with the laser", (), way.map_the_way, way.map_given),
-    Chapter("door", "Today the door is blocked", ("map",), way.find_the_door_blocked, way.door_given),
+    Chapter("map", "The platform maps its way with the laser", (), way.map_the_way, way.default_map),
+    Chapter("door", "Today the door is blocked", ("map",), way.find_the_door_blocked, way.default_door),
     Chapter(
         "foam",
         "It touches what stands there, and tags it",
         ("door",),
         touch.explore_obstacles,
-        touch.tags_given,
+        touch.default_tags,
     ),
     Chapter(
         "drive",
         "It plans with the tags, pushes and arrives",
         ("map", "foam"),
         drive.drive_to_the_table,
-        drive.at_the_table,
+        drive.default_arrival,
     ),
     Chapter(
         "beam",
         "At the table the probe's beam sensor is zeroed",
         ("drive",),
         probe.zero_the_beam,
-        probe.beam_given,
+        probe.default_beam,
     ),
     Chapter("glass", "The camera circles, and finds what is transparent", ("drive",), probe.find_the_glass),
     Chapter(
@@ -51,7 +51,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         "The probe completes the bottle",
         ("glass", "beam"),
         probe.complete_the_bottle,
-        probe.outline_given,
+        probe.default_outline,
     ),
     Chapter("squeeze", "The gripper squeezes: class and state", ("probe",), hand.recognise_the_bottle),
     Chapter("grasp", "The grasp is planned and carried out", ("squeeze",), hand.grasp_the_bottle),
@@ -74,13 +74,13 @@ def run_mission(
     *,
     part: str | None = None,
     seed: int = 1,
-    say: Callable[[str], None] = log.info,
+    on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
     fault: FaultKind | None = None,
     chapters: tuple[str, ...] | None = None,
     quick: bool = False,
 ) -> Story:
-    """Tell the story, or a part of it.
+    """Run the end-to-end demonstration, or a part of it.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def run_mission(
         learnt is then filled in from the simulated world, and said so.
     seed
         Of everything random: order of the things, noise, bottle, state.
-    say
-        Receives the lines of the story.
+    on_message
+        Takes the lines of the story.
     page
         Shows it live.
     fault
@@ -101,6 +101,11 @@ def run_mission(
         Names, instead of a part.
     quick
         Fewer frames and views: for tests.
+
+    Raises
+    ------
+    InputError
+        Part or chapter is not known.
 
     Examples
     --------
@@ -120,9 +125,15 @@ def run_mission(
     wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
     given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
     mission = Mission(
-        seed, Path(folder), say, page, fault, obstacles=1 if part == "foam" or quick else 3, quick=quick
+        seed,
+        Path(folder),
+        on_message,
+        page,
+        fault,
+        obstacles=1 if part == "foam" or quick else 3,
+        quick=quick,
     )
-    return tell(mission, told, given)
+    return run_chapters(mission, told, given)
 
 
 #: What a given chapter itself builds on, as far as it is not filled in by it.

@@ -15,10 +15,11 @@ from ..simulation.floor.floor_model import FloorObject
 from ..simulation.floor.floor_senses import FloorSenses
 from ..simulation.floor.floor_world import FloorWorld
 from ..tasks.mobile.travel.navigate import Travel, travel
+from ..tasks.mobile.travel.travel_memory import map_with_footprints
 from ..tasks.mobile.travel.travel_types import TravelSettings
-from .office_chapters import FIT_SHARE, GOAL, LOOK, ROBOT, fit_fraction, office_map
-from .story import ChapterResult, Measure, Mission, Picture, done, failed
-from .touch_chapters import map_with
+from .office_chapters import GOAL, LOOK, MIN_FIT, ROBOT, fit_fraction, office_map
+from .push_demo import show_obstacle
+from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
 __all__ = ["drive_to_the_table"]
 
@@ -42,56 +43,46 @@ class _LostSenses(FloorSenses):
 
 
 def drive_to_the_table(mission: Mission) -> ChapterResult:
-    """Plan, push, look, plan again; at the end see whether the laser agrees."""
+    """Plan, push, look, plan again; at the end see whether the laser agrees.
+
+    Parameters
+    ----------
+    mission
+        With map, pose and tagged objects.
+    """
     known = mission.known
     assert known.map is not None
-    grid = map_with(known.map, known.objects)
-    start = known.pose[:2]
-    problem = PlanningProblem(grid, ROBOT, np.array(start), np.array(GOAL), known.objects)
-    plan = make_plan(problem)
-    around = without_pushing(problem)
+    grid = map_with_footprints(known.map, [item.footprint_m for item in known.objects])
+    problem = PlanningProblem(grid, ROBOT, np.array(known.pose[:2]), np.array(GOAL), known.objects)
+    plan, detour = make_plan(problem), without_pushing(problem)
     if not plan.reachable:
         return failed(f"there is no plan: {plan.reason}")
     for task in plan.tasks:
         what = f"{task.kind} {task.object}".strip()
-        mission.say(f"  plan: {what}, {task.length_m:.2f} m, {task.cost_s:.0f} s{_why(task.object, mission)}")
+        mission.log(f"  plan: {what}, {task.length_m:.2f} m, {task.cost_s:.0f} s{_why(task.object, mission)}")
     world, senses = _world(mission)
-    track: list[Float[np.ndarray, "3"]] = []
-
-    def wait(seconds: float) -> None:
-        world.step(seconds)
-        if not track or np.hypot(*(world.pose_m()[:2] - track[-1][:2])) > 0.02:
-            track.append(world.pose_m())
-            _show(mission, world)
-
-    begin_s = world.t_s
-    found = travel(problem, world.base, senses, wait, TravelSettings(timeout_s=600.0))
-    for record in found.records:
-        if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
-            more = f" {record.object}" if record.object else ""
-            mission.say(f"  {record.t_s - begin_s:5.0f} s  {record.event}{more}")
-    for path in mission.paths:
-        x_m, y_m, yaw_rad = map(float, world.item_pose_m(path.obstacle.name))
-        mission.placed[path.obstacle.name] = (x_m, y_m, yaw_rad)
+    found, track = _travelled(mission, problem, world, senses)
     true_pose = tuple(float(value) for value in world.pose_m())
-    off_m = math.hypot(true_pose[0] - GOAL[0], true_pose[1] - GOAL[1])
+    error_m = math.hypot(true_pose[0] - GOAL[0], true_pose[1] - GOAL[1])
     estimated = senses.pose()
     parts = (
         Measure(
             "distance from the goal at the end [m]",
             math.hypot(estimated[0] - GOAL[0], estimated[1] - GOAL[1]),
-            off_m,
+            error_m,
         ),
         Measure("time for the way [s]", found.duration_s, plan.cost_s),
-        Measure("way without a push [m]", around.length_m if around.reachable else "none", None),
-        _picture(mission, problem, found, np.array(track), world),
+        Measure(
+            "length of the detour without a push [m]", detour.length_m if detour.reachable else "none", None
+        ),
+        _picture(mission, problem, found, track, world),
     )
     if not found.arrived:
         return failed(f"{found.outcome.value}: {found.reason}", *parts)
     # Odometry and wishes are not enough: the laser has to see the map from here.
     known.pose = estimated
     fraction = fit_fraction(mission, known.map, (true_pose[0], true_pose[1], true_pose[2]), estimated)
-    if fraction < FIT_SHARE:
+    if fraction < MIN_FIT:
         return failed(
             f"the platform believes to be there, but only {100 * fraction:.0f} % of what the laser sees "
             "is on the map: its pose or its map is wrong",
@@ -101,8 +92,32 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     pushed = sorted({record.object for record in found.records if record.event == "pushed"})
     what = f"{', '.join(pushed)} pushed aside" if pushed else "nothing had to be pushed"
     return done(
-        f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", off_m < NEAR_M, *parts
+        f"arrived after {found.duration_s:.0f} s and {found.length_m:.1f} m, {what}", error_m < NEAR_M, *parts
     )
+
+
+def _travelled(
+    mission: Mission, problem: PlanningProblem, world: FloorWorld, senses: FloorSenses
+) -> tuple[Travel, Float[np.ndarray, "n 3"]]:
+    """Drive, show it, and take down where everything truly went."""
+    track: list[Float[np.ndarray, "3"]] = []
+
+    def wait(seconds: float) -> None:
+        world.step(seconds)
+        if not track or np.hypot(*(world.pose_m()[:2] - track[-1][:2])) > 0.02:
+            track.append(world.pose_m())
+            _show(mission, world)
+
+    start_s = world.t_s
+    found = travel(problem, world.base, senses, wait, TravelSettings(timeout_s=600.0))
+    for record in found.records:
+        if record.event in ("pushed", "explored", "bumped", "stalled", "arrived"):
+            more = f" {record.object}" if record.object else ""
+            mission.log(f"  {record.t_s - start_s:5.0f} s  {record.event}{more}")
+    for path in mission.paths:
+        x_m, y_m, yaw_rad = map(float, world.item_pose_m(path.obstacle.name))
+        mission.placed[path.obstacle.name] = (x_m, y_m, yaw_rad)
+    return found, np.array(track).reshape(-1, 3)
 
 
 def _why(name: str, mission: Mission) -> str:
@@ -163,15 +178,8 @@ def _show(mission: Mission, world: FloorWorld) -> None:
         fixed=False,
     )
     for path in mission.paths:
-        true = path.obstacle
-        px, py, turn = (float(value) for value in world.item_pose_m(true.name))
-        mission.page.set_obstacle(
-            true.name,
-            true.outlines[0].polygon_m(),
-            Pose.from_rotation_vector([0.0, 0.0, turn], [px, py, 0.0]),
-            height_m=true.height_m,
-            fixed=true.fixed,
-        )
+        x, y, turn = (float(value) for value in world.item_pose_m(path.obstacle.name))
+        show_obstacle(mission.page, path.obstacle, (x, y, turn))
 
 
 def _picture(
@@ -180,8 +188,8 @@ def _picture(
     found: Travel,
     track: Float[np.ndarray, "n 3"],
     world: FloorWorld,
-) -> Picture:
-    from ..report.charts import MapObject, floor_map
+) -> Illustration:
+    from ..report.floor_chart import MapObject, floor_map
 
     objects = [
         MapObject(item.id, item.footprint_m, item.tag, world.footprint_m(item.id)) for item in problem.objects
@@ -191,14 +199,14 @@ def _picture(
     x, y, _ = grid.origin
     path = track[:, :2] if len(track) else None
     figure = floor_map(grid.cells, grid.resolution_m, (x, y), path_world_m=path, objects=objects)
-    return Picture(
+    return Illustration(
         figure,
         "The way through the door: footprints as felt with their tags, dashed where the things truly ended, "
         f"{found.pushes} pushes, {found.plans} plans",
     )
 
 
-def at_the_table(mission: Mission) -> None:
+def default_arrival(mission: Mission) -> None:
     """The platform stands where the table can be served from."""
     mission.known.arrived = True
     mission.known.pose = (*GOAL, 0.0)

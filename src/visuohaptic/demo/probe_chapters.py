@@ -12,45 +12,55 @@ from ..core.camera.frame import Frame
 from ..core.camera.pose import Pose
 from ..core.measurement import Reason, Wrench
 from ..io.depth.depth_sequence import DepthFrame
+from ..reconstruction.completion.outline import axial_part, measured_outline
 from ..simulation.tabletop.arm import SimulatedArm
 from ..simulation.tabletop.depth_camera import DepthCamera
 from ..simulation.tabletop.glass_scenes import disturb_pose
 from ..simulation.tabletop.probe_cell import ProbeCell
-from ..tasks.manipulation.complete import CompleteSettings, complete_by_touch
+from ..tasks.manipulation.complete import CompleteSettings, CompletionByTouch, complete_by_touch
 from .bottle import PLACE, TableBottle, around_the_table, table_bottle
-from .story import ChapterResult, Measure, Mission, Picture, done, failed
+from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ..reconstruction.completion.surface_completion import Completion
-    from ..reconstruction.mesh import SurfaceMesh
 
 __all__ = ["complete_the_bottle", "find_the_glass", "set_the_table", "zero_the_beam"]
 
 #: Space of interest on the table [m], and its voxels.
 LOW, HIGH, VOXEL_M = (-0.3, -0.3, -0.02), (0.3, 0.3, 0.32), 0.006
 #: The stop rule of the completion [m], and how many lines are probed at most.
-BOUND_M, TOUCHES = 0.0015, 10
+BOUND_M, MAX_TOUCHES = 0.0015, 10
 #: Above this expected error the outline is not used.
-DOUBT_M = 0.010
+MAX_ERROR_M = 0.010
 #: Height above the table under which nothing is probed: the tip is a few millimetres thick [m].
 FLOOR_M = 0.008
-#: Slices of the completed outline [m], and how far from the axis it is looked for.
-SLICE_M, REACH_M = 0.008, 0.065
-#: Faces of a wall look down by no more than this: the fusion closes a label's lower edge.
-UNDER = 0.3
+#: How far from its axis the bottle is looked for [m].
+REACH_M = 0.065
 
 
 def set_the_table(mission: Mission) -> TableBottle:
-    """Put the bottle onto the simulated table."""
+    """Put the bottle onto the simulated table, once.
+
+    Parameters
+    ----------
+    mission
+        Draws and keeps the bottle.
+    """
     if mission.bottle is None:
         mission.bottle = table_bottle(mission.rng(20))
     return mission.bottle
 
 
 def zero_the_beam(mission: Mission) -> ChapterResult:
-    """The camera looks at the rod: at rest for the zero, then under known loads."""
+    """The camera looks at the rod: at rest for the zero, then under known loads.
+
+    Parameters
+    ----------
+    mission
+        Receives noise and compliance of the probe.
+    """
     from ..rigs.virtual_beam import VirtualBeam
 
     rng = mission.rng(21)
@@ -82,15 +92,15 @@ def zero_the_beam(mission: Mission) -> ChapterResult:
         Measure("rms error of a force's component [N]", rms, 0.0),
         Measure("declared standard deviation [N]", mission.known.probe_sigma_N, None),
         Measure("worst error by declared deviation", worst, None),
-        Picture(
+        Illustration(
             _forces(true, read, sigma), "Forces read from the bending rod beside those that were applied"
         ),
     ]
     if picture is not None:
         parts.append(
-            Picture(picture, "The last frame: the reference print at the clamp, two more along the rod")
+            Illustration(picture, "The last frame: the reference print at the clamp, two more along the rod")
         )
-    mission.say(f"  {len(rows)} loads of up to 2.5 N read with an rms error of {1e3 * rms:.0f} mN")
+    mission.log(f"  {len(rows)} loads of up to 2.5 N read with an rms error of {1e3 * rms:.0f} mN")
     return done(
         f"the probe's force is known to {1e3 * mission.known.probe_sigma_N:.0f} mN by its own account",
         worst < 4.5,
@@ -115,13 +125,19 @@ def _forces(true: np.ndarray, read: np.ndarray, sigma: np.ndarray) -> Figure:
     return figure
 
 
-def beam_given(mission: Mission) -> None:
+def default_beam(mission: Mission) -> None:
     """The noise and the spring of the data sheet."""
     mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N = 0.03, 1.0 / 500.0
 
 
 def find_the_glass(mission: Mission) -> ChapterResult:
-    """Depth views around the table: fuse what is opaque, find what is not."""
+    """Depth views around the table: fuse what is opaque, find what is not.
+
+    Parameters
+    ----------
+    mission
+        Receives the reconstruction.
+    """
     from ..reconstruction.fusion.volume import SpaceGrid
     from ..reconstruction.pipeline import reconstruct
 
@@ -132,14 +148,14 @@ def find_the_glass(mission: Mission) -> ChapterResult:
         depth = camera.render(bottle.scene, pose, rng)
         told = disturb_pose(pose, rng, 0.0005, 0.001)
         frames.append(DepthFrame(0.1 * index, depth, None, told, camera.camera, index))
-    mission.say(f"  {len(frames)} views; fusing, and looking for contradictions between them")
+    mission.log(f"  {len(frames)} views; fusing, and looking for contradictions between them")
     found = reconstruct(frames, grid=SpaceGrid.around(LOW, HIGH, VOXEL_M))
     picture = _depth(frames[0].depth_m)
     if not found.regions:
         return failed("no view contradicts another: nothing transparent was found", picture)
     region = found.regions[0]
     centre = region.centroid_m
-    mission.say(
+    mission.log(
         f"  {len(found.regions)} transparent part, the largest {1e3 * region.size_m[2]:.0f} mm high around "
         f"({1e3 * centre[0]:.0f}, {1e3 * centre[1]:.0f}, {1e3 * centre[2]:.0f}) mm"
     )
@@ -154,7 +170,7 @@ def find_the_glass(mission: Mission) -> ChapterResult:
     )
 
 
-def _depth(depth_m: Float[np.ndarray, "h w"]) -> Picture:
+def _depth(depth_m: Float[np.ndarray, "h w"]) -> Illustration:
     import cv2
 
     near, far = 0.5, 1.4
@@ -162,74 +178,38 @@ def _depth(depth_m: Float[np.ndarray, "h w"]) -> Picture:
     large = cv2.resize(grey.astype(np.uint8), None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST)
     coloured = cv2.applyColorMap(large, cv2.COLORMAP_VIRIDIS)
     coloured[large == 0] = 0
-    return Picture(coloured, "One depth view: near is bright; black is where the sensor says nothing")
+    return Illustration(coloured, "One depth view: near is bright; black is where the sensor says nothing")
 
 
 def complete_the_bottle(mission: Mission) -> ChapterResult:
-    """Probe where the surface is known least, until it is known, and measure the outline."""
-    from ..reconstruction.completion.hole_region import HoleRegion
-    from ..reconstruction.completion.surface_completion import Completion
+    """Probe where the surface is known least, until it is known, and measure the outline.
 
+    Parameters
+    ----------
+    mission
+        With the reconstruction and the beam sensor's noise; receives the outline.
+    """
     known, bottle = mission.known, set_the_table(mission)
-    found = mission.scan
-    assert found is not None
-    assert known.probe_sigma_N is not None
-    assert known.probe_compliance_m_per_N is not None
-    region = found.regions[0]
-    centre = region.centroid_m[:2]
-    completion = Completion(
-        near_axis(found.surface, centre, REACH_M),
-        HoleRegion.of_points(region.hull_m, region.score),
-        T_visual_haptic=PLACE.inverse(),
-    )
-    surface = completion.visual
-    before_m = completion.expected_error_m()
-    rng = mission.rng(23)
-    arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
-    cell = ProbeCell(
-        arm,
-        bottle.probed(),
-        rng,
-        T_base_bottle=bottle.T_base_bottle,
-        stiffness_N_per_m=1.0 / known.probe_compliance_m_per_N,
-        force_sigma_N=known.probe_sigma_N,
-    )
-
-    sigma_N = known.probe_sigma_N
-
-    def feel(frame: Frame) -> Wrench:
-        covariance = np.eye(6) * sigma_N**2
-        return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), covariance)
-
-    top = float(surface.vertices_m[:, 2].max())
-    settings = CompleteSettings(
-        bound_m=BOUND_M,
-        touches=4 if mission.quick else TOUCHES,
-        touch_N=max(0.4, 8 * known.probe_sigma_N),
-        blocked_N=max(1.0, 16 * known.probe_sigma_N),
-        top_m=top,
-        floor_m=FLOOR_M,
-        compliance_m_per_N=known.probe_compliance_m_per_N,
-        sigma_m=0.0005 + known.probe_sigma_N * known.probe_compliance_m_per_N,
-    )
-    touched = complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=PLACE)
+    completion = _visible(mission)
+    surface, before_m = completion.visual, completion.expected_error_m()
+    touched = _probe(mission, bottle, completion)
     contacts = [touch.contact_m for touch in touched.touches if touch.contact_m is not None]
-    mission.say(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
+    mission.log(f"  {len(contacts)} contacts on {len(touched.touches)} lines: {touched.ending.why}")
     if len(contacts) < 3:
         return failed(f"{touched.ending.outcome}: {touched.ending.why}; {len(contacts)} contacts are too few")
     if not (touched.ending.success or touched.ending.outcome == "touches_used"):
         return failed(f"{touched.ending.outcome}: {touched.ending.why}")
-    outline = outline_of(completion)
     foot = completion.axis_m
+    outline = measured_outline(axial_part(completion.completed(), foot, REACH_M), foot, REACH_M)
+    seen = measured_outline(surface, foot, REACH_M)
     known.outline_m, known.bottle_at_m = outline, np.asarray(foot)
-    rms_m, height_off_m = _off(outline, bottle)
-    start_m = _off(outline_of_mesh(surface, foot), bottle)[0]
-    if touched.error_m > DOUBT_M:
+    rms_m, height_error_m = _outline_error(outline, bottle)
+    if touched.error_m > MAX_ERROR_M:
         return failed(
             f"after {len(contacts)} contacts the outline is still expected to be {1e3 * touched.error_m:.1f} mm off"
         )
     # The claim is the expected error: twice of it is what it may be off by.
-    right = rms_m < max(0.004, 2 * touched.error_m) and abs(height_off_m) < 0.01
+    right = rms_m < max(0.004, 2 * touched.error_m) and abs(height_error_m) < 0.01
     return done(
         f"{len(contacts)} contacts complete the outline: {1e3 * outline[-1, 1]:.0f} mm high, up to "
         f"{2e3 * outline[:, 0].max():.0f} mm wide, expected error {1e3 * touched.error_m:.1f} mm",
@@ -237,13 +217,59 @@ def complete_the_bottle(mission: Mission) -> ChapterResult:
         Measure("expected error of the missing part, before touching [m]", before_m, None),
         Measure("expected error of the missing part, after [m]", touched.error_m, None),
         Measure("rms error of the outline's radius [m]", rms_m, 0.0),
-        Measure("the same of what was only seen [m]", start_m, 0.0),
+        Measure("the same of what was only seen [m]", _outline_error(seen, bottle)[0], 0.0),
         Measure("height [m]", float(outline[-1, 1]), bottle.height_m),
-        Picture(
-            _outline_figure(outline, bottle, outline_of_mesh(surface, foot), _radial(contacts, foot)),
+        Illustration(
+            _outline_figure(outline, bottle, seen, _radial(contacts, foot)),
             "Outline of the bottle: what the camera saw, what the probe touched, what came of it, and the truth",
         ),
     )
+
+
+def _visible(mission: Mission) -> Completion:
+    """What the camera saw of the bottle, and the region that is missing."""
+    from ..reconstruction.completion.hole_region import HoleRegion
+    from ..reconstruction.completion.surface_completion import Completion
+
+    assert mission.scan is not None
+    region = mission.scan.regions[0]
+    return Completion(
+        axial_part(mission.scan.surface, region.centroid_m[:2], REACH_M),
+        HoleRegion.of_points(region.hull_m, region.score),
+        T_visual_haptic=PLACE.inverse(),
+    )
+
+
+def _probe(mission: Mission, bottle: TableBottle, completion: Completion) -> CompletionByTouch:
+    """Touch the true bottle with the noise of the beam sensor."""
+    sigma_N, compliance = mission.known.probe_sigma_N, mission.known.probe_compliance_m_per_N
+    assert sigma_N is not None
+    assert compliance is not None
+    rng = mission.rng(23)
+    arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.4])), repeat_sigma_m=2e-4, rng=rng)
+    cell = ProbeCell(
+        arm,
+        bottle.probed(),
+        rng,
+        T_base_bottle=bottle.T_base_bottle,
+        stiffness_N_per_m=1.0 / compliance,
+        force_sigma_N=sigma_N,
+    )
+
+    def feel(frame: Frame) -> Wrench:
+        return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), np.eye(6) * sigma_N**2)
+
+    settings = CompleteSettings(
+        bound_m=BOUND_M,
+        touches=4 if mission.quick else MAX_TOUCHES,
+        touch_N=max(0.4, 8 * sigma_N),
+        blocked_N=max(1.0, 16 * sigma_N),
+        top_m=float(completion.visual.vertices_m[:, 2].max()),
+        floor_m=FLOOR_M,
+        compliance_m_per_N=compliance,
+        sigma_m=0.0005 + sigma_N * compliance,
+    )
+    return complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=PLACE)
 
 
 def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray, "n 2"]:
@@ -251,38 +277,7 @@ def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray,
     return np.column_stack([np.hypot(*(points[:, :2] - foot_m).T), points[:, 2]])
 
 
-def near_axis(surface: SurfaceMesh, centre_m: np.ndarray, reach_m: float) -> SurfaceMesh:
-    """The walls and the lid of what is about an upright axis, above the table."""
-    middle = surface.vertices_m[surface.faces].mean(axis=1)
-    chosen = (np.hypot(*(middle[:, :2] - centre_m).T) < reach_m) & (middle[:, 2] > 0.004)
-    return surface.submesh(np.flatnonzero(chosen & (surface.face_normals[:, 2] > -UNDER)))
-
-
-def outline_of(completion: Completion) -> Float[np.ndarray, "k 2"]:
-    """Radius by height of the completed object, from the table up."""
-    return outline_of_mesh(near_axis(completion.completed(), completion.axis_m, REACH_M), completion.axis_m)
-
-
-def outline_of_mesh(mesh: SurfaceMesh, foot_m: np.ndarray) -> Float[np.ndarray, "k 2"]:
-    """Median radius of slices; heights without points are left to interpolation."""
-    points = mesh.vertices_m[np.unique(mesh.faces)]
-    rho = np.hypot(*(points[:, :2] - foot_m).T)
-    kept = rho < REACH_M
-    points, rho = points[kept], rho[kept]
-    top = float(np.quantile(points[:, 2], 0.999))
-    rows = []
-    for z in np.arange(0.5 * SLICE_M, top, SLICE_M):
-        # The top's own surface lies inside the rim and is no wall.
-        near = (np.abs(points[:, 2] - z) < 0.5 * SLICE_M) & (points[:, 2] < top - 0.003)
-        if np.count_nonzero(near) >= 6:
-            rows.append((float(np.median(rho[near])), float(z)))
-    if len(rows) < 3:
-        return np.array([[0.03, 0.0], [0.03, top]])
-    outline = np.array(rows)
-    return np.vstack([[outline[0, 0], 0.0], outline, [outline[-1, 0], top]])
-
-
-def _off(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> tuple[float, float]:
+def _outline_error(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> tuple[float, float]:
     """Root mean square error of the radius over the height, and the error of the height."""
     z = np.linspace(0.01, 0.9 * bottle.height_m, 60)
     told = np.interp(z, outline[:, 1], outline[:, 0])
@@ -321,7 +316,7 @@ def _outline_figure(
     return figure
 
 
-def outline_given(mission: Mission) -> None:
+def default_outline(mission: Mission) -> None:
     """The outline as a completion would give it: the truth, off by half a millimetre."""
     bottle = set_the_table(mission)
     off = 5e-4 * mission.rng(24).standard_normal(len(bottle.outline_m))

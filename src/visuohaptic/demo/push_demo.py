@@ -25,6 +25,7 @@ from ..sensing.scene.ego_motion import EgoMotionSettings
 from ..sensing.scene.scene_record import write_scene
 from ..sensing.scene.scene_regions import SceneSettings
 from ..sensing.scene.scene_tracker import SceneTracker
+from ..simulation.mobile.obstacles import SimulatedObstacle
 from ..simulation.mobile.office import ApproachPath, furnished_office, obstacles_for_map
 from ..simulation.mobile.platform import PlatformConfig
 from ..simulation.mobile.push_world import FoamPushWorld
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from ..sensing.foam.strip.optics import ObservedStrip
     from ..viewer.page import LivePage
 
-__all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo"]
+__all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo", "show_obstacle"]
 
 log = logging.getLogger(__name__)
 
@@ -104,7 +105,7 @@ def run_demo(
     *,
     map_path: Path | str | None = None,
     seed: int = 1,
-    say: Callable[[str], None] = log.info,
+    on_message: Callable[[str], None] = log.info,
     page: LivePage | None = None,
     scene: tuple[OccupancyMap, Sequence[ApproachPath]] | None = None,
     explore: ExploreSettings | None = None,
@@ -118,8 +119,10 @@ def run_demo(
         Receives sensor files, ``run.mcap``, ``run.csv`` and the map.
     map_path
         A map_server YAML; without it the project's own office.
-    say
-        Receives the lines of the live table.
+    seed
+        Of everything random.
+    on_message
+        Takes the lines of the live table.
     page
         Shows it live.
     scene
@@ -133,13 +136,13 @@ def run_demo(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
-    grid, paths = scene if scene is not None else _scene(folder, map_path, say)
+    grid, paths = scene if scene is not None else _scene(folder, map_path, on_message)
     # In colour, as a webcam sees it: in grey a blue bin and a brown floor can look the same.
     virtual = VirtualSensor(look=Look.photo(colour=True))
-    say("foam sensor: press, calibrate, mount, zero")
+    on_message("foam sensor: press, calibrate, mount, zero")
     sensor = virtual.build(folder, rng)
     material = sensor.setup.material
-    say(
+    on_message(
         f"  working range {material.working_strain[0]:.2f} to {material.working_strain[1]:.2f} strain, "
         f"saturated beyond {material.densification_strain:.2f}"
     )
@@ -147,15 +150,17 @@ def run_demo(
         [path.obstacle for path in paths], PlatformConfig(strip=virtual.geometry), virtual.law, seed
     )
     if page is not None:
-        _show_world(page, grid, world)
+        page.set_map(grid.cells, grid.resolution_m, grid.origin)
+        for obstacle in world.obstacles:
+            show_obstacle(page, obstacle, _pose_of(world, obstacle))
     objects: list[DemoObject] = []
     track: list[tuple[float, float]] = []
     with MeasurementWriter(folder / "run.mcap") as recording, TableWriter(folder / "run.csv") as table:
         recording.write_camera(sensor.setup.camera, 0.0)
         recording.write_map(grid, 0.0)
+        stage = _Stage(world, virtual, sensor, on_message, page, recording, table, track)
         for number, path in enumerate(paths):
-            run = _Push(world, virtual, sensor, path, seed + number, say, page, recording, table, track)
-            objects.append(run.explore(explore or SLOWLY, through))
+            objects.append(_Push(stage, path, seed + number).explore(explore or SLOWLY, through))
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
     return DemoResult(
@@ -182,53 +187,51 @@ def _scene(
     return grid, office.paths
 
 
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """What all pushes of a run share."""
+
+    world: FoamPushWorld
+    virtual: VirtualSensor
+    sensor: FoamSensor
+    log: Callable[[str], None]
+    page: LivePage | None
+    recording: MeasurementWriter
+    table: TableWriter
+    track: list[tuple[float, float]]
+
+
 class _Push:
     """One obstacle: drive there, explore it, record everything."""
 
-    def __init__(
-        self,
-        world: FoamPushWorld,
-        virtual: VirtualSensor,
-        sensor: FoamSensor,
-        path: ApproachPath,
-        seed: int,
-        say: Callable[[str], None],
-        page: LivePage | None,
-        recording: MeasurementWriter,
-        table: TableWriter,
-        track: list[tuple[float, float]],
-    ) -> None:
-        self.world, self.virtual, self.sensor, self.path = world, virtual, sensor, path
-        self.seed, self.say, self.page, self.recording, self.table = seed, say, page, recording, table
-        self.track = track
+    def __init__(self, stage: _Stage, path: ApproachPath, seed: int) -> None:
+        self.stage, self.path, self.seed = stage, path, seed
         self.samples: list[DemoSample] = []
         self.best: tuple[float, UInt8[np.ndarray, "rows columns 3"], ObservedStrip] | None = None
         self.touching = False
         self.yaw_rad: list[float] = []  # of a movable obstacle, from its touch on
 
     def explore(self, settings: ExploreSettings, through: Callable[[FrameSource], FrameSource]) -> DemoObject:
-        world, path = self.world, self.path
+        stage, path = self.stage, self.path
+        world = stage.world
         world.place_platform(*path.start)
         world.forget_events()
-        self.say("")
-        self.say(f"{path.obstacle.name}")
-        self.say(_TABLE_HEAD)
-        self.sensor.reset()
+        self.stage.log("")
+        self.stage.log(f"{path.obstacle.name}")
+        self.stage.log(_TABLE_HEAD)
+        self.stage.sensor.reset()
         tracker = SceneTracker.of_sensor(
-            self.sensor.setup,
+            self.stage.sensor.setup,
             world.config.floor_below_m,
             SceneSettings(ego=EgoMotionSettings(foam_ahead_m=world.config.radius_m)),
             np.random.default_rng(self.seed),
         )
-        camera = SimulatedSensorCamera(world, self.virtual.renderer(), duration_s=60.0, seed=self.seed)
+        camera = SimulatedSensorCamera(world, self.stage.virtual.renderer(), duration_s=60.0, seed=self.seed)
         found = explore_obstacle(
-            world.base, through(camera), self.sensor, settings, scene=tracker, on_step=self._step
+            world.base, through(camera), self.stage.sensor, settings, scene=tracker, on_step=self._step
         )
         events = tuple(event for name, event in world.events if name == path.obstacle.name)
-        place = (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
-        if path.obstacle.movable:
-            body = world.truth.body(path.obstacle.name)
-            place = (body.x_m, body.y_m, body.yaw_rad)
+        place = _pose_of(world, path.obstacle)
         picture, strip = None, None
         if self.best is not None:
             _, picture, strip = self.best
@@ -237,7 +240,7 @@ class _Push:
         times = [profile.t_s for profile in found.profiles]
         late = float(np.interp(touched, times, found.travel_m)) - found.expected_m if times else math.nan
         if math.isfinite(found.seen_ahead_m):
-            self.say(
+            self.stage.log(
                 f"  seen {1e3 * found.seen_ahead_m:.0f} mm ahead, touched {1e3 * late:+.1f} mm from where expected"
             )
         return DemoObject(
@@ -245,7 +248,7 @@ class _Push:
         )
 
     def _step(self, step: ExploreStep) -> None:
-        profile, truth = step.profile, self.world.truth.load_N
+        profile, truth = step.profile, self.stage.world.truth.load_N
         self.samples.append(
             DemoSample(
                 profile.t_s,
@@ -256,34 +259,36 @@ class _Push:
                 profile.reason.value,
             )
         )
-        x, y, _ = self.world.platform_pose()
-        self.track.append((x, y))
-        self.recording.write_force(profile)
-        self.table.write(profile)
+        x, y, _ = self.stage.world.platform_pose()
+        self.stage.track.append((x, y))
+        self.stage.recording.write_force(profile)
+        self.stage.table.write(profile)
         if step.scene is not None:
-            write_scene(self.recording, step.scene)
+            write_scene(self.stage.recording, step.scene)
         for event in step.events:
-            self.recording.write_event(event)
+            self.stage.recording.write_event(event)
         self.touching = bool(profile.contacts)
         if self.path.obstacle.movable and self.touching and step.phase in ("push", "halt"):
-            self.yaw_rad.append(self.world.truth.body(self.path.obstacle.name).yaw_rad)
+            self.yaw_rad.append(self.stage.world.truth.body(self.path.obstacle.name).yaw_rad)
         near = step.scene is not None and np.isfinite(step.scene.proximity_m) and step.phase == "approach"
         if step.events or ((self.touching or near) and len(self.samples) % _TABLE_FRAMES == 0):
             names = ", ".join(event.kind.value for event in step.events)
             measured = f"{profile.force_N:9.3f} N" if profile.valid else f"{profile.reason.value:>11}"
             sigma = f"{profile.force_sigma_N:7.3f} N" if profile.valid else " " * 9
             ahead = f"{1e3 * step.scene.proximity_m:5.0f} mm" if near and step.scene else " " * 8
-            self.say(f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip())
-        strip = self.sensor.strip
+            self.stage.log(
+                f"{profile.t_s:7.2f} s  {ahead}  {truth:9.3f} N  {measured}  {sigma}   {names}".rstrip()
+            )
+        strip = self.stage.sensor.strip
         if profile.valid and strip is not None and (self.best is None or profile.force_N > self.best[0]):
             self.best = (profile.force_N, step.frame.image, strip)
-        if self.page is not None:
+        if self.stage.page is not None:
             self._show(step, truth)
 
     def _show(self, step: ExploreStep, truth_N: float) -> None:
-        assert self.page is not None
-        scene = self.world.scene()
-        self.page.update(
+        assert self.stage.page is not None
+        scene = self.stage.world.scene()
+        self.stage.page.update(
             step.profile.t_s,
             frame_bgr=step.frame.image,
             profile=step.profile,
@@ -292,23 +297,34 @@ class _Push:
             note=", ".join(event.kind.value for event in step.events),
         )
         if self.path.obstacle.movable:
-            _show_obstacle(self.page, self.world, self.path.obstacle.name)
+            show_obstacle(self.stage.page, self.path.obstacle, _pose_of(self.stage.world, self.path.obstacle))
 
 
-def _show_world(page: LivePage, grid: OccupancyMap, world: FoamPushWorld) -> None:
-    page.set_map(grid.cells, grid.resolution_m, grid.origin)
-    for obstacle in world.obstacles:
-        _show_obstacle(page, world, obstacle.name)
+def _pose_of(world: FoamPushWorld, obstacle: SimulatedObstacle) -> tuple[float, float, float]:
+    """Where an obstacle truly is."""
+    if not obstacle.movable:
+        return obstacle.x_m, obstacle.y_m, obstacle.yaw_rad
+    body = world.truth.body(obstacle.name)
+    return body.x_m, body.y_m, body.yaw_rad
 
 
-def _show_obstacle(page: LivePage, world: FoamPushWorld, name: str) -> None:
+def show_obstacle(page: LivePage, obstacle: SimulatedObstacle, pose: tuple[float, float, float]) -> None:
+    """Draw an obstacle on the live page.
+
+    Parameters
+    ----------
+    page
+        The page.
+    obstacle
+        Its outline and height.
+    pose
+        x, y [m] and yaw [rad] in the map.
+    """
     from ..core.camera.pose import Pose
 
-    obstacle = next(one for one in world.obstacles if one.name == name)
-    x, y, yaw = obstacle.x_m, obstacle.y_m, obstacle.yaw_rad
-    if obstacle.movable:
-        body = world.truth.body(name)
-        x, y, yaw = body.x_m, body.y_m, body.yaw_rad
+    x, y, yaw = pose
+    T_world_obstacle = Pose.from_rotation_vector([0.0, 0.0, yaw], [x, y, 0.0])
     outline = obstacle.outlines[0].polygon_m()
-    pose = Pose.from_rotation_vector([0.0, 0.0, yaw], [x, y, 0.0])
-    page.set_obstacle(name, outline, pose, height_m=obstacle.height_m, fixed=not obstacle.movable)
+    page.set_obstacle(
+        obstacle.name, outline, T_world_obstacle, height_m=obstacle.height_m, fixed=not obstacle.movable
+    )

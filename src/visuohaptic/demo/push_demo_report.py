@@ -14,13 +14,12 @@ from ..core.measurement import EventKind
 from ..report.annotation import FrameNotes, annotated_frame, primitive_outline
 from ..report.charts import (
     ForceRun,
-    MapObject,
     error_budget,
-    floor_map,
     force_against_truth,
     force_over_time,
     pressure_profile,
 )
+from ..report.floor_chart import MapObject, floor_map
 from ..report.html_report import Report
 from ..report.run_tables import primitive_text, tag_rows
 from ..simulation.mobile.obstacles import ObstacleKind, SimulatedObstacle
@@ -34,7 +33,15 @@ __all__ = ["annotated_push", "error_figures", "force_of_push", "write_report"]
 
 
 def write_report(result: DemoResult, path: Path | str) -> Path:
-    """Write the report as one HTML file that needs nothing else."""
+    """Write the report as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    result
+        Of the run.
+    path
+        Of the HTML file.
+    """
     report = Report(
         "A platform touches three obstacles",
         about="Force and shape read from camera frames of a strip of foam, beside the truth of the physics. "
@@ -67,7 +74,18 @@ def write_report(result: DemoResult, path: Path | str) -> Path:
 
 
 def error_figures(one: DemoObject) -> dict[str, Any]:
-    """Figures of one push: how far the valid readings are from the truth."""
+    """Error of the valid readings of one push against the truth.
+
+    Parameters
+    ----------
+    one
+        The push.
+
+    Returns
+    -------
+    dict
+        Heading with unit -> value; without errors when nothing was touched.
+    """
     valid = np.array([sample.valid for sample in one.samples])
     truth = np.array([sample.truth_N for sample in one.samples])
     error = np.array([sample.measured_N for sample in one.samples]) - truth
@@ -87,7 +105,13 @@ def error_figures(one: DemoObject) -> dict[str, Any]:
 
 
 def force_of_push(one: DemoObject) -> Figure:
-    """Force over time of one push, beside the truth, with its events."""
+    """Force over time of one push, beside the truth, with its events.
+
+    Parameters
+    ----------
+    one
+        The push.
+    """
     samples = one.samples
     return force_over_time(
         np.array([s.t_s for s in samples]),
@@ -105,7 +129,16 @@ def annotated_push(
 ) -> UInt8[np.ndarray, "rows columns 3"] | None:
     """The camera's view at the largest force, with contours, contact and fitted shape (figure 3.10).
 
-    ``split`` shows the gradient in the lower part.
+
+
+    Parameters
+    ----------
+    result
+        With the sensor's setup.
+    one
+        The push.
+    split
+        Show the gradient in the lower part.
     """
     if one.picture_bgr is None or one.strip is None:
         return None
@@ -129,7 +162,7 @@ def annotated_push(
         FrameNotes(
             reference_px=strip.reference_points_px,
             front_px=strip.front_points_px,
-            front_valid=strip.usable | strip.doubtful,
+            front_valid=strip.usable | strip.low_confidence,
             contacts_px=contacts,
             primitives_px=shapes,
             lines=(

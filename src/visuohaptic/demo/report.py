@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..report.html_report import Report
-from .story import ChapterResult, Outcome, Story
+from .story import ChapterOutcome, ChapterResult, Story
 
 __all__ = ["write_story"]
 
@@ -16,7 +16,15 @@ _RIGHT = {True: "true", False: "not true", None: ""}
 
 
 def write_story(story: Story, path: Path | str) -> Path:
-    """Write the report as one HTML file that needs nothing else."""
+    """Write the report as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    story
+        The run.
+    path
+        Of the HTML file.
+    """
     whole = len(story.chapters) > 4
     report = Report(
         "A robot looks, touches and remembers" if whole else "Part of the mission",
@@ -29,7 +37,7 @@ def write_story(story: Story, path: Path | str) -> Path:
     if story.mission.fault is not None:
         report.text(f"A fault was switched on: {story.mission.fault.value.replace('_', ' ')}.")
     for number, one in enumerate(story.chapters, 1):
-        if one.outcome is Outcome.SKIPPED:
+        if one.outcome is ChapterOutcome.SKIPPED:
             continue
         report.section(f"{number}. {one.title}")
         verb = "Done" if one.done else "Failed"

@@ -36,13 +36,25 @@ if TYPE_CHECKING:
     from ..viewer.page import LivePage
     from .bottle import TableBottle
 
-__all__ = ["Chapter", "ChapterResult", "Known", "Measure", "Mission", "Outcome", "Picture", "Story", "tell"]
+__all__ = [
+    "Chapter",
+    "ChapterOutcome",
+    "ChapterResult",
+    "Illustration",
+    "Known",
+    "Measure",
+    "Mission",
+    "Story",
+    "done",
+    "failed",
+    "run_chapters",
+]
 
-log = logging.getLogger(__name__)
+_log = logging.getLogger(__name__)
 
 
-class Outcome(StrEnum):
-    """Of a chapter."""
+class ChapterOutcome(StrEnum):
+    """How a chapter ended."""
 
     DONE = "done"
     FAILED = "failed"
@@ -59,7 +71,7 @@ class Measure:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
+class Illustration:
     """A figure or an annotated frame for the report."""
 
     content: Figure | UInt8[np.ndarray, "rows columns *colour"]
@@ -70,11 +82,11 @@ class Picture:
 class ChapterResult:
     """How a chapter ended."""
 
-    outcome: Outcome
+    outcome: ChapterOutcome
     reason: str  #: one sentence with the numbers that decided it
     right: bool | None = None  #: whether what is claimed is true; None where nothing is claimed
     measures: tuple[Measure, ...] = ()
-    pictures: tuple[Picture, ...] = ()
+    pictures: tuple[Illustration, ...] = ()
     name: str = ""
     title: str = ""
     duration_s: float = 0.0  #: of computing
@@ -82,7 +94,7 @@ class ChapterResult:
     @property
     def done(self) -> bool:
         """Whether the story may go on from here."""
-        return self.outcome is Outcome.DONE
+        return self.outcome is ChapterOutcome.DONE
 
     @property
     def wrong_claim(self) -> bool:
@@ -117,7 +129,7 @@ class Mission:
 
     seed: int
     folder: Path
-    say: Callable[[str], None] = log.info
+    log: Callable[[str], None] = _log.info  #: takes the lines of the story
     page: LivePage | None = None
     fault: FaultKind | None = None
     obstacles: int = 3  #: to touch; a chapter alone takes one
@@ -131,7 +143,13 @@ class Mission:
     tags: dict[str, HapticTag] = field(default_factory=dict)
 
     def rng(self, part: int) -> np.random.Generator:
-        """Chance of one part of the world: a chapter left out doesn't move another's dice."""
+        """Generator of one part of the world: a chapter that is left out does not change another's draws.
+
+        Parameters
+        ----------
+        part
+            Number of the part, added to the seed.
+        """
         return np.random.default_rng([self.seed, part])
 
 
@@ -176,38 +194,47 @@ class Story:
         return f"ended in chapter {failed.name}: {failed.reason}"
 
 
-def tell(mission: Mission, chapters: Sequence[Chapter], given: Sequence[Chapter] = ()) -> Story:
+def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[Chapter] = ()) -> Story:
     """Run chapters in order; one whose needs were not met is skipped with the reason.
 
     Parameters
     ----------
+    mission
+        Settings and simulated world; receives what is learnt.
+    chapters
+        In the order of the story.
     given
         Chapters that are left out: what they would have learnt is filled in from the simulated world.
+
+    Raises
+    ------
+    InputError
+        A chapter cannot be left out.
     """
     begin = time.monotonic()
     mission.folder.mkdir(parents=True, exist_ok=True)
     ended: dict[str, ChapterResult] = {}
     for one in given:
         if one.without is None:
-            raise InputError("mission", f"chapter {one.name} can't be left out")
+            raise InputError("mission", f"chapter {one.name} cannot be left out")
         one.without(mission)
-        mission.say(f"given, not measured: {one.title.lower()}")
+        mission.log(f"given, not measured: {one.title.lower()}")
     left_out = {one.name for one in given}
     for number, chapter in enumerate(chapters, 1):
-        mission.say("")
-        mission.say(f"{number}/{len(chapters)}  {chapter.title}")
+        mission.log("")
+        mission.log(f"{number}/{len(chapters)}  {chapter.title}")
         missing = next(
             (name for name in chapter.needs if name not in left_out and not _ended(ended, name)), None
         )
         started = time.monotonic()
         if missing is not None:
-            result = ChapterResult(Outcome.SKIPPED, f"it needs what chapter {missing} was to find out")
+            result = ChapterResult(ChapterOutcome.SKIPPED, f"it needs what chapter {missing} was to find out")
         else:
             result = _attempt(chapter, mission)
         spent = time.monotonic() - started
         result = replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
         ended[chapter.name] = result
-        mission.say(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
+        mission.log(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
     return Story(tuple(ended.values()), mission, time.monotonic() - begin)
 
 
@@ -216,25 +243,43 @@ def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:
 
 
 def _attempt(chapter: Chapter, mission: Mission) -> ChapterResult:
-    """A chapter that raises one of our own errors has failed with that reason; anything else is a mistake."""
+    """A chapter that raises an error of the library has failed with that reason; anything else is a defect."""
     try:
         return chapter.work(mission)
     except VisuohapticError as error:
-        log.debug("chapter %s", chapter.name, exc_info=True)
-        return ChapterResult(Outcome.FAILED, str(error))
+        _log.debug("chapter %s", chapter.name, exc_info=True)
+        return ChapterResult(ChapterOutcome.FAILED, str(error))
 
 
 def done(reason: str, right: bool, *parts: Any) -> ChapterResult:
-    """A chapter that ended well; parts are measures and pictures in any order."""
-    return _result(Outcome.DONE, reason, right, parts)
+    """Result of a chapter that ended well.
+
+    Parameters
+    ----------
+    reason
+        One sentence with the numbers that decided it.
+    right
+        Whether what is claimed is true in the simulated world.
+    *parts
+        Measures and illustrations in any order.
+    """
+    return _result(ChapterOutcome.DONE, reason, right, parts)
 
 
 def failed(reason: str, *parts: Any) -> ChapterResult:
-    """A chapter that ended with a reason."""
-    return _result(Outcome.FAILED, reason, None, parts)
+    """Result of a chapter that failed.
+
+    Parameters
+    ----------
+    reason
+        One sentence that says why.
+    *parts
+        Measures and illustrations in any order.
+    """
+    return _result(ChapterOutcome.FAILED, reason, None, parts)
 
 
-def _result(outcome: Outcome, reason: str, right: bool | None, parts: Sequence[Any]) -> ChapterResult:
+def _result(outcome: ChapterOutcome, reason: str, right: bool | None, parts: Sequence[Any]) -> ChapterResult:
     measures = tuple(part for part in parts if isinstance(part, Measure))
-    pictures = tuple(part for part in parts if isinstance(part, Picture))
+    pictures = tuple(part for part in parts if isinstance(part, Illustration))
     return ChapterResult(outcome, reason, right, measures, pictures)

@@ -5,25 +5,20 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
-from jaxtyping import Float
-
-from ..core.objects import Estimate, HapticTag, Primitive, PrimitiveKind
-from ..core.robots import BaseState, FrameSource
-from ..io.maps.occupancy_map import OccupancyMap
+from ..core.objects import Estimate, HapticTag
+from ..core.robots import FrameSource
 from ..navigation.problem.planning_problem import MovableObject
 from ..simulation.faults import FaultyFrames, frame_faults
 from ..tasks.mobile.explore_records import ExploreSettings
+from ..tasks.mobile.felt_footprint import felt_footprint
 from .office_chapters import ROBOT, approach_to, set_the_door
 from .push_demo import SLOWLY, DemoObject, DemoResult, run_demo
-from .story import ChapterResult, Measure, Mission, Picture, done, failed
+from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
-__all__ = ["explore_obstacles", "footprint", "map_with", "tag_is_right", "tags_given"]
+__all__ = ["default_tags", "explore_obstacles", "tag_is_right"]
 
 #: Friction that is told must be true within this share, or this many of its standard deviations.
 SHARE, SIGMAS = 0.12, 3.0
-#: Distance from the platform's centre to the origin of the foam's frame F, x ahead [m].
-FRONT_M = ROBOT.radius_m
 EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4)
 #: A shorter drive and a shorter push: for tests.
 QUICK = replace(
@@ -32,7 +27,13 @@ QUICK = replace(
 
 
 def explore_obstacles(mission: Mission) -> ChapterResult:
-    """Drive at each, push, and take down friction, shape and whether it moves."""
+    """Drive at each, push, and take down friction, shape and whether it moves.
+
+    Parameters
+    ----------
+    mission
+        With the laser points of each object; receives tags and footprints.
+    """
     known = mission.known
     grid = known.map_now
     assert grid is not None
@@ -48,7 +49,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     found = run_demo(
         mission.folder / "touch",
         seed=mission.seed,
-        say=lambda line: mission.say(f"  {line}" if line else ""),
+        on_message=lambda line: mission.log(f"  {line}" if line else ""),
         page=mission.page,
         scene=(grid, paths),
         explore=_settings(mission),
@@ -60,12 +61,12 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         told = HapticTag() if one.exploration.fit_state is None else one.tag
         ready = told.fixed is not None
         mission.tags[one.name] = told
-        outline = footprint(one, group)
+        outline = felt_footprint(one.exploration, group, front_m=ROBOT.radius_m)
         objects.append(MovableObject(one.name, outline, told if ready else None))
         if ready:
             rights.append(tag_is_right(one))
         measures += _against_truth(one)
-        mission.say(f"  {one.name}: {_told(told) if ready else one.exploration.outcome.value}")
+        mission.log(f"  {one.name}: {_told(told) if ready else one.exploration.outcome.value}")
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
     parts = (*measures, *_pictures(mission, found.objects, found))
@@ -87,50 +88,14 @@ def _through(mission: Mission, source: FrameSource) -> FrameSource:
     return FaultyFrames(source, frame_faults(mission.fault, at_s), mission.rng(8))
 
 
-def footprint(one: DemoObject, seen_m: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "p 2"]:
-    """Outline on the floor after the push, map frame, from the shape that the foam has felt.
-
-    Behind the face that was touched nobody has looked: a thing is taken to be as deep as it is wide.
-    Without a shape it is the box of the laser's points, moved on as far as it was pushed.
-    """
-    state, shape = one.exploration.fit_state, one.tag.primitive
-    if state is not None and shape is not None:
-        corners = _corners(shape)
-        if corners is not None:
-            c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
-            ahead = corners + np.array([FRONT_M, 0.0])
-            return ahead @ np.array([[c, s], [-s, c]]) + (state.x_m, state.y_m)
-    (x0, y0), (x1, y1) = seen_m.min(axis=0), seen_m.max(axis=0)
-    width = max(float(y1 - y0), 0.05)
-    moved = 0.0 if state is None else max(0.0, _foam_x(state) - float(x0))
-    x0, x1 = float(x0) + moved, float(x0) + moved + width
-    return np.array([[x0, y0], [x1, y0], [x1, y0 + width], [x0, y0 + width]])
-
-
-def _foam_x(state: BaseState) -> float:
-    return state.x_m + FRONT_M * math.cos(state.heading_rad)
-
-
-def _corners(shape: Primitive) -> Float[np.ndarray, "p 2"] | None:
-    """Outline in frame F; ``None`` for shapes without an end."""
-    values = np.asarray(shape.parameters, dtype=float)
-    if shape.kind is PrimitiveKind.CIRCLE and 0.01 < values[2] < 0.4:
-        angle = np.arange(16) * math.pi / 8
-        return values[:2] + values[2] * np.column_stack([np.cos(angle), np.sin(angle)])
-    if shape.kind is PrimitiveKind.SEGMENT:
-        a, b = values[:2], values[2:4]
-        along = b - a
-        width = float(np.hypot(*along))
-        if not 0.01 < width < 0.8:
-            return None
-        across = np.array([-along[1], along[0]])
-        across *= np.sign(across[0]) if across[0] else 1.0  # away from the platform
-        return np.array([a, b, b + across, a + across])
-    return None
-
-
 def tag_is_right(one: DemoObject) -> bool:
-    """Whether what the tag says is true of the obstacle."""
+    """Whether what the tag says is true of the obstacle.
+
+    Parameters
+    ----------
+    one
+        The push with its true obstacle.
+    """
     tag, true = one.tag, one.path.obstacle
     if bool(tag.fixed) == true.movable:
         return False
@@ -165,7 +130,7 @@ def _against_truth(one: DemoObject) -> list[Measure]:
     return rows
 
 
-def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Picture]:
+def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoResult) -> list[Illustration]:
     from .push_demo_report import annotated_push, force_of_push
 
     found = []
@@ -173,7 +138,7 @@ def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoRes
         picture = annotated_push(result, one, split=False)
         if picture is not None:
             found.append(
-                Picture(
+                Illustration(
                     picture,
                     f"{one.name}: what the camera sees at the largest force, and what is read from it",
                 )
@@ -181,15 +146,21 @@ def _pictures(mission: Mission, objects: tuple[DemoObject, ...], result: DemoRes
         if not any(sample.truth_N > 0.05 for sample in one.samples):
             continue
         found.append(
-            Picture(
+            Illustration(
                 force_of_push(one), f"{one.name}: force over time with two sigma, the truth, and the events"
             )
         )
     return found
 
 
-def tags_given(mission: Mission) -> None:
-    """Tags as a push would have given them: the truth, off by a few per cent."""
+def default_tags(mission: Mission) -> None:
+    """Tags as a push would have given them: the truth, off by a few per cent.
+
+    Parameters
+    ----------
+    mission
+        Receives tags and footprints.
+    """
     if not mission.paths:
         set_the_door(mission)
     rng = mission.rng(9)
@@ -210,15 +181,3 @@ def tags_given(mission: Mission) -> None:
         mission.tags[true.name] = tag
         objects.append(MovableObject(true.name, outline, tag))
     mission.known.objects = tuple(objects)
-
-
-def map_with(grid: OccupancyMap, objects: tuple[MovableObject, ...]) -> OccupancyMap:
-    """The first round's map with the footprints of the things where they are now."""
-    from ..navigation.planning.search.search_domain import fill_cells, grid_from_world
-
-    filled = np.zeros(grid.shape, dtype=bool)
-    for item in objects:
-        fill_cells(filled, grid_from_world(grid, item.footprint_m))
-    cells = grid.cells.copy()
-    cells[filled] = 100
-    return OccupancyMap(cells, grid.resolution_m, grid.origin)

@@ -36,7 +36,13 @@ class FrameNotes:
 
 
 def gradient_image(grey: UInt8[np.ndarray, "rows columns"]) -> UInt8[np.ndarray, "rows columns"]:
-    """Strength of the grey-level gradient, dark for none; the 99.5 % quantile is white."""
+    """Strength of the grey-level gradient, dark for none; the 99.5 % quantile is white.
+
+    Parameters
+    ----------
+    grey
+        Image [grey levels].
+    """
     import cv2
 
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0)
@@ -104,6 +110,18 @@ def primitive_outline(primitive: Primitive, *, reach_m: float = 0.15) -> Float[n
 
     Lines and the edges of corners, which have no end, are drawn ``reach_m`` long
     to each side.
+
+    Parameters
+    ----------
+    primitive
+        Circle, segment, corner or line.
+    reach_m
+        Length of what has no end, to each side [m].
+
+    Returns
+    -------
+    (m, 2) array
+        Points in the frame of the primitive's parameters [m].
     """
     values = np.asarray(primitive.parameters, dtype=np.float64)
 

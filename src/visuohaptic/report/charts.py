@@ -1,4 +1,4 @@
-"""The pictures of a run: force against truth, over time and over the strip, the error budget, the map.
+"""The pictures of a run: force against truth, over time and over the strip, the error budget.
 
 Every function takes plain arrays or the types of :mod:`visuohaptic.core` and
 returns a matplotlib figure that belongs to nobody, ready for ``savefig`` or
@@ -7,92 +7,22 @@ returns a matplotlib figure that belongs to nobody, ready for ``savefig`` or
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec
+from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float
 
 from ..core.errors import InputError
 from ..core.measurement import ErrorBudget, Event, ForceProfile
-from ..core.objects import HapticTag
-from .run_tables import tag_text
+from .style import COLOURS, CYCLE, new_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "COLOURS",
-    "ForceRun",
-    "MapObject",
-    "draw_axes",
-    "error_budget",
-    "floor_map",
-    "force_against_truth",
-    "force_over_time",
-    "pressure_profile",
-]
-
-Given = ParamSpec("Given")
-
-#: Colours that stay apart for colour-blind readers (Okabe and Ito).
-COLOURS = {
-    "blue": "#0072b2",
-    "orange": "#d55e00",
-    "green": "#009e73",
-    "yellow": "#e69f00",
-    "sky": "#56b4e9",
-    "pink": "#cc79a7",
-    "grey": "#7a828c",
-    "ink": "#1c2430",
-}
-_CYCLE = tuple(COLOURS[name] for name in ("blue", "orange", "green", "pink", "yellow", "sky"))
-
-_STYLE = {
-    "axes.axisbelow": True,
-    "axes.edgecolor": "#b6bdc6",
-    "axes.grid": True,
-    "axes.labelcolor": COLOURS["ink"],
-    "axes.spines.right": False,
-    "axes.spines.top": False,
-    "axes.titlelocation": "left",
-    "axes.titlesize": 10.5,
-    "figure.constrained_layout.use": True,
-    "figure.dpi": 110,
-    "font.size": 10,
-    "grid.color": "#e6e9ed",
-    "legend.fontsize": 9,
-    "legend.frameon": False,
-    "lines.linewidth": 1.6,
-    "xtick.color": "#4a5460",
-    "ytick.color": "#4a5460",
-}
-
-
-def _styled(draw: Callable[Given, Figure]) -> Callable[Given, Figure]:
-    """Draw in our style without changing the style of anything else."""
-
-    @wraps(draw)
-    def drawn(*args: Given.args, **keywords: Given.kwargs) -> Figure:
-        import matplotlib
-
-        with matplotlib.rc_context(_STYLE):
-            return draw(*args, **keywords)
-
-    return drawn
-
-
-@_styled
-def draw_axes(
-    rows: int, columns: int, draw: Callable[..., object], *, size: tuple[float, float] = (9.0, 4.0)
-) -> Figure:
-    """A figure of ``rows x columns`` axes in our style; ``draw(*axes)`` fills it."""
-    figure, axes = _figure(rows, columns, size=size)
-    draw(*axes)
-    return figure
+__all__ = ["ForceRun", "error_budget", "force_against_truth", "force_over_time", "pressure_profile"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,17 +35,7 @@ class ForceRun:
     valid: Bool[np.ndarray, "n"] | None = None  #: all valid when absent
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MapObject:
-    """One obstacle on a map."""
-
-    name: str
-    outline_world_m: Float[np.ndarray, "n 2"]  #: outline on the floor, closed by itself
-    tag: HapticTag | None = None
-    end_outline_world_m: Float[np.ndarray, "n 2"] | None = None  #: where it stood after the push
-
-
-@_styled
+@styled
 def force_against_truth(
     runs: Sequence[ForceRun], *, relative: float = 0.03, absolute_N: float = 0.1
 ) -> Figure:
@@ -124,11 +44,25 @@ def force_against_truth(
     The curve of each run is a cubic through its valid samples, as in the
     source; the dashed line is the ideal. The grey band is the promise
     ``max(relative * truth, absolute_N)``.
+
+    Parameters
+    ----------
+    runs
+        Forces of the runs, a colour each.
+    relative
+        Promised relative error.
+    absolute_N
+        Promised absolute error [N].
+
+    Raises
+    ------
+    InputError
+        Forces of one run have different lengths.
     """
-    figure, (upper, lower) = _figure(2, 1, size=(7.2, 6.6), height_ratios=(3, 1.4), sharex=True)
+    figure, (upper, lower) = new_figure(2, 1, size=(7.2, 6.6), height_ratios=(3, 1.4), sharex=True)
     max_N = 1e-3
     for index, run in enumerate(runs):
-        colour = _CYCLE[index % len(_CYCLE)]
+        colour = CYCLE[index % len(CYCLE)]
         truth_N, measured_N = _same_length("ForceRun", run.truth_N, run.measured_N)
         valid = np.ones(len(truth_N), dtype=bool) if run.valid is None else np.asarray(run.valid, dtype=bool)
         good = valid & np.isfinite(truth_N) & np.isfinite(measured_N)
@@ -157,7 +91,7 @@ def force_against_truth(
     return figure
 
 
-@_styled
+@styled
 def force_over_time(
     t_s: Float[np.ndarray, "n"],
     measured_N: Float[np.ndarray, "n"],
@@ -173,6 +107,30 @@ def force_over_time(
 
     Samples that are not valid are crosses on the floor line, named by their
     reason; below is the error against the truth with the same band.
+
+    Parameters
+    ----------
+    t_s
+        Times [s].
+    measured_N
+        Measured force [N].
+    sigma_N
+        Its declared standard deviation [N].
+    truth_N
+        True force [N]; without it there are no errors below.
+    valid
+        Which samples can be trusted; all without it.
+    reasons
+        Why a sample is not valid, one text per sample.
+    events
+        Marked by name.
+    title
+        Of the figure.
+
+    Raises
+    ------
+    InputError
+        Arrays have different lengths.
     """
     t_s, measured_N, sigma_N = _same_length("force_over_time", t_s, measured_N, sigma_N)
     good = np.ones(len(t_s), dtype=bool) if valid is None else np.asarray(valid, dtype=bool)
@@ -180,11 +138,11 @@ def force_over_time(
     band_N = 2 * sigma_N
     blue, orange = COLOURS["blue"], COLOURS["orange"]
     if truth_N is None:
-        figure, (upper,) = _figure(1, 1, size=(8.6, 3.6))
+        figure, (upper,) = new_figure(1, 1, size=(8.6, 3.6))
         bottom = upper
     else:
         (truth_N,) = _same_length("force_over_time", truth_N, length=len(t_s))
-        figure, (upper, bottom) = _figure(2, 1, size=(8.6, 5.2), height_ratios=(3, 1.3), sharex=True)
+        figure, (upper, bottom) = new_figure(2, 1, size=(8.6, 5.2), height_ratios=(3, 1.3), sharex=True)
         upper.plot(t_s, truth_N, color=COLOURS["ink"], lw=1.2, label="true")
         error_N = shown_N - truth_N
         bottom.fill_between(t_s, -band_N, band_N, where=good, color=blue, alpha=0.18, lw=0)
@@ -235,10 +193,18 @@ def _mark_events(axes: Axes, events: Sequence[Event]) -> None:
         )
 
 
-@_styled
+@styled
 def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
-    """Deflection and pressure along the strip, with contacts and points that cannot be trusted."""
-    figure, (upper, lower) = _figure(2, 1, size=(8.6, 4.8), sharex=True)
+    """Deflection and pressure along the strip, with contacts and points that cannot be trusted.
+
+    Parameters
+    ----------
+    profile
+        One frame of a foam sensor.
+    title
+        Before time and force.
+    """
+    figure, (upper, lower) = new_figure(2, 1, size=(8.6, 4.8), sharex=True)
     s_mm = 1e3 * profile.s_m
     rows = (
         (upper, 1e3 * profile.delta_m, 1e3 * profile.delta_sigma_m, "deflection [mm]", COLOURS["orange"]),
@@ -280,16 +246,22 @@ def pressure_profile(profile: ForceProfile, *, title: str = "") -> Figure:
     return figure
 
 
-@_styled
+@styled
 def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
-    """Where the uncertainty of each force comes from: standard deviations by cause."""
+    """Where the uncertainty of each force comes from: standard deviations by cause.
+
+    Parameters
+    ----------
+    budgets
+        One row per force, by name.
+    """
     causes = (
         ("image_N", "image"),
         ("calibration_N", "calibration"),
         ("model_N", "model"),
         ("zero_N", "zero"),
     )
-    figure, (axes,) = _figure(1, 1, size=(8.6, 1.3 + 0.55 * max(len(budgets), 1)))
+    figure, (axes,) = new_figure(1, 1, size=(8.6, 1.3 + 0.55 * max(len(budgets), 1)))
     height = 0.8 / len(causes)
     for row, budget in enumerate(budgets.values()):
         for index, (field, label) in enumerate(causes):
@@ -297,7 +269,7 @@ def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
                 row - 0.4 + (index + 0.5) * height,
                 1e3 * getattr(budget, field),
                 height,
-                color=_CYCLE[index],
+                color=CYCLE[index],
                 label=label if row == 0 else None,
             )
         total_mN = 1e3 * budget.total_N
@@ -313,86 +285,6 @@ def error_budget(budgets: Mapping[str, ErrorBudget]) -> Figure:
     axes.invert_yaxis()
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=5)
     return figure
-
-
-@_styled
-def floor_map(
-    cells: Int8[np.ndarray, "rows columns"],
-    resolution_m: float,
-    origin_world_m: tuple[float, float],
-    *,
-    path_world_m: Float[np.ndarray, "n 2"] | None = None,
-    objects: Sequence[MapObject] = (),
-    title: str = "",
-) -> Figure:
-    """A map with the platform's path and the obstacles with their tags.
-
-    Parameters
-    ----------
-    cells
-        -1 unknown, 0 free, 100 occupied; row 0 is at the bottom (smallest y).
-    resolution_m
-        Side of a cell.
-    origin_world_m
-        World coordinates of the lower left corner of cell (0, 0); the map is
-        not turned.
-    path_world_m
-        Way of the platform.
-    objects
-        Obstacles; each is named, with its tag when it has one.
-    """
-    rows, columns = cells.shape
-    x_m, y_m = origin_world_m
-    grey = np.select([cells < 0, cells >= 50], [0.88, 0.25], default=1.0)
-    width_m, height_m = columns * resolution_m, rows * resolution_m
-    figure, (axes,) = _figure(1, 1, size=(8.6, float(np.clip(8.6 * height_m / width_m, 3.5, 9.0))))
-    extent = (x_m, x_m + width_m, y_m, y_m + height_m)
-    axes.imshow(grey, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="nearest")
-    axes.grid(visible=False)
-    if path_world_m is not None and len(path_world_m):
-        axes.plot(*np.asarray(path_world_m).T, color=COLOURS["blue"], lw=1.8, label="platform")
-        axes.plot(*path_world_m[0], "o", color=COLOURS["blue"], ms=6, label="start")
-    for thing in objects:
-        outline = np.vstack([thing.outline_world_m, thing.outline_world_m[:1]])
-        fixed = thing.tag is not None and thing.tag.fixed
-        colour = COLOURS["ink"] if fixed else COLOURS["orange"]
-        axes.fill(*outline.T, color=colour, alpha=0.35, lw=0)
-        axes.plot(*outline.T, color=colour, lw=1.2)
-        if thing.end_outline_world_m is not None:
-            end = np.vstack([thing.end_outline_world_m, thing.end_outline_world_m[:1]])
-            axes.plot(*end.T, color=colour, lw=1.2, ls="--")
-        drawn = outline if thing.end_outline_world_m is None else np.vstack([outline, end])
-        above = (0.5 * (drawn[:, 0].min() + drawn[:, 0].max()), drawn[:, 1].max())
-        text = thing.name if thing.tag is None else f"{thing.name}\n{tag_text(thing.tag)}"
-        axes.annotate(
-            text,
-            above,
-            xytext=(0, 7),
-            textcoords="offset points",
-            ha="center",
-            fontsize=8,
-            bbox={"facecolor": "white", "edgecolor": "#dde2e8", "alpha": 0.9, "boxstyle": "round,pad=0.3"},
-        )
-    axes.set(xlabel="x [m]", ylabel="y [m]", title=title, xlim=extent[:2], ylim=extent[2:])
-    if path_world_m is not None:
-        axes.legend(loc="lower right", frameon=True, facecolor="white", edgecolor="#dde2e8")
-    return figure
-
-
-def _figure(
-    rows: int,
-    columns: int,
-    *,
-    size: tuple[float, float],
-    sharex: bool = False,
-    height_ratios: Sequence[float] | None = None,
-) -> tuple[Figure, tuple[Any, ...]]:
-    """A figure in our style that no global list knows."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size)
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=sharex, height_ratios=height_ratios)
-    return figure, tuple(axes.ravel())
 
 
 def _same_length(where: str, *arrays: object, length: int | None = None) -> tuple[np.ndarray, ...]:

@@ -94,7 +94,13 @@ class Report:
         self._drawings = 0
 
     def section(self, title: str) -> Self:
-        """Begin a section; it appears in the list at the top."""
+        """Start a section; it appears in the list at the top.
+
+        Parameters
+        ----------
+        title
+            Heading.
+        """
         anchor = re.sub(r"[^a-z0-9]+", "-", title.lower()).strip("-") or "section"
         anchor = f"{anchor}-{len(self._sections) + 1}"
         self._sections.append((anchor, title))
@@ -102,13 +108,25 @@ class Report:
         return self
 
     def text(self, text: str) -> Self:
-        """Add paragraphs; an empty line separates them."""
+        """Add paragraphs; an empty line separates them.
+
+        Parameters
+        ----------
+        text
+            Plain text.
+        """
         for paragraph in re.split(r"\n\s*\n", text.strip()):
             self._parts.append(f"<p>{html.escape(paragraph)}</p>")
         return self
 
     def code(self, text: str) -> Self:
-        """Add a command or a file as it is."""
+        """Add a command or a file as it is.
+
+        Parameters
+        ----------
+        text
+            Shown as it is.
+        """
         self._parts.append(f"<pre>{html.escape(text)}</pre>")
         return self
 
@@ -145,7 +163,15 @@ class Report:
         return self
 
     def figure(self, figure: Figure, caption: str = "") -> Self:
-        """Add a matplotlib figure as vector graphics, and close it."""
+        """Add a matplotlib figure as vector graphics, and close it.
+
+        Parameters
+        ----------
+        figure
+            Is closed.
+        caption
+            One line below.
+        """
         import matplotlib
 
         self._drawings += 1
@@ -164,6 +190,13 @@ class Report:
         """Add a picture, grey or in OpenCV's order blue, green, red.
 
         Large ones are compressed as JPEG: a camera's noise makes a PNG of it ten times as big.
+
+        Parameters
+        ----------
+        image
+            8 bits.
+        caption
+            One line below.
 
         Raises
         ------
@@ -217,7 +250,13 @@ class Report:
 """
 
     def write(self, path: Path | str) -> Path:
-        """Save the page, whole or not at all."""
+        """Save the page, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Of the HTML file.
+        """
         write_text(path, self.html())
         return Path(path)
 

@@ -29,6 +29,11 @@ def estimate_text(estimate: Estimate | None) -> str | None:
     """``1.23 ± 0.05``, and ``(spread 0.2)`` when it varies over contacts; ``None`` if not observed.
 
     Sigma keeps one digit, or two when it begins with 1 or 2.
+
+    Parameters
+    ----------
+    estimate
+        Value, sigma and spread.
     """
     if estimate is None:
         return None
@@ -38,7 +43,13 @@ def estimate_text(estimate: Estimate | None) -> str | None:
 
 
 def primitive_text(primitive: Primitive | None) -> str | None:
-    """The kind of a primitive and its size, in millimetres and degrees."""
+    """The kind of a primitive and its size, in millimetres and degrees.
+
+    Parameters
+    ----------
+    primitive
+        Fitted shape; ``None``: no shape.
+    """
     if primitive is None:
         return None
     values = np.asarray(primitive.parameters, dtype=np.float64)
@@ -54,7 +65,13 @@ def primitive_text(primitive: Primitive | None) -> str | None:
 
 
 def tag_rows(tags: Mapping[str, HapticTag]) -> list[dict[str, Any]]:
-    """One row per object; properties that no object showed have no column."""
+    """One row per object; properties that no object showed have no column.
+
+    Parameters
+    ----------
+    tags
+        Tag of each object by name.
+    """
     rows = []
     shown = {
         heading: field
@@ -70,7 +87,13 @@ def tag_rows(tags: Mapping[str, HapticTag]) -> list[dict[str, Any]]:
 
 
 def tag_text(tag: HapticTag) -> str:
-    """The most telling property of a tag, in a few words."""
+    """The most telling property of a tag, in a few words.
+
+    Parameters
+    ----------
+    tag
+        Of one object.
+    """
     if tag.fixed:
         return "fixed"
     parts = []

@@ -7,7 +7,7 @@ from .pages import write_gallery as write_gallery
 from .pages import write_index as write_index
 from .runner import EXPERIMENTS as EXPERIMENTS
 from .runner import NEEDS as NEEDS
-from .runner import Outcome as Outcome
+from .runner import ExperimentOutcome as ExperimentOutcome
 from .runner import known_name as known_name
 from .runner import read_result as read_result
 from .runner import reproduce as reproduce

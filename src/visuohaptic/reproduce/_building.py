@@ -49,18 +49,42 @@ def building() -> OccupancyMap:
 
 
 def regions_of(grid: OccupancyMap) -> Regions:
-    """Layers, graph and regions for the platform of Sec. 4.4."""
+    """Layers, graph and regions for the platform of Sec. 4.4.
+
+    Parameters
+    ----------
+    grid
+        Map of the floor.
+    """
     layers = grid_layers(grid, SpeedLimits(ROBOT.radius_m))
     return assign_regions(layers, build_graph(layers))
 
 
 def outline(axes: Any, points_m: np.ndarray, **how: Any) -> None:
-    """A closed line."""
+    """Draw a closed line.
+
+    Parameters
+    ----------
+    axes
+        Of matplotlib.
+    points_m
+        Corners (n, 2) [m].
+    how
+        Options of ``plot``.
+    """
     axes.plot(*np.vstack([points_m, points_m[:1]]).T, **how)
 
 
 def draw_map(axes: Any, grid: OccupancyMap) -> None:
-    """Walls dark, free space white, in metres."""
+    """Draw walls dark and free space white, in metres.
+
+    Parameters
+    ----------
+    axes
+        Of matplotlib.
+    grid
+        The map.
+    """
     x, y, _ = grid.origin
     wide, high = grid.size_m
     shade = np.where(grid.cells >= 50, 0.35, np.where(grid.cells < 0, 0.85, 1.0))

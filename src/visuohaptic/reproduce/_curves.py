@@ -18,7 +18,17 @@ NOISE_N, NOISE_m, STEP_m = 0.1, 1e-4, 0.005 / 30
 
 
 def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, str], StateCurve]:
-    """(state, place) -> curve of the middle object of a class; open is without its cap."""
+    """(state, place) -> curve of the middle object of a class; open is without its cap.
+
+    Parameters
+    ----------
+    name
+        Of the class.
+    places
+        Names of places, as ``x+5``.
+    around
+        Vertices of a ring of the mesh.
+    """
     found = simulate_state_curves(
         load_container(name).middle(), {"open": None, "closed": Contents()}, places,
         variants=1, spread=0.0, around=around,
@@ -29,7 +39,15 @@ def curves_of(name: str, places: Sequence[str], around: int) -> dict[tuple[str, 
 def read_curve(
     curve: StateCurve, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray, CurveCoefficients]:
-    """Readings [m, N] while the finger closes, and the features fitted to them."""
+    """Readings of deformation [m] and force [N] while the finger closes, and the features fitted to them.
+
+    Parameters
+    ----------
+    curve
+        Simulated curve of one place.
+    rng
+        For the noise.
+    """
     from scipy.interpolate import PchipInterpolator
 
     way = np.r_[0.0, curve.deformation_m]

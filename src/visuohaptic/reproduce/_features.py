@@ -23,7 +23,13 @@ VARIANTS = 100
 
 
 def training_features(out: Output) -> FeatureSet:
-    """Linear features of open containers, read from the shared folder where they are there."""
+    """Linear features of open containers, read from the shared folder where they are there.
+
+    Parameters
+    ----------
+    out
+        Its seed, size and shared folder.
+    """
     variants = 12 if out.quick else VARIANTS
     path = out.shared / f"features-{variants}-{out.seed}.npz"
     if path.is_file():
@@ -47,5 +53,13 @@ def training_features(out: Output) -> FeatureSet:
 
 
 def grouped(data: FeatureSet, classes: tuple[str, ...]) -> FeatureSet:
-    """Candidates; the elliptic bottles are one class, cups and the cut bottle another, as in Table 6.2."""
+    """Features of some classes; the elliptic bottles are one class, cups and the cut bottle another, as in Table 6.2.
+
+    Parameters
+    ----------
+    data
+        All classes.
+    classes
+        Names to keep.
+    """
     return data.of_classes(classes, GROUPS)

@@ -20,7 +20,19 @@ REFERENCE_SIGMA_N = 0.05  #: of the arm's force sensor
 
 
 def pressed(out: Output, law: StripLaw, stream: int, curve: str = "cubic") -> FoamCalibration:
-    """Press three times and fit the material; the cubic is the dissertation's m_P, Eq. (3.2)."""
+    """Press three times and fit the material; the cubic is the dissertation's m_P, Eq. (3.2).
+
+    Parameters
+    ----------
+    out
+        Its seed and size.
+    law
+        Simulated foam.
+    stream
+        Number of the random stream.
+    curve
+        "cubic" or "spline".
+    """
     geometry = FoamStripGeometry(spacing_m=0.002)
     rows = calibration_press(
         geometry=geometry,

@@ -16,7 +16,15 @@ _LIGHT = np.array([0.45, -0.65, 0.6]) / np.linalg.norm([0.45, -0.65, 0.6])
 
 
 def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Figure, np.ndarray]:
-    """A figure with ``rows x columns`` axes in space."""
+    """A figure with ``rows x columns`` axes in space.
+
+    Parameters
+    ----------
+    rows, columns
+        Of axes.
+    size
+        Width and height [in].
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -27,7 +35,19 @@ def figure_3d(rows: int, columns: int, *, size: tuple[float, float]) -> tuple[Fi
 
 
 def shaded(axes: Any, mesh: Any, colour: str | np.ndarray, *, alpha: float = 1.0) -> None:
-    """A mesh (``vertices_m``, ``faces``) of one colour, or coloured by a value 0..1 of each vertex."""
+    """Draw a mesh of one colour, or coloured by a value 0..1 of each vertex.
+
+    Parameters
+    ----------
+    axes
+        In space.
+    mesh
+        With ``vertices_m`` and ``faces``.
+    colour
+        Name, or values (vertices,).
+    alpha
+        Opacity.
+    """
     from matplotlib import colormaps
     from matplotlib.colors import to_rgb
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
@@ -57,7 +77,19 @@ def frame_3d(
     azim: float = -60,
     zoom: float = 1.0,
 ) -> None:
-    """Limits in millimetres, equal axes, no frame; a flat scene may be enlarged."""
+    """Set limits in millimetres, equal axes, no frame; a flat scene may be enlarged.
+
+    Parameters
+    ----------
+    axes
+        In space.
+    low_m, high_m
+        Opposite corners (3,) [m].
+    elev, azim
+        Direction of the view [deg].
+    zoom
+        Enlargement.
+    """
     low, high = 1e3 * np.asarray(low_m, dtype=float), 1e3 * np.asarray(high_m, dtype=float)
     for setter, a, b in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), low, high, strict=True):
         setter(a, b)

@@ -17,7 +17,7 @@ from typing import Any
 
 from ..core.errors import InputError
 from ..core.files import write_text
-from .runner import EXPERIMENTS, Outcome, known_name, reproduce
+from .runner import EXPERIMENTS, ExperimentOutcome, known_name, reproduce
 
 __all__ = ["cores", "reproduce_all", "write_costs"]
 
@@ -64,8 +64,8 @@ def reproduce_all(
     quick: bool = False,
     force: bool = False,
     jobs: int = 1,
-    on_done: Callable[[Outcome], None] | None = None,
-) -> list[Outcome]:
+    on_done: Callable[[ExperimentOutcome], None] | None = None,
+) -> list[ExperimentOutcome]:
     """Run experiments into ``folder`` and write ``experiments.csv`` there.
 
     Parameters
@@ -82,7 +82,7 @@ def reproduce_all(
 
     Returns
     -------
-    list of Outcome
+    list of ExperimentOutcome
         In the order of ``names``.
 
     Raises
@@ -95,7 +95,7 @@ def reproduce_all(
     wanted = list(dict.fromkeys(known_name(name) for name in names))
     Path(folder).mkdir(parents=True, exist_ok=True)
     options: dict[str, Any] = {"seed": seed, "quick": quick, "force": force}
-    found: dict[str, Outcome] = {}
+    found: dict[str, ExperimentOutcome] = {}
     runs = _here(wanted, folder, options) if jobs == 1 else _spread(_units(wanted), folder, options, jobs)
     for outcome in runs:
         found[outcome.name] = outcome
@@ -106,8 +106,16 @@ def reproduce_all(
     return [found[name] for name in wanted]
 
 
-def write_costs(folder: Path | str, found: Mapping[str, Outcome]) -> Path:
-    """Write ``experiments.csv``: name, wall and CPU time, whether there is a result, and why not."""
+def write_costs(folder: Path | str, found: Mapping[str, ExperimentOutcome]) -> Path:
+    """Write ``experiments.csv``: name, wall and CPU time, whether there is a result, and why not.
+
+    Parameters
+    ----------
+    folder
+        Of the results.
+    found
+        How each experiment went, by name.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(("name", "wall_s", "cpu_s", "ok", "kept", "problem"))
@@ -121,7 +129,9 @@ def write_costs(folder: Path | str, found: Mapping[str, Outcome]) -> Path:
     return path
 
 
-def _here(names: Sequence[str], folder: Path | str, options: Mapping[str, Any]) -> Iterator[Outcome]:
+def _here(
+    names: Sequence[str], folder: Path | str, options: Mapping[str, Any]
+) -> Iterator[ExperimentOutcome]:
     for name in names:
         yield reproduce(name, folder, **options)
 
@@ -137,7 +147,7 @@ def _units(names: Sequence[str]) -> list[list[str]]:
 
 def _spread(
     units: Sequence[list[str]], folder: Path | str, options: Mapping[str, Any], jobs: int
-) -> Iterator[Outcome]:
+) -> Iterator[ExperimentOutcome]:
     """Outcomes as they come; a thread waits for each process."""
     alive: set[BaseProcess] = set()
     with _one_thread(), ThreadPoolExecutor(jobs) as pool:
@@ -155,7 +165,7 @@ def _spread(
 
 def _in_process(
     names: list[str], folder: str, options: Mapping[str, Any], alive: set[BaseProcess]
-) -> list[Outcome]:
+) -> list[ExperimentOutcome]:
     """Run them in a fresh process, and say so if it dies."""
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -163,7 +173,7 @@ def _in_process(
     process.start()
     alive.add(process)
     sender.close()
-    outcomes: list[Outcome] = []
+    outcomes: list[ExperimentOutcome] = []
     try:
         while len(outcomes) < len(names):
             outcomes.append(receiver.recv())
@@ -173,7 +183,7 @@ def _in_process(
     alive.discard(process)
     for name in names[len(outcomes) :]:
         problem = f"its process ended with code {process.exitcode}"
-        outcomes.append(Outcome(name, Path(folder) / name, 0.0, problem=problem))
+        outcomes.append(ExperimentOutcome(name, Path(folder) / name, 0.0, problem=problem))
     return outcomes
 
 

@@ -55,7 +55,13 @@ class Output:
     rows: int = 0  #: of all tables together
 
     def rng(self, *stream: int) -> np.random.Generator:
-        """A generator of this experiment's own; another one for other numbers."""
+        """A generator of this experiment's own.
+
+        Parameters
+        ----------
+        *stream
+            Numbers of the stream; others give another generator.
+        """
         return np.random.default_rng([self.seed, *stream])
 
     @property
@@ -66,7 +72,20 @@ class Output:
         return path
 
     def table(self, name: str, columns: Mapping[str, Sequence[Any] | np.ndarray]) -> Path:
-        """Write ``NAME.csv``; all columns have the same length, headings carry the unit."""
+        """Write ``NAME.csv``.
+
+        Parameters
+        ----------
+        name
+            Without suffix.
+        columns
+            Heading with unit -> values; all of one length.
+
+        Raises
+        ------
+        InputError
+            Columns are empty or of different lengths.
+        """
         lengths = {len(values) for values in columns.values()}
         if len(lengths) != 1 or 0 in lengths:
             raise InputError(
@@ -85,7 +104,17 @@ class Output:
         return path
 
     def picture(self, name: str, figure: Figure, *, dpi: float = 110) -> Path:
-        """Write ``NAME.png``."""
+        """Write ``NAME.png``.
+
+        Parameters
+        ----------
+        name
+            Without suffix.
+        figure
+            Of matplotlib.
+        dpi
+            Resolution.
+        """
         path = self.folder / f"{name}.png"
         with atomic_path(path) as temporary:
             figure.savefig(temporary, dpi=dpi, format="png")
@@ -93,14 +122,35 @@ class Output:
         return path
 
     def drawn(self, name: str, draw: Callable[[Path], object]) -> Path:
-        """Let a function that writes a picture to a path write ``NAME.png``."""
+        """Write ``NAME.png`` by a function that draws to a path.
+
+        Parameters
+        ----------
+        name
+            Without suffix.
+        draw
+            Called with the path.
+        """
         path = self.folder / f"{name}.png"
         draw(path)
         self.pictures.append(path.name)
         return path
 
     def image(self, name: str, image: np.ndarray) -> Path:
-        """Write pixels (grey or blue, green, red; 8 bits) as ``NAME.png``."""
+        """Write pixels (grey or blue, green, red; 8 bits) as ``NAME.png``.
+
+        Parameters
+        ----------
+        name
+            Without suffix.
+        image
+            Pixels.
+
+        Raises
+        ------
+        InputError
+            The pixels cannot be encoded.
+        """
         import cv2
 
         path = self.folder / f"{name}.png"
@@ -115,7 +165,26 @@ class Output:
     def compare(
         self, name: str, ours: float, unit: str = "", *, dissertation: float | None = None, note: str = ""
     ) -> None:
-        """Say a number, and what the dissertation prints for it."""
+        """Add a number, and what the dissertation prints for it.
+
+        Parameters
+        ----------
+        name
+            What it is.
+        ours
+            Finite.
+        unit
+            Empty for a plain number.
+        dissertation
+            Printed number; ``None`` where there is none.
+        note
+            How they compare.
+
+        Raises
+        ------
+        InputError
+            The number is not finite.
+        """
         value = float(ours)
         if not math.isfinite(value):
             raise InputError("Output.compare", f"found {value}, expected a finite number", field=name)

@@ -17,7 +17,13 @@ WIDTH_px, QUALITY = 1000, 80
 
 
 def write_index(folder: Path | str) -> Path:
-    """Write ``index.md``: all results in the folder, with pictures, data and numbers."""
+    """Write ``index.md``: all results in the folder, with pictures, data and numbers.
+
+    Parameters
+    ----------
+    folder
+        Of the results.
+    """
     folder = Path(folder)
     lines = [HEADING, ""]
     for key in EXPERIMENTS:
@@ -36,6 +42,13 @@ def write_gallery(folder: Path | str, docs: Path | str) -> Path:
     """Write ``gallery.md`` and ``images/gallery`` of the documentation from the results in a folder.
 
     Pictures become smaller; no times are told, so that the same results give the same page.
+
+    Parameters
+    ----------
+    folder
+        Of the results.
+    docs
+        Folder of the documentation.
 
     Raises
     ------

@@ -19,7 +19,7 @@ from ..core.errors import InputError, VisuohapticError
 from ..core.files import write_text
 from .output import Output
 
-__all__ = ["EXPERIMENTS", "NEEDS", "Outcome", "known_name", "read_result", "reproduce"]
+__all__ = ["EXPERIMENTS", "NEEDS", "ExperimentOutcome", "known_name", "read_result", "reproduce"]
 
 #: Name -> module, in the dissertation's order.
 EXPERIMENTS: Mapping[str, str] = {
@@ -73,7 +73,7 @@ _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "mujoco", "sc
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class ExperimentOutcome:
     """How one experiment went."""
 
     name: str
@@ -86,7 +86,7 @@ class Outcome:
 
 def reproduce(
     name: str, folder: Path | str, *, seed: int = 0, quick: bool = False, force: bool = False
-) -> Outcome:
+) -> ExperimentOutcome:
     """Run one experiment into ``folder / name``.
 
     Parameters
@@ -102,7 +102,7 @@ def reproduce(
 
     Returns
     -------
-    Outcome
+    ExperimentOutcome
         With the problem, if the experiment failed by an error of the library.
 
     Raises
@@ -117,13 +117,15 @@ def reproduce(
     before = read_result(target)
     if before is not None and not force and {k: before.get(k) for k in made_of} == made_of:
         took = float(before.get("seconds", 0.0)), float(before.get("cpu_seconds", 0.0))
-        return Outcome(key, target, *took, kept=True)
+        return ExperimentOutcome(key, target, *took, kept=True)
     (target / "result.json").unlink(missing_ok=True)  # what is half done must not look done
     out = Output(target, seed, quick)
     begin, begin_cpu = time.perf_counter(), _cpu_s()
 
-    def ended(problem: str = "") -> Outcome:
-        return Outcome(key, target, time.perf_counter() - begin, _cpu_s() - begin_cpu, problem=problem)
+    def ended(problem: str = "") -> ExperimentOutcome:
+        return ExperimentOutcome(
+            key, target, time.perf_counter() - begin, _cpu_s() - begin_cpu, problem=problem
+        )
 
     try:
         module = _module(key)
@@ -158,7 +160,13 @@ def _cpu_s() -> float:
 
 
 def read_result(folder: Path | str) -> dict[str, Any] | None:
-    """What an experiment has left in its folder; ``None`` if that is nothing whole."""
+    """Result of an experiment in its folder; ``None`` if it is missing or not complete.
+
+    Parameters
+    ----------
+    folder
+        Of the experiment.
+    """
     folder = Path(folder)
     try:
         result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
@@ -171,6 +179,18 @@ def read_result(folder: Path | str) -> dict[str, Any] | None:
 
 
 def known_name(name: str) -> str:
+    """Name of an experiment as :data:`EXPERIMENTS` has it.
+
+    Parameters
+    ----------
+    name
+        ``figure-3.2``, ``fig3.2``, ``3.2`` ...
+
+    Raises
+    ------
+    InputError
+        There is no such experiment.
+    """
     plain = name.lower().replace("_", "-").replace(" ", "-")
     for key in EXPERIMENTS:
         kind, number = key.split("-")

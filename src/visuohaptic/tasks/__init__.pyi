@@ -13,7 +13,7 @@ from .manipulation.crown_cap import open_crown_cap as open_crown_cap
 from .manipulation.crown_cap_records import CapOpening as CapOpening
 from .manipulation.crown_cap_records import CapSettings as CapSettings
 from .manipulation.grasp import GraspAndLift as GraspAndLift
-from .manipulation.grasp import GraspPlan as GraspPlan
+from .manipulation.grasp import LiftPlan as LiftPlan
 from .manipulation.grasp import grasp_and_lift as grasp_and_lift
 from .manipulation.hand import Hand as Hand
 from .manipulation.hand import Place as Place

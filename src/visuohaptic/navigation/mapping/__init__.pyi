@@ -11,6 +11,10 @@ from .doors import find_doors as find_doors
 from .haptic_map import HapticContact as HapticContact
 from .haptic_map import HapticMap as HapticMap
 from .haptic_map import primitive_occupancy as primitive_occupancy
+from .map_changes import map_agreement as map_agreement
+from .map_changes import mark_points as mark_points
+from .map_changes import new_objects as new_objects
+from .map_changes import scan_fit as scan_fit
 from .mapper import MapperSettings as MapperSettings
 from .mapper import OccupancyMapper as OccupancyMapper
 from .mapper import build_map as build_map

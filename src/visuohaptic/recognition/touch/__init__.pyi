@@ -23,6 +23,8 @@ from .haptic_model import HapticModel as HapticModel
 from .haptic_model import ModelSettings as ModelSettings
 from .haptic_model import calibrated as calibrated
 from .haptic_model import fit_model as fit_model
+from .outline_match import container_outline as container_outline
+from .outline_match import nearest_variant as nearest_variant
 from .refinement import WallFit as WallFit
 from .refinement import combine_models as combine_models
 from .refinement import correct_map as correct_map

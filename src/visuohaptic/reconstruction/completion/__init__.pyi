@@ -6,6 +6,8 @@ from .hole_region import load_hole_regions as load_hole_regions
 from .hole_surface import HoleSpace as HoleSpace
 from .hole_surface import supported_part as supported_part
 from .inner_walls import without_inner_walls as without_inner_walls
+from .outline import axial_part as axial_part
+from .outline import measured_outline as measured_outline
 from .radial_model import RadialModel as RadialModel
 from .radial_model import RadialProfile as RadialProfile
 from .radial_model import WallSeen as WallSeen

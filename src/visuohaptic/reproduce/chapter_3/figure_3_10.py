@@ -74,7 +74,13 @@ def _corner(letter: str, turned_deg: float, side_m: float = 0.25) -> Thing:
 
 
 def run(out: Output) -> None:
-    """Touch all six, draw the frame of the largest force."""
+    """Touch all six, draw the frame of the largest force.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     import cv2
 
     virtual, rng = VirtualSensor(), out.rng()

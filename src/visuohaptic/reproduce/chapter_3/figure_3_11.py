@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ...core.objects import PrimitiveKind
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_touch_map import RoomTrial, map_virtual_room
 from ..output import Output
 
@@ -24,7 +24,13 @@ CONTACTS = 22
 
 
 def run(out: Output) -> None:
-    """Map one room as in the figure, then a few others for the numbers."""
+    """Map one room as in the figure, then a few others for the numbers.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     rooms = 1 if out.quick else 3
     trials = [map_virtual_room(out.seed + k, 6 if out.quick else CONTACTS) for k in range(rooms)]
     first = trials[0]

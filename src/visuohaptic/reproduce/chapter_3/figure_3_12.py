@@ -20,7 +20,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Squeeze, draw the contours, and compare them with the truth."""
+    """Squeeze, draw the contours, and compare them with the truth.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     rng = out.rng()
     rig = GripperSensor(stripe=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -12,7 +12,7 @@ from ...deformation.maps.grasp_curves import GraspCurve, PinchPlane, side_vertex
 from ...deformation.nonlinear.contents import Contents
 from ...deformation.shapes.container import load_container
 from ...deformation.shapes.mesher import mesh_container
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs import squeeze_rig as squeezing
 from ...rigs.virtual_gripper import GripperSensor
 from ...simulation.foam.outline import Outline
@@ -42,7 +42,13 @@ GRIPS_N = (10.0, 20.0, 35.0)
 
 
 def run(out: Output) -> None:
-    """Pinch the model; then measure the same stiffness with the gripper."""
+    """Pinch the model; then measure the same stiffness with the gripper.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     thing = mesh_container(load_container("bottle").middle(), around=24 if out.quick else 40)
     plane = PinchPlane(thing)
     fractions = HEIGHTS[1::3] if out.quick else HEIGHTS

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ...report.charts import draw_axes
+from ...report.style import draw_axes
 from ...sensing.foam.material.calibration import calibrate_foam
 from ...sensing.foam.material.material_plots import draw_strain_stress
 from ...sensing.foam.material.records import StrainStress
@@ -24,7 +24,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Press, fit, draw; and offer a foam whose stress falls."""
+    """Press, fit, draw; and offer a foam whose stress falls.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     found = {name: pressed(out, law, number) for number, (name, law) in enumerate(FOAMS.items())}
 
     def draw(*both: Any) -> None:

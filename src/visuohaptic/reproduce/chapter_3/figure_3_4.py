@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...sensing.foam.material.section import Section, section_material, sensitivity
 from .._press import FOAMS, pressed
 from ..output import Output
@@ -23,7 +23,13 @@ _SECTIONS: tuple[Section, ...] = ("rectangle", "trapezoid", "triangle")
 
 
 def run(out: Output) -> None:
-    """Press the rectangle, cut the other sections from the same foam, plot Eq. (3.9)."""
+    """Press the rectangle, cut the other sections from the same foam, plot Eq. (3.9).
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     base = pressed(out, FOAMS["soft (as PUR)"], 0, curve="spline").material
     strain = np.linspace(0.0, 0.6, 121)
     rods = {section: section_material(base, section) for section in _SECTIONS}

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.camera.frame import Frame
 from ...core.measurement import ForceProfile
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...simulation.foam.press_rig import PressShape, press, press_path
 from ..output import Output
@@ -33,7 +33,35 @@ FRAMES = 4  #: at each depth, to tell noise from error
 
 
 def run(out: Output) -> None:
-    """Press every shape, read the force from rendered frames, compare."""
+    """Press every shape, read the force from rendered frames, compare.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
+    data, body = _pressed(out)
+    out.table("forces", data)
+    out.table("contour_c", {"s_m": body.s_m, "delta_m": body.delta_m, "pressure_Pa": body.pressure_Pa})
+    out.picture(
+        "accuracy", draw_axes(1, 3, lambda *axes: _draw(*axes, data=data, body=body), size=(13.0, 4.2))
+    )
+    error = np.abs(data["measured_N"] - data["true_N"])
+    out.compare(
+        "standard deviation of the force, largest of all shapes and depths", float(data["noise_N"].max()), "N",
+        dissertation=0.075, note="along the entire range; its reference had 0.15 N",
+    )  # fmt: skip
+    relative = error / np.maximum(data["true_N"], 0.1 / 0.03)
+    out.compare(
+        "largest error, of reading or of 3.3 N", 100 * float(relative.max()), "%",
+        note='printed: "a small systematic error", in a plot',
+    )  # fmt: skip
+    small = data["shape"] == PressShape.PLATE_4CM.value
+    out.compare("largest error with shape C", float(error[small].max()), "N")
+
+
+def _pressed(out: Output) -> tuple[dict[str, np.ndarray], ForceProfile]:
+    """Columns of all presses, and the deepest profile under shape C."""
     virtual = VirtualSensor()
     steps, runs = (4, 1) if out.quick else (12, 4)
     rows: dict[str, list[Any]] = {
@@ -44,67 +72,47 @@ def run(out: Output) -> None:
         sensor = virtual.build(folder, rng)
         renderer = virtual.renderer()
         index = 0
-        body: ForceProfile | None = None  # under shape C, deepest
+        body: ForceProfile | None = None
         for shape in PressShape:
             for number in range(runs if shape is PressShape.PLATE_4CM else 1):
                 sensor.reset()
-                for sample in press(
-                    shape, press_path(DEEPEST_m, steps, unload=False), geometry=virtual.geometry
-                ):
+                path = press_path(DEEPEST_m, steps, unload=False)
+                for sample in press(shape, path, geometry=virtual.geometry):
                     forces = []
                     for _ in range(FRAMES):
                         image = renderer.render(sample.scene, rng=rng)
                         profile = sensor.read(Frame(image, index / 30.0, index))
                         index += 1
                         forces.append(profile.force_N)
-                    rows["shape"].append(shape.value)
-                    rows["run"].append(number)
-                    rows["true_N"].append(sample.force_N)
-                    rows["measured_N"].append(forces[0])
-                    rows["sigma_N"].append(profile.force_sigma_N)
-                    rows["noise_N"].append(float(np.std(forces, ddof=1)))
+                    noise_N = float(np.std(forces, ddof=1))
+                    values = (shape.value, number, sample.force_N, forces[0], profile.force_sigma_N, noise_N)
+                    for column, value in zip(rows.values(), values, strict=True):
+                        column.append(value)
                     small = shape is PressShape.PLATE_4CM
                     if small and (body is None or profile.force_N > body.force_N):
                         body = profile
-    data = {key: np.array(values) for key, values in rows.items()}
-    out.table("forces", data)
     assert body is not None
-    out.table("contour_c", {"s_m": body.s_m, "delta_m": body.delta_m, "pressure_Pa": body.pressure_Pa})
+    return {key: np.array(values) for key, values in rows.items()}, body
 
-    def draw(left: Any, middle: Any, right: Any) -> None:
-        largest = float(data["true_N"].max())
-        left.plot([0, largest], [0, largest], "--", color=COLOURS["ink"], lw=1.0)
-        for shape, colour in zip(PressShape, ("blue", "orange", "green", "pink"), strict=False):
-            here = data["shape"] == shape.value
-            true, measured = data["true_N"][here], data["measured_N"][here]
-            fit = np.polynomial.Polynomial.fit(true, measured, min(3, len(np.unique(true)) - 1))
-            line = np.linspace(0, true.max(), 100)
-            left.plot(line, fit(line), color=COLOURS[colour], label=NAMES[shape.value])
-            middle.plot(line, 1e3 * (fit(line) - line), color=COLOURS[colour])
-            if shape is PressShape.PLATE_4CM:
-                marks = {"marker": "x", "c": data["run"][here], "cmap": "viridis", "s": 18, "zorder": 3}
-                left.scatter(true, measured, **marks)
-                middle.scatter(true, 1e3 * (measured - true), **marks)
-        left.set(xlabel="true force [N]", ylabel="measured force [N]")
-        middle.set(xlabel="true force [N]", ylabel="error [mN]")
-        left.legend()
-        right.plot(1e3 * body.s_m, 1e3 * body.delta_m, color=COLOURS["orange"])
-        right.axvspan(-20, 20, color="#f1ede2", lw=0, zorder=0)
-        right.set(
-            xlabel="position along the strip [mm]", ylabel="deflection [mm]", title="shape C, 4 cm wide"
-        )
 
-    out.picture("accuracy", draw_axes(1, 3, draw, size=(13.0, 4.2)))
-    small = data["shape"] == PressShape.PLATE_4CM.value
-    out.compare(
-        "standard deviation of the force, largest of all shapes and depths", float(data["noise_N"].max()), "N",
-        dissertation=0.075, note="along the entire range; its reference had 0.15 N",
-    )  # fmt: skip
-    fraction = np.abs(data["measured_N"] - data["true_N"]) / np.maximum(data["true_N"], 0.1 / 0.03)
-    out.compare(
-        "largest error, of reading or of 3.3 N", 100 * float(fraction.max()), "%",
-        note='printed: "a small systematic error", in a plot',
-    )  # fmt: skip
-    out.compare(
-        "largest error with shape C", float(np.abs(data["measured_N"] - data["true_N"])[small].max()), "N"
-    )
+def _draw(left: Any, middle: Any, right: Any, *, data: dict[str, np.ndarray], body: ForceProfile) -> None:
+    """Measured against true force, the error, and the deflection under shape C."""
+    largest = float(data["true_N"].max())
+    left.plot([0, largest], [0, largest], "--", color=COLOURS["ink"], lw=1.0)
+    for shape, colour in zip(PressShape, ("blue", "orange", "green", "pink"), strict=False):
+        here = data["shape"] == shape.value
+        true, measured = data["true_N"][here], data["measured_N"][here]
+        fit = np.polynomial.Polynomial.fit(true, measured, min(3, len(np.unique(true)) - 1))
+        line = np.linspace(0, true.max(), 100)
+        left.plot(line, fit(line), color=COLOURS[colour], label=NAMES[shape.value])
+        middle.plot(line, 1e3 * (fit(line) - line), color=COLOURS[colour])
+        if shape is PressShape.PLATE_4CM:
+            marks = {"marker": "x", "c": data["run"][here], "cmap": "viridis", "s": 18, "zorder": 3}
+            left.scatter(true, measured, **marks)
+            middle.scatter(true, 1e3 * (measured - true), **marks)
+    left.set(xlabel="true force [N]", ylabel="measured force [N]")
+    middle.set(xlabel="true force [N]", ylabel="error [mN]")
+    left.legend()
+    right.plot(1e3 * body.s_m, 1e3 * body.delta_m, color=COLOURS["orange"])
+    right.axvspan(-20, 20, color="#f1ede2", lw=0, zorder=0)
+    right.set(xlabel="position along the strip [mm]", ylabel="deflection [mm]", title="shape C, 4 cm wide")

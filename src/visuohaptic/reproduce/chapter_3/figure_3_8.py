@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_beam import VirtualBeam
 from ...simulation.beam.rod_rig import RodRig
 from ..output import Output
@@ -28,7 +28,13 @@ DISTANCES_m = (0.3, 0.6)
 
 
 def run(out: Output) -> None:
-    """Step, read every frame, compare the means and the scatter of each step."""
+    """Step, read every frame, compare the means and the scatter of each step.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     levels = np.linspace(0.0, TOP_N, 3 if out.quick else 6)
     path = np.r_[levels, levels[-2::-1]]
     frames = 4 if out.quick else 12

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_crown_cap import OpenerTrial, open_virtual_cap, virtual_opener
 from ...tasks.manipulation.crown_cap_records import CapState
 from ..output import Output
@@ -34,7 +34,13 @@ STEPS = {
 
 
 def run(out: Output) -> None:
-    """Open bottles with sight as in the table, and with no better sight than the start error."""
+    """Open bottles with sight as in the table, and with no better sight than the start error.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     bottles = 3 if out.quick else 20
     trials = [open_virtual_cap(out.seed + k, "tracked") for k in range(bottles)]
     blind = [open_virtual_cap(out.seed + k, "start") for k in range(2 if out.quick else 10)]
@@ -74,7 +80,7 @@ def _end(trial: OpenerTrial, state: CapState) -> tuple[float, float, float, floa
     cap = virtual_opener(trial.seed, "tracked").position_base_m
     for step in reversed(trial.opening.trace.steps):
         if step.state == state:
-            away = np.abs(np.array(step.seen["tip_m"], dtype=float) - cap)
+            away = np.abs(np.array(step.observation["tip_m"], dtype=float) - cap)
             return step.t_s, float(away[0]), float(away[1]), float(away[2])
     return None
 
@@ -85,10 +91,10 @@ def _visits(trial: OpenerTrial, state: CapState) -> int:
 
 
 def _draw(axes: Any, trial: OpenerTrial) -> None:
-    steps = [step for step in trial.opening.trace.steps if step.seen["felt"]]
+    steps = [step for step in trial.opening.trace.steps if step.observation["felt"]]
     t = np.array([step.t_s for step in steps])
-    force = np.array([step.seen["force_N"] for step in steps], dtype=float)
-    moment = np.array([step.seen["moment_Nm"] for step in steps], dtype=float)
+    force = np.array([step.observation["force_N"] for step in steps], dtype=float)
+    moment = np.array([step.observation["moment_Nm"] for step in steps], dtype=float)
     colours = [COLOURS[name] for name in ("blue", "orange", "green")]
     for k, (name, colour) in enumerate(zip("XYZ", colours, strict=True)):
         axes[0].plot(t, force[:, k], color=colour, lw=1.1, label=f"F_{name}")

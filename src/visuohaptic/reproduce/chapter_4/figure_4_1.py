@@ -19,7 +19,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Build the graph of the floor and draw it."""
+    """Build the graph of the floor and draw it.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     regions = regions_of(building())
     graph = regions.graph
     out.picture("navigation", plot_navigation(regions), dpi=80)

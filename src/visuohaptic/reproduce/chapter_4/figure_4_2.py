@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection
 from ...navigation.planning.joint_builder import extend_graph
 from ...navigation.planning.joint_graph import JointGraph
 from ...navigation.problem.node_types import ManipulationNode
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, building, draw_map, regions_of, with_all
 from ..output import Output
@@ -25,7 +25,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Build both graphs and say what the nodes connect."""
+    """Build both graphs and say what the nodes connect.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     empty, regions = regions_of(building()).graph, regions_of(with_all())
     graph = regions.graph
     joint = extend_graph(graph, regions, ROBOT, [ManipulationNode(item) for item in OBJECTS])

@@ -10,7 +10,7 @@ from ...navigation.pushing.direct_push import DirectPushSettings, plan_direct_pu
 from ...navigation.pushing.goal_maps import GoalMap, goal_map
 from ...navigation.pushing.local_costmap import FootprintSamples, LocalCostmap
 from ...navigation.pushing.push_scene import PushedObject
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT
 from .._building import OBJECTS, draw_map, outline, with_all
 from ..output import Output
@@ -27,7 +27,13 @@ REACH_m = 1.6
 
 
 def run(out: Output) -> None:
-    """Goal map about the crate, and four candidates looked at closely."""
+    """Goal map about the crate, and four candidates looked at closely.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     item = OBJECTS[0]
     centre = item.centre_m
     radius = ROBOT.radius_m

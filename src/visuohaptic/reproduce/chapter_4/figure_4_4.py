@@ -14,7 +14,7 @@ from ...navigation.pushing.push_model import PushModel, load_of_feet, patch_poin
 from ...navigation.pushing.push_scene import PushLimits, PushScene
 from ...navigation.pushing.quasi_static import PushTrace, arc_path
 from ...navigation.pushing.sideward_push import SidewardOutcome, evaluate_push, sideward_candidates
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, box, rooms
 from ...simulation.floor.floor_push import FloorBody, FloorPush
 from .._building import draw_map, outline
@@ -65,7 +65,13 @@ def scenes() -> tuple[Scene, Scene]:
 
 
 def run(out: Output) -> None:
-    """Judge all straight candidates, then drive one good and one bad in MuJoCo."""
+    """Judge all straight candidates, then drive one good and one bad in MuJoCo.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     rows: dict[str, list[Any]] = {k: [] for k in ("scene", "x0_m", "y0_m", "x1_m", "y1_m", "outcome")}
     shown, off, agree = [], [], []
     counts = dict.fromkeys(SidewardOutcome, 0)

@@ -16,7 +16,7 @@ from ...navigation.problem.node_types import ManipulationNode
 from ...navigation.problem.path_plan import Plan
 from ...navigation.pushing.direct_push import DirectPush, DirectPushSettings, plan_direct_push
 from ...navigation.pushing.push_scene import PushedObject
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_office import ROBOT, office
 from .._building import draw_map, outline, regions_of
 from ..output import Output
@@ -32,7 +32,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Plan with and without pushing, and say lengths and times."""
+    """Plan with and without pushing, and say lengths and times.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     problem = office()
     plans = alternatives(problem)
     push, detour = plans["cheapest"], plans["no pushing"]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...core.objects import Estimate, HapticTag
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_sensor import VirtualSensor
 from ...sensing.foam.sensor import FoamSensor
 from ...sensing.scene.scene_tracker import SceneTracker
@@ -94,7 +94,13 @@ def table_rows() -> tuple[Row, ...]:
 
 
 def run(out: Output) -> None:
-    """Explore each object with one calibrated sensor."""
+    """Explore each object with one calibrated sensor.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     virtual, rng = VirtualSensor(law=FIRM_FOAM), out.rng()
     chosen = [row for row in table_rows() if not out.quick or row.name in ("stool", "PC tower")]
     columns: dict[str, list[Any]] = {

@@ -10,7 +10,7 @@ from ...io.depth.depth_sequence import DepthFrame
 from ...reconstruction.fusion.depth_noise import SENSOR_NOISE
 from ...reconstruction.transparency.background import background_model, ideal_depth
 from ...reconstruction.transparency.detector import error_image
-from ...report.charts import draw_axes
+from ...report.style import draw_axes
 from ...simulation.tabletop.depth_camera import DepthCamera
 from ...simulation.tabletop.glass_scenes import glass_scene
 from ..output import Output
@@ -27,7 +27,13 @@ STEP_m, VIEWS, GAP = 0.02, 8, 8
 
 
 def run(out: Output) -> None:
-    """Render the past views and the present one, model, compare."""
+    """Render the past views and the present one, model, compare.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105, step_m=STEP_m)
     sensor = DepthCamera.kinect(160 if out.quick else 320)
     chosen = [*range(VIEWS), VIEWS + GAP]

@@ -23,7 +23,13 @@ VOXEL_m = 0.005
 
 
 def run(out: Output) -> None:
-    """Fuse, detect, and compare the surface of the bottles with the truth."""
+    """Fuse, detect, and compare the surface of the bottles with the truth.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     scene = glass_scene(out.seed, kind="labelled", arc_deg=105 if out.quick else 180, step_m=0.05)
     frames = rendered(scene, out.seed, 160 if out.quick else 320)
     volume = TsdfVolume.around(

@@ -23,7 +23,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """One scene of each kind, by the published detector and by ours."""
+    """One scene of each kind, by the published detector and by ours.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     kinds = SCENE_KINDS[2:3] if out.quick else SCENE_KINDS
     figure, axes = figure_3d(1 if len(kinds) == 1 else 2, max(1, len(kinds) // 2), size=(11.0, 9.0))
     rows: dict[str, list[Any]] = {"kind": [], "method": [], "objects": [], "found": [], "false": [], "f1": []}

@@ -26,7 +26,13 @@ SHOWN = (0, 3, 10)
 
 
 def run(out: Output) -> None:
-    """Explore three bottles as planned and draw the steps."""
+    """Explore three bottles as planned and draw the steps.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     shown = SHOWN[:2] if out.quick else SHOWN
     names = "A" if out.quick else "ABC"
     figure, axes = figure_3d(len(names), len(shown) + 2, size=(2.7 * (len(shown) + 2), 3.4 * len(names)))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_completion import TOUCHES, explore, touches_to_tenth
 from ...simulation.tabletop.bottles import random_bottle
 from ..output import Output
@@ -24,7 +24,13 @@ OBJECTS = 50
 
 
 def run(out: Output) -> None:
-    """Explore bottles as planned and at random."""
+    """Explore bottles as planned and at random.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     objects, touches = (2, 4) if out.quick else (OBJECTS, TOUCHES)
     curves: dict[str, list[list[float]]] = {"planned": [], "random": []}
     kinds = []

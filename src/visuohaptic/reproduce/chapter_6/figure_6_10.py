@@ -8,7 +8,7 @@ import numpy as np
 
 from ...deformation.maps.features import linear_features
 from ...deformation.shapes.load_shell import load_object
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from .._curves import curves_of, read_curve
 from ..output import Output
 
@@ -24,7 +24,13 @@ PLACES = ("y+5", "x+4")
 
 
 def run(out: Output) -> None:
-    """Features of the middle bottle; four curves with noise."""
+    """Features of the middle bottle; four curves with noise.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     thing = load_object("cien", around=32)
     values = linear_features(thing).values[..., 0]
     curves = curves_of("cien", PLACES, 24 if out.quick else 32)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ...report.charts import draw_axes
+from ...report.style import draw_axes
 from .._curves import curves_of
 from ..output import Output
 
@@ -23,7 +23,13 @@ NOMINAL_m, NOMINAL_N = 0.003, 50.0
 
 
 def run(out: Output) -> None:
-    """Curves of both states at every second height."""
+    """Curves of both states at every second height.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     names = NAMES[:1] if out.quick else NAMES
     heights = (5, 9) if out.quick else (3, 5, 7, 9, 11, 13)
     places = [f"y+{height}" for height in heights]

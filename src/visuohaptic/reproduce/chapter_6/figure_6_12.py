@@ -10,7 +10,7 @@ from ...deformation.shapes.load_shell import load_object
 from ...grasping.confirm import confirm_grasp
 from ...grasping.grasp_task import GraspTask
 from ...grasping.planner import plan_grasps
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.grasp_cases import CASES, best_vertex
 from ..output import Output
 
@@ -24,7 +24,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Every sentence of the text: the map's prediction, and the nonlinear simulation's answer."""
+    """Every sentence of the text: the map's prediction, and the nonlinear simulation's answer.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     cases = CASES[3:5] if out.quick else CASES
     rows: dict[str, list[Any]] = {
         k: [] for k in ("grasp", "force_N", "text_holds", "score", "map_mm", "simulated_mm", "map_holds", "simulated_holds", "why")

@@ -26,7 +26,13 @@ FORCE_N, HEIGHT = 3.0, 0.9
 
 
 def run(out: Output) -> None:
-    """Pinch both, map one."""
+    """Pinch both, map one.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     from matplotlib.colors import LogNorm, Normalize
 
     figure, axes = figure_3d(1, 3, size=(11.0, 4.4))

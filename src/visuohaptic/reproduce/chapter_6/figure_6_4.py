@@ -24,7 +24,13 @@ TASKS = {"cleaner": 20.0, "cup-rim": 20.0, "cup": 5.0}
 
 
 def run(out: Output) -> None:
-    """Plan for the three objects."""
+    """Plan for the three objects.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     plans = []
     rows: dict[str, list[Any]] = {
         k: [] for k in ("object", "rank", "height_share", "angle_deg", "score", "deformation_mm")

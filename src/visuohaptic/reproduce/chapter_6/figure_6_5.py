@@ -17,7 +17,13 @@ NAMES = ("elliptic", "cleaner", "cien", "bottle", "cup", "cup-rim")
 
 
 def run(out: Output) -> None:
-    """Map six classes' middle objects."""
+    """Map six classes' middle objects.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     from matplotlib import colormaps
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LogNorm

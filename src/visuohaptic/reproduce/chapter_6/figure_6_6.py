@@ -17,7 +17,13 @@ CAPTION = "Mean normalised cross-correlation of simulated features; 1 is the sam
 
 
 def run(out: Output) -> None:
-    """Correlate all classes."""
+    """Correlate all classes.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     data = training_features(out)
     data = data.take(np.array([label != "cut-bottle" for label in data.label]))
     values = class_correlation(data)

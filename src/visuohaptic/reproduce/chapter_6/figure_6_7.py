@@ -19,7 +19,13 @@ CAPTION = (
 
 
 def run(out: Output) -> None:
-    """Train on four classes and draw."""
+    """Train on four classes and draw.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     data = grouped(training_features(out), DISTINCT)
     tree = train_tree(data, rng=out.rng(), folds=6 if out.quick else 10)
     out.drawn("tree", lambda path: plot_tree(path, tree, data))

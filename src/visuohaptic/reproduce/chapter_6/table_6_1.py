@@ -8,7 +8,7 @@ import numpy as np
 
 from ...recognition.trees.tree import train_tree
 from ...recognition.trees.tree_nodes import feature_name
-from ...report.charts import COLOURS, draw_axes
+from ...report.style import COLOURS, draw_axes
 from ...rigs.virtual_containers import GROUPS
 from .._features import CONFUSABLE, FIVE, training_features
 from ..output import Output
@@ -39,7 +39,13 @@ _NAMES = {"centre": "(6.5), two touches", "point": "one point", "norm": "(6.4), 
 
 
 def run(out: Output) -> None:
-    """Train all nine."""
+    """Train all nine.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     data = training_features(out)
     rows: dict[str, list[Any]] = {
         k: [] for k in ("tree", "classes", "feature", "loss_percent", "sigma_percent", "printed_percent",

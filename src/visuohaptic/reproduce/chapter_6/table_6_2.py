@@ -11,7 +11,7 @@ from ...recognition.touch.calibration import calibrate
 from ...recognition.touch.haptic_model import fit_model
 from ...recognition.trees.tree import train_tree
 from ...recognition.trees.tree_nodes import walk
-from ...report.charts import draw_axes
+from ...report.style import draw_axes
 from ...rigs import virtual_containers as world
 from .._features import grouped, training_features
 from ..output import Output
@@ -41,7 +41,13 @@ NUMBERS = (4, 5, 6, 7, 8, 9)
 
 
 def run(out: Output) -> None:
-    """Explore every object with every tree that was trained for it."""
+    """Explore every object with every tree that was trained for it.
+
+    Parameters
+    ----------
+    out
+        Receives tables, pictures and comparisons; its seed and size are used.
+    """
     draws = 1 if out.quick else 3
     names = ("cup", "cien") if out.quick else tuple(world.REAL)
     data = training_features(out)

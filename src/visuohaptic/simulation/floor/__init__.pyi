@@ -1,6 +1,5 @@
 from .floor_model import FloorObject as FloorObject
 from .floor_model import FloorRobot as FloorRobot
-from .floor_model import centroid_m as centroid_m
 from .floor_model import floor_mjcf as floor_mjcf
 from .floor_push import FloorBody as FloorBody
 from .floor_push import FloorPush as FloorPush

@@ -35,8 +35,8 @@ class Observation(Protocol):
 
 
 StateT = TypeVar("StateT", bound=StrEnum)
-SeenT = TypeVar("SeenT", bound=Observation)
-ToldT = TypeVar("ToldT")
+ObservationT = TypeVar("ObservationT", bound=Observation)
+CommandT = TypeVar("CommandT")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +47,17 @@ class Rule(Generic[StateT]):
     timeout_s: float = math.inf
 
 
-class Machine(ABC, Generic[StateT, SeenT, ToldT]):
+class Machine(ABC, Generic[StateT, ObservationT, CommandT]):
     """A task as states, allowed transitions, time-outs and an ending.
 
     Subclasses set ``task`` and ``rules`` (the first state is the beginning) and write
     ``decide`` and ``halt``. In ``decide`` they call :meth:`go` to change the
     state and :meth:`end` to finish.
+
+    Parameters
+    ----------
+    settings
+        Kept in the trace: a dataclass, or a mapping of numbers, texts and dataclasses.
 
     Examples
     --------
@@ -102,19 +107,30 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         self._clock = ClockWatch(max_periods=None, host_clock=lambda: self.host_clock())
 
     @abstractmethod
-    def decide(self, seen: SeenT) -> ToldT:
-        """What to tell the robot now."""
+    def decide(self, seen: ObservationT) -> CommandT:
+        """Command after one observation; subclasses write it.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
 
     @abstractmethod
-    def halt(self) -> ToldT:
-        """The command that makes the robot stand still: told whenever the task ends."""
+    def halt(self) -> CommandT:
+        """Command at which the robot stands still: given whenever the task ends."""
 
-    def step(self, seen: SeenT) -> ToldT:
+    def step(self, seen: ObservationT) -> CommandT:
         """Take one observation.
 
         Observations that are not newer than the last one are ignored: the
-        robot is told to stand still until there is a new one. When none comes for
+        robot stands still until there is a new one. When none comes for
         :data:`~visuohaptic.core.robots.MAX_STILL_S` by the host's clock, the task ends.
+
+        Parameters
+        ----------
+        seen
+            Its time has to be newer than the last one's.
 
         Raises
         ------
@@ -135,15 +151,22 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         if seen.t_s - self.entered_s > self.rules[self.state].timeout_s:
             limit = self.rules[self.state].timeout_s
             self.end(False, "timed_out", f"{self.state} took longer than {limit:g} s")
-            told = self.halt()
+            command = self.halt()
         else:
-            told = self.decide(seen)
-            told = self.halt() if self.ended else told
-        self._steps.append(Step(seen.t_s, before, to_dict(seen), to_dict(told), self.state, self._why))
-        return told
+            command = self.decide(seen)
+            command = self.halt() if self.ended else command
+        self._steps.append(Step(seen.t_s, before, to_dict(seen), to_dict(command), self.state, self._why))
+        return command
 
     def go(self, state: StateT, why: str) -> None:
         """Change the state.
+
+        Parameters
+        ----------
+        state
+            The next state.
+        why
+            One sentence, kept in the trace.
 
         Raises
         ------
@@ -159,12 +182,30 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         self.state, self.entered_s, self._why = state, self._last_s, why
 
     def end(self, success: bool, outcome: str, why: str) -> None:
-        """Finish: what was reached, or why not."""
+        """Finish: what was reached, or why not. The first ending holds.
+
+        Parameters
+        ----------
+        success
+            Whether the task has reached its aim.
+        outcome
+            A value of the task's enumeration of outcomes.
+        why
+            One sentence with the numbers that decided it.
+        """
         if self.ending is None:
             self.ending = Ending(bool(success), str(outcome), why)
 
     def interrupt(self, outcome: str, why: str) -> None:
-        """Finish from outside, as when the camera delivers no more frames."""
+        """Finish from outside, as when the camera delivers no more frames.
+
+        Parameters
+        ----------
+        outcome
+            A value of the task's enumeration of outcomes.
+        why
+            One sentence.
+        """
         self.end(False, outcome, why)
 
     @property
@@ -173,7 +214,13 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         return self.ending is not None
 
     def since_s(self, t_s: float) -> float:
-        """How long the present state has lasted [s]."""
+        """How long the present state has lasted [s].
+
+        Parameters
+        ----------
+        t_s
+            Time of the present observation [s].
+        """
         return t_s - self.entered_s
 
     def trace(self) -> Trace:
@@ -181,14 +228,18 @@ class Machine(ABC, Generic[StateT, SeenT, ToldT]):
         return Trace(self.task, self._settings, tuple(self._steps), self.ending)
 
 
-def replay(trace: Trace, machine: Machine[Any, SeenT, Any], seen: type[SeenT]) -> Ending | None:
+def replay(
+    trace: Trace, machine: Machine[Any, ObservationT, Any], observation: type[ObservationT]
+) -> Ending | None:
     """Give the observations of a trace to a fresh machine and check that it decides the same.
 
     Parameters
     ----------
+    trace
+        Of a run.
     machine
         Made with the settings of the trace.
-    seen
+    observation
         Its dataclass of observations.
 
     Returns
@@ -204,11 +255,12 @@ def replay(trace: Trace, machine: Machine[Any, SeenT, Any], seen: type[SeenT]) -
     if machine.task != trace.task:
         raise InputError("replay", f"found a trace of {trace.task!r}, expected one of {machine.task!r}")
     for number, step in enumerate(trace.steps):
-        told = to_dict(machine.step(from_dict(seen, dict(step.seen), where=f"step {number}")))
-        if told != step.told or machine.state != step.next_state:
+        seen = from_dict(observation, dict(step.observation), where=f"step {number}")
+        command = to_dict(machine.step(seen))
+        if command != step.command or machine.state != step.next_state:
             raise InputError(
                 "replay",
-                f"found {told} and state {machine.state}, expected {step.told} and {step.next_state}",
+                f"found {command} and state {machine.state}, expected {step.command} and {step.next_state}",
                 field=f"step {number} at {step.t_s:.3f} s",
             )
     return machine.ending

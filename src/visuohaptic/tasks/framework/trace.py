@@ -1,4 +1,4 @@
-"""What a task saw, told and decided, step by step, as JSON lines that can be read and replayed."""
+"""What a task observed, commanded and decided, step by step, as JSON lines that can be read and replayed."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Step:
 
     t_s: float  #: time of the observation
     state: str  #: in which it was made
-    seen: Mapping[str, Any]  #: the observation, in JSON's types
-    told: Mapping[str, Any]  #: the command to the robot, in JSON's types
+    observation: Mapping[str, Any]  #: in JSON's types
+    command: Mapping[str, Any]  #: to the robot, in JSON's types
     next_state: str  #: the same when nothing changed
     why: str  #: reason of the change; empty when nothing changed
 
@@ -84,12 +84,23 @@ class Trace:
         return tuple(json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
 
     def save(self, path: Path | str) -> None:
-        """Write the JSON lines, whole or not at all."""
+        """Write the JSON lines, whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Of the JSON lines.
+        """
         write_text(path, "\n".join(self.lines()) + "\n")
 
     @classmethod
     def load(cls, path: Path | str) -> Trace:
         """Read what :meth:`save` has written.
+
+        Parameters
+        ----------
+        path
+            Of the JSON lines.
 
         Raises
         ------
@@ -107,7 +118,20 @@ class Trace:
 
     @classmethod
     def from_lines(cls, lines: Iterable[str], where: object = "trace") -> Trace:
-        """Read JSON lines."""
+        """Read JSON lines.
+
+        Parameters
+        ----------
+        lines
+            Of the file.
+        where
+            Name of the source in errors.
+
+        Raises
+        ------
+        InputError
+            A line is not JSON, or not a step.
+        """
         rows = []
         for number, line in enumerate(lines, 1):
             try:

@@ -29,7 +29,13 @@ class SqueezeClassifier(Protocol):
         """Where to squeeze next; ``None`` when no place would tell more."""
 
     def update(self, curve: SqueezeCurve) -> None:
-        """Take what was felt there."""
+        """Take what was felt there.
+
+        Parameters
+        ----------
+        curve
+            Force against deformation at the place that was asked for.
+        """
 
     def belief(self) -> Mapping[str, float]:
         """Probability of every class; they sum to 1."""
@@ -79,6 +85,20 @@ def classify_by_squeezing(
     """Squeeze place after place, as the classifier asks, until it is sure.
 
     Each squeeze is a :class:`~visuohaptic.tasks.manipulation.squeeze_task.SqueezeTask`; this loop only asks and stops.
+
+    Parameters
+    ----------
+    hand
+        Arm, gripper and sensor.
+    classifier
+        Plans the places and keeps the belief.
+    settings
+        When to stop.
+
+    Raises
+    ------
+    InputError
+        The classifier lacks a member of its protocol.
     """
     require_members(classifier, SqueezeClassifier, "classify_by_squeezing", "classifier")
     settings = settings or ClassifySettings()

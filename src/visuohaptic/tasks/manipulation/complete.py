@@ -18,6 +18,7 @@ from ...core.robots import FrameSource, ProbeArm, require_members
 from ...reconstruction.completion.touch import Touch
 from ..framework.machine import Machine, Rule
 from ..framework.trace import Ending, Trace
+from .hand import as_vector
 
 if TYPE_CHECKING:
     from ...reconstruction.completion.surface_completion import Completion
@@ -43,7 +44,7 @@ class CompleteState(StrEnum):
     PLAN = "plan"
     UP = "up"  #: above everything
     ACROSS = "across"
-    DOWN = "down"  #: to the begin of the line
+    DOWN = "down"  #: to the start of the line
     PROBE = "probe"  #: along the line until something is felt
     BACK = "back"
 
@@ -75,7 +76,7 @@ class CompleteSettings:
     travel_m_s: float = 0.15
     probe_m_s: float = 0.03
     sigma_m: float = 0.0005  #: of a contact: arm, tip and sensor
-    compliance_m_per_N: float = 0.0  #: how far the tip gives way
+    compliance_m_per_N: float = 0.0  #: compliance of the tip
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
@@ -99,9 +100,9 @@ class ProbeObservation:
     tip_m: Vector  #: in the base
     felt: bool
     force_N: float  #: length of the force on the tip
-    start_m: Vector  #: begin of the planned line in the base; NaN without a plan
+    start_m: Vector  #: start of the planned line in the base; NaN without a plan
     end_m: Vector
-    touches: int  #: so many lines were probed
+    touches: int  #: lines that were probed
     error_m: float  #: expected error of the missing part
     done: bool  #: the stop rule says that it is known
 
@@ -119,7 +120,7 @@ class ProbeCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CompletionByTouch:
-    """What came of it; the completed surface is ``completion.completed()``."""
+    """Result; the completed surface is ``completion.completed()``."""
 
     ending: Ending
     touches: tuple[Touch, ...]  #: in the base
@@ -128,7 +129,13 @@ class CompletionByTouch:
 
 
 class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
-    """Line after line."""
+    """Line after line: above, across, down, along the line, and back.
+
+    Parameters
+    ----------
+    settings
+        Stop rule, speeds and limits.
+    """
 
     task = "complete"
 
@@ -151,16 +158,22 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         return ProbeCommand()
 
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
-        """What to do now."""
+        """Motion of the probe after one frame.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:
             return self._fail(
-                CompleteOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row can't be trusted"
+                CompleteOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row cannot be trusted"
             )
         if not seen.felt:
             return self.halt()
-        # Coming back the tip may still bear for a moment.
+        # Coming back the tip may still bear shortly.
         if (
             self.state in (CompleteState.UP, CompleteState.ACROSS, CompleteState.DOWN)
             and seen.force_N > s.blocked_N
@@ -228,6 +241,55 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         return self.halt()
 
 
+class _Probing:
+    """The line that is probed now, and what came of those before.
+
+    Parameters
+    ----------
+    completion
+        Every touch is added to it.
+    settings
+        Limits.
+    base
+        Frame of the visible surface in the base of the arm.
+    """
+
+    def __init__(self, completion: Completion, settings: CompleteSettings, base: Pose) -> None:
+        self._completion, self._settings, self._base = completion, settings, base
+        self.touches: list[Touch] = []
+        self.start_m = self.end_m = np.full(3, math.nan)
+        self._planned = False
+        self._evaluate()
+
+    def _evaluate(self) -> None:
+        self.error_m = self._completion.expected_error_m()
+        self.done = self._completion.done(self._settings.bound_m)
+
+    def plan(self) -> None:
+        """The next line, when there is to be one."""
+        if self._planned or self.done or len(self.touches) >= self._settings.touches:
+            return
+        line = self._completion.next_touch()
+        self.start_m, self.end_m = (
+            _not_below(self._base.apply(end), self._settings.floor_m) for end in (line.start_m, line.end_m)
+        )
+        self._planned = True
+
+    def report(self, tip_m: np.ndarray, force_N: float, *, contact: bool) -> None:
+        """Add what the line has met, or that it met nothing until ``tip_m``."""
+        start, end, sigma_m = self.start_m, self.end_m, self._settings.sigma_m
+        if contact:
+            along = (end - start) / np.linalg.norm(end - start)
+            met = tip_m - self._settings.compliance_m_per_N * force_N * along
+            touch = Touch(met, start, end, sigma_m)
+        else:
+            touch = Touch(None, start, tip_m, sigma_m)
+        self.touches.append(touch)
+        self._completion.add(touch)
+        self._evaluate()
+        self._planned = False
+
+
 def complete_by_touch(
     arm: ProbeArm,
     source: FrameSource,
@@ -241,54 +303,47 @@ def complete_by_touch(
 
     Parameters
     ----------
+    arm
+        Carries the probe.
+    source
+        Frames of the camera that looks at the sensor.
     feel
         Wrench on the probe; only the length of its force counts.
     completion
         The visible surface and its missing region; every touch is added to it. It has to be made
         with the inverse of ``T_base_visual`` as ``T_visual_haptic``.
+    settings
+        Stop rule, speeds and limits.
     T_base_visual
         Frame of the visible surface in the base of the arm; the same by default.
+
+    Raises
+    ------
+    InputError
+        ``arm`` or ``source`` lacks a member of its protocol.
     """
     require_members(arm, ProbeArm, "complete_by_touch", "arm")
     require_members(source, FrameSource, "complete_by_touch", "frame source", members=("__iter__",))
     settings = settings or CompleteSettings()
-    base = T_base_visual or Pose.identity()
     task = CompleteTask(settings)
-    touches: list[Touch] = []
-    start = end = np.full(3, math.nan)
-    next_line: tuple[np.ndarray, ...] | None = None
-    error, done = completion.expected_error_m(), completion.done(settings.bound_m)
+    probing = _Probing(completion, settings, T_base_visual or Pose.identity())
     last: ProbeCommand | None = None
     try:
         for frame in source:
-            if task.state is CompleteState.PLAN and not done and len(touches) < settings.touches:
-                if next_line is None:
-                    plan = completion.next_touch()
-                    next_line = tuple(
-                        _not_below(base.apply(end), settings.floor_m) for end in (plan.start_m, plan.end_m)
-                    )
-                start, end = next_line
+            if task.state is CompleteState.PLAN:
+                probing.plan()
             wrench = feel(frame)
             _, pose = arm.pose()
-            force = float(np.linalg.norm(wrench.force_N))
-            felt = wrench.valid and math.isfinite(force)
+            force_N = float(np.linalg.norm(wrench.force_N))
             command = task.step(
                 ProbeObservation(
-                    frame.t_s, _vector(pose.translation_m), felt, force, _vector(start), _vector(end),
-                    len(touches), error, done,
+                    frame.t_s, as_vector(pose.translation_m), wrench.valid and math.isfinite(force_N), force_N,
+                    as_vector(probing.start_m), as_vector(probing.end_m),
+                    len(probing.touches), probing.error_m, probing.done,
                 )
             )  # fmt: skip
             if command.report:
-                tip = pose.translation_m
-                if command.contact:
-                    along = (end - start) / np.linalg.norm(end - start)
-                    contact = tip - settings.compliance_m_per_N * force * along
-                    touches.append(Touch(contact, start, end, settings.sigma_m))
-                else:
-                    touches.append(Touch(None, start, tip, settings.sigma_m))
-                completion.add(touches[-1])
-                error, done = completion.expected_error_m(), completion.done(settings.bound_m)
-                next_line = None
+                probing.report(pose.translation_m, force_N, contact=command.contact)
             if command != last:
                 last = command
                 try:
@@ -303,15 +358,11 @@ def complete_by_touch(
     finally:
         arm.stop()
     if task.ending is None:
-        task.interrupt(CompleteOutcome.SOURCE_ENDED, f"after {len(touches)} touches")
+        task.interrupt(CompleteOutcome.SOURCE_ENDED, f"after {len(probing.touches)} touches")
     assert task.ending is not None
-    return CompletionByTouch(task.ending, tuple(touches), error, task.trace())
+    return CompletionByTouch(task.ending, tuple(probing.touches), probing.error_m, task.trace())
 
 
 def _not_below(point_m: np.ndarray, floor_m: float) -> np.ndarray:
-    """The point, or the one above it at the floor: a surface that is guessed may go on below the table."""
+    """The point, or the one above it at the floor: an estimated surface may go on below the table."""
     return np.array([point_m[0], point_m[1], max(float(point_m[2]), floor_m)])
-
-
-def _vector(values: np.ndarray) -> Vector:
-    return float(values[0]), float(values[1]), float(values[2])

@@ -1,17 +1,4 @@
-"""Open a crown cap with an opener on a beam sensor (Alt 2016, Sec. 3.6.5 and Table 3.1, row by row).
-
-The tool frame has its origin in the middle of the opener's bridge: x across,
-y forward, z up; a hook sits behind and below the bridge. Sight finds the cap
-to about a centimetre; the rest is felt:
-
-- **push down** until F_z says that the bridge rests on the cap (the hook on
-  the cap instead shows as M_x: the tool then goes back and tries again),
-- **sideways**: a bridge that bears on one side only shows as M_y; lift, shift,
-  press again until M_y is small,
-- **forward** until F_y says that the hook is under the rim and at the neck,
-- **rotate** about the bridge until M_x has risen and broken down,
-- **check**: M_x is gone and the cap is no longer seen on the bottle.
-"""
+"""Open a crown cap with an opener on a beam sensor (Alt 2016, Sec. 3.6.5)."""
 
 from __future__ import annotations
 
@@ -24,10 +11,8 @@ from jaxtyping import Float
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
 from ...core.errors import DeviceError
-from ...core.geometry import so3_log
 from ...core.measurement import Wrench
 from ...core.robots import FrameSource, ProbeArm, require_members
-from ..framework.machine import Machine, Rule
 from .crown_cap_records import (
     CapCommand,
     CapObservation,
@@ -35,320 +20,11 @@ from .crown_cap_records import (
     CapOutcome,
     CapSettings,
     CapSighting,
-    CapState,
-    Vector,
 )
+from .crown_cap_task import CrownCapTask, rotation_vector
+from .hand import as_vector
 
-__all__ = [
-    "CapCommand",
-    "CapObservation",
-    "CapOpening",
-    "CapOutcome",
-    "CapSettings",
-    "CapSighting",
-    "CapState",
-    "CrownCapTask",
-    "open_crown_cap",
-    "tool_wrench",
-]
-
-_STOP = CapCommand(False)
-
-
-class CrownCapTask(Machine[CapState, CapObservation, CapCommand]):
-    """The decisions of Table 3.1, one observation after the other."""
-
-    task = "crown_cap"
-
-    def __init__(self, settings: CapSettings | None = None) -> None:
-        self.settings = settings or CapSettings()
-        limit, s = self.settings.state_timeout_s, CapState
-        self.rules = {
-            s.FIND: Rule((s.TRACK,), 3 * limit),
-            s.TRACK: Rule((s.APPROACH,), limit),
-            s.APPROACH: Rule((s.PUSH_DOWN,), limit),
-            s.PUSH_DOWN: Rule((s.FEEL, s.LIFT), limit),
-            s.FEEL: Rule((s.LIFT, s.FORWARD), limit),
-            s.LIFT: Rule((s.PUSH_DOWN,), limit),
-            s.FORWARD: Rule((s.ROTATE, s.LIFT), limit),
-            s.ROTATE: Rule((s.LEAVE,), limit),
-            s.LEAVE: Rule((s.CHECK,), limit),
-            s.CHECK: Rule((s.APPROACH,), limit),
-        }
-        super().__init__(self.settings)
-        self.attempts = 0
-        self._blind = self._waypoint = self._presses = self._misses = 0
-        self._sightings: list[Vector] = []
-        self._readings: list[tuple[float, ...]] = []
-        self._cap = np.full(3, math.nan)  #: best knowledge of the cap's centre
-        self._aim = np.full(3, math.nan)  #: where the tip is going
-        self._top_m = math.nan  #: height at which the bridge met the cap
-        self._start = np.zeros(3)
-        self._upright = np.zeros(3)  #: turn of the tool in which the task began
-        self._turn = np.zeros(3)  #: while it works
-        self._side_step, self._last_side = self.settings.side_step_m, 0.0
-        self._peak = 0.0
-        self._broke = False
-        self._lean = 0.0
-        self._aim_lift = np.full(3, math.nan)
-        self._looks: list[bool] = []
-
-    def halt(self) -> CapCommand:
-        """Stand still."""
-        return _STOP
-
-    def decide(self, seen: CapObservation) -> CapCommand:
-        """What to tell the arm now."""
-        tip = np.array(seen.tip_m)
-        self._blind = 0 if seen.felt else self._blind + 1
-        haptic = self.state not in (CapState.FIND, CapState.TRACK)
-        if haptic and self._blind >= self.settings.blind_frames:
-            return self._fail(CapOutcome.SENSOR_FAILED, f"{self._blind} wrenches in a row can't be trusted")
-        if haptic and not seen.felt:
-            return _STOP
-        told: CapCommand = getattr(self, f"_{self.state.value}")(seen, tip)
-        return told
-
-    # Sight
-
-    def _find(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        if self._waypoint == 0:
-            self._turn = self._upright = np.array(seen.turn_rad)
-        if seen.seen:
-            self._cap = np.array(seen.cap_m)
-            self.go(CapState.TRACK, f"cap detected, {1e2 * math.dist(seen.cap_m, seen.tip_m):.0f} cm away")
-            return self._to(self._above(self.settings.look_above_m), self.settings.fast_m_s)
-        scan = self.settings.scan_m
-        if self._waypoint < len(scan) and _near(tip, np.array(scan[self._waypoint])):
-            self._waypoint += 1
-        if self._waypoint >= len(scan):
-            # The picture of the last place is one frame late.
-            if self.since_s(seen.t_s) > 0.2:
-                return self._fail(CapOutcome.NOT_FOUND, f"{len(scan)} places looked at")
-            return _STOP
-        return self._to(np.array(scan[self._waypoint]), self.settings.fast_m_s)
-
-    def _track(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        there = _near(tip, self._aim)
-        if there and seen.seen:
-            self._sightings.append(seen.cap_m)
-        elif seen.seen:
-            # Nearer is surer: the way is corrected while it is gone.
-            self._cap = np.array(seen.cap_m)
-            return self._to(self._above(self.settings.look_above_m), self.settings.fast_m_s)
-        if len(self._sightings) >= self.settings.look_frames:
-            self._cap = np.median(np.array(self._sightings), axis=0)
-            self._sightings = []
-            self.go(CapState.APPROACH, f"tracked at {_mm(self._cap)} mm")
-            return self._approach(seen, tip)
-        if there and self.since_s(seen.t_s) > 6.0:
-            return self._fail(CapOutcome.LOST, "not seen from above")
-        return self._to(self._aim, self.settings.fast_m_s)
-
-    # Touch
-
-    def _approach(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s = self.settings
-        top = self._cap[2] if math.isnan(self._top_m) else self._top_m
-        hover = s.hover_m if math.isnan(self._top_m) else 2 * s.lift_m
-        aim = np.array([self._cap[0], self._cap[1] - s.behind_m, top + hover])
-        if _near(tip, aim) and _straight(seen, self._turn):
-            if math.isnan(self._top_m) and len(self._sightings) < s.look_frames:
-                return self._nearer(seen)
-            self._presses = self._misses = 0
-            self._side_step, self._last_side = s.side_step_m, 0.0
-            self.go(CapState.PUSH_DOWN, f"{1e3 * hover:.0f} mm above the cap")
-            self._start = aim
-            return self._down(self._start)
-        # Sideways well above the cap, then down.
-        high = max(aim[2], top + s.hover_m)
-        if math.hypot(tip[0] - aim[0], tip[1] - aim[1]) > 1e-3 and tip[2] < high - 1e-3:
-            return self._to(np.array([tip[0], tip[1], high]), s.fast_m_s)
-        if math.hypot(tip[0] - aim[0], tip[1] - aim[1]) > 1e-3:
-            return self._to(np.array([aim[0], aim[1], high]), s.fast_m_s)
-        return self._to(aim, s.fast_m_s)
-
-    def _nearer(self, seen: CapObservation) -> CapCommand:
-        """Look once more from nearby: an error of the camera's angle counts less there."""
-        self._sightings.append(seen.cap_m if seen.seen else _vector(self._cap))
-        if len(self._sightings) == self.settings.look_frames:
-            self._cap[:2] = np.median(np.array(self._sightings), axis=0)[:2]
-        return _STOP
-
-    def _push_down(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s, (x, y, z) = self.settings, seen.force_N
-        if z > s.press_N or math.hypot(x, y) > max(0.5 * s.press_N, 1.5 * z):
-            self._readings = []
-            self.go(CapState.FEEL, f"F_z {z:.1f} N, aside {math.hypot(x, y):.1f} N")
-            return _STOP
-        floor = (self._cap[2] if math.isnan(self._top_m) else self._top_m) - s.depth_m
-        if tip[2] <= floor + 1e-4:
-            self._misses += 1
-            if self._misses > 4:
-                return self._fail(
-                    CapOutcome.NO_CONTACT, f"nothing met {1e3 * s.depth_m:.0f} mm below its place"
-                )
-            return self._again(tip, 0.0, s.ahead_m, "nothing met: ahead")
-        # From the first touch on slowly: a frame's way on a stiff beam is many newtons.
-        touched = z > s.touch_N or math.hypot(x, y) > s.touch_N
-        return self._to(np.array([tip[0], tip[1], floor]), s.slow_m_s * (0.15 if touched else 0.5))
-
-    def _feel(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s = self.settings
-        if self.since_s(seen.t_s) < 0.15:
-            return _STOP  # the arm and the frame on its way come to rest
-        self._readings.append((*seen.force_N, *seen.moment_Nm[:2]))
-        if len(self._readings) < s.hold_frames:
-            return _STOP
-        aside, along, push, about_x, about_y = np.mean(self._readings, axis=0)
-        sideways = math.hypot(aside, along)
-        if push < max(s.touch_N, sideways):
-            # The edge slides down the cap's flank, which pushes it away: go where the push comes from.
-            back = -s.ahead_m / max(sideways, 1e-3)
-            return self._again(tip, back * aside, back * along, f"met the flank, {sideways:.1f} N aside")
-        # A force F_z at (x, y) of the tool gives M_x = y F_z and M_y = -x F_z.
-        ahead, side = about_x / push, -about_y / push
-        if ahead < -0.5 * s.hook_behind_m:
-            return self._again(tip, 0.0, -s.back_m, f"the hook bears on the cap, {1e3 * ahead:.0f} mm: back")
-        self._top_m = float(tip[2])
-        if abs(side) > s.centred_m:
-            if self._last_side * side < 0:
-                self._side_step *= 0.5
-            self._last_side = side
-            # At its very end the bridge is far off.
-            step = (
-                self._side_step
-                if self._side_step < 1e-3 or abs(side) < 0.9 * s.bridge_half_m
-                else 1.5 * self._side_step
-            )
-            step = math.copysign(step, side)
-            return self._again(
-                tip, step, 0.0, f"M_y: bears {1e3 * side:+.0f} mm aside, shift {1e3 * step:+.1f} mm"
-            )
-        self._cap[:2] = tip[0], tip[1] + s.behind_m
-        self._start = tip.copy()
-        # A tool that is not held level feels a part of the push as a force ahead.
-        self._lean = along / push
-        self.go(CapState.FORWARD, f"M_y small: bears {1e3 * side:+.0f} mm aside")
-        return self._forward(seen, tip)
-
-    def _lift(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        aim = self._aim_lift
-        if _near(tip, aim):
-            self.go(CapState.PUSH_DOWN, "above the next place")
-            return self._down(aim)
-        if tip[2] < aim[2] - 1e-4:
-            return self._to(np.array([tip[0], tip[1], aim[2]]), 3 * self.settings.slow_m_s)
-        return self._to(aim, 3 * self.settings.slow_m_s)
-
-    def _again(self, tip: np.ndarray, aside_m: float, ahead_m: float, why: str) -> CapCommand:
-        """Lift, shift, and press once more."""
-        self._presses += 1
-        if self._presses > self.settings.presses:
-            return self._fail(CapOutcome.NOT_ALIGNED, f"pressed {self._presses - 1} times, last: {why}")
-        # From where the hook bears beside the cap it has to come up over it.
-        up = self.settings.lift_m if ahead_m == 0 else self.settings.hover_m
-        self._aim_lift = tip + np.array([aside_m, ahead_m, up])
-        if ahead_m != 0 and math.isfinite(self._top_m):
-            self._aim_lift[2] = max(self._aim_lift[2], self._top_m + self.settings.lift_m)
-        self.go(CapState.LIFT, why)
-        return self._lift_now(tip)
-
-    def _lift_now(self, tip: np.ndarray) -> CapCommand:
-        return self._to(np.array([tip[0], tip[1], self._aim_lift[2]]), 3 * self.settings.slow_m_s)
-
-    def _forward(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s, (_, y, z) = self.settings, seen.force_N
-        gone = float(tip[1] - self._start[1])
-        if y - self._lean * z < -s.forward_N * (1.0 + 0.5 * self.attempts):
-            self._peak, self._broke = 0.0, False
-            self._start = tip.copy()
-            self.attempts += 1
-            self.go(CapState.ROTATE, f"F_y {y:.1f} N after {1e3 * gone:.0f} mm")
-            return self._rotate(seen, tip)
-        if gone > s.forward_m:
-            return self._again(tip, 0.0, -s.forward_m - s.back_m, "no neck met: back")
-        # Keeps the bridge on the cap; the slope of a millimetre per 4 N is the beam's.
-        down = np.clip(1e-4 * (z - s.press_down_N), -5e-4, 5e-4)
-        return self._to(tip + np.array([0.0, 1e-3, down]), s.slow_m_s)
-
-    def _rotate(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s, moment = self.settings, seen.moment_Nm[0]
-        self._peak = max(self._peak, moment)
-        turned = _turned(self._turn, seen.turn_rad)
-        if moment > s.max_Nm:
-            return self._fail(CapOutcome.TOO_TIGHT, f"M_x {moment:.1f} Nm")
-        if self._peak > s.engaged_Nm and moment < s.broken * self._peak:
-            self._broke = True
-            return self._leave_now(seen, tip, f"M_x fell from {self._peak:.2f} to {moment:.2f} Nm")
-        if turned > s.turn_rad - 0.01:
-            return self._leave_now(
-                seen, tip, f"turned by {math.degrees(turned):.0f} deg, M_x at most {self._peak:.2f} Nm"
-            )
-        angle = min(turned + 0.1, s.turn_rad)
-        return CapCommand(True, _vector(self._start), _tilted(self._turn, angle), s.turn_m_s)
-
-    def _leave_now(self, seen: CapObservation, tip: np.ndarray, why: str) -> CapCommand:
-        self._start = tip.copy()
-        self._looks = []
-        self.go(CapState.LEAVE, why)
-        return self._leave(seen, tip)
-
-    def _leave(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        """Turn back, come out from under the rim, go up to where the bottle is seen."""
-        s, start = self.settings, self._start
-        if not _straight(seen, self._turn) and tip[2] < start[2] + 1e-3:
-            return CapCommand(True, _vector(start), _vector(self._turn), s.turn_m_s)
-        out = start - [0.0, s.forward_m, 0.0]
-        up = self._above(s.look_above_m)
-        if tip[1] > out[1] + 1e-3 and tip[2] < start[2] + 1e-3:
-            return self._to(out, 5 * s.slow_m_s)
-        if tip[2] < up[2] - 1e-3:
-            return self._to(np.array([tip[0], tip[1], up[2]]), s.fast_m_s)
-        if not _near(tip, up):
-            return self._to(up, s.fast_m_s)
-        self.go(CapState.CHECK, "above the bottle")
-        return _STOP
-
-    def _check(self, seen: CapObservation, tip: np.ndarray) -> CapCommand:
-        s = self.settings
-        self._looks.append(seen.seen)
-        if len(self._looks) < s.look_frames:
-            return _STOP
-        moment = seen.moment_Nm[0]
-        if not any(self._looks) and abs(moment) < 0.5 * s.engaged_Nm:
-            if self._broke:
-                self.end(True, CapOutcome.OPENED, f"M_x {moment:+.2f} Nm and no cap on the bottle")
-                return _STOP
-            return self._fail(
-                CapOutcome.NOT_VERIFIED,
-                "the cap is not seen, but no moment broke down: the view may be blocked",
-            )
-        if self.attempts >= s.attempts:
-            if any(self._looks):
-                return self._fail(CapOutcome.STILL_CLOSED, f"cap still seen after {self.attempts} turns")
-            return self._fail(CapOutcome.NOT_VERIFIED, f"M_x {moment:+.2f} Nm in the air")
-        # Where it was felt is better than where it is seen. A hook that slipped off is held otherwise
-        # the next time: lower, higher, and pressed on harder.
-        self._turn = np.array(_tilted(self._upright, s.tilts_rad[self.attempts % len(s.tilts_rad)]))
-        self.go(CapState.APPROACH, "cap still seen: once more")
-        return self._approach(seen, tip)
-
-    # Helpers
-
-    def _fail(self, outcome: CapOutcome, why: str) -> CapCommand:
-        self.end(False, outcome, why)
-        return _STOP
-
-    def _above(self, height_m: float) -> np.ndarray:
-        return np.asarray(self._cap + np.array([0.0, 0.0, height_m]))
-
-    def _down(self, start: np.ndarray) -> CapCommand:
-        return self._to(start - [0.0, 0.0, 1e-3], self.settings.slow_m_s)
-
-    def _to(self, place: np.ndarray, speed_m_s: float) -> CapCommand:
-        self._aim = np.array(place, dtype=np.float64)
-        return CapCommand(True, _vector(place), _vector(self._turn), speed_m_s)
+__all__ = ["open_crown_cap", "tool_wrench"]
 
 
 def open_crown_cap(
@@ -364,15 +40,24 @@ def open_crown_cap(
     ----------
     arm
         Carries sensor, opener and camera; at the begin the tool's axes are those of the base but for a turn about z.
+    source
+        Frames of the camera.
     feel
         Wrench on the tool about its tip in the axes of the tool, see :func:`tool_wrench`.
     look
         Where the cap is in the tip frame.
+    settings
+        Distances, forces and limits.
 
     Returns
     -------
     CapOpening
         With the reason and a trace that :func:`~visuohaptic.tasks.framework.machine.replay` takes.
+
+    Raises
+    ------
+    InputError
+        ``arm`` or ``source`` lacks a member of its protocol.
     """
     require_members(arm, ProbeArm, "open_crown_cap", "arm")
     require_members(source, FrameSource, "open_crown_cap", "frame source", members=("__iter__",))
@@ -380,7 +65,7 @@ def open_crown_cap(
     last: CapCommand | None = None
     try:
         for frame in source:
-            command = task.step(_moment(frame, arm, feel(frame), look(frame)))
+            command = task.step(_observation(frame, arm, feel(frame), look(frame)))
             # The same motion is not begun again with every frame.
             if command != last:
                 last = command
@@ -399,7 +84,15 @@ def open_crown_cap(
 
 
 def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) -> Wrench:
-    """A wrench about the tip from the axes of the beam sensor to those of the tool."""
+    """A wrench about the tip from the axes of the beam sensor to those of the tool.
+
+    Parameters
+    ----------
+    wrench
+        About the tip, axes of the sensor.
+    rotation_tool_sensor
+        Maps axes of the sensor to those of the tool.
+    """
     turn = np.asarray(rotation_tool_sensor, dtype=np.float64)
     both = np.kron(np.eye(2), turn)
     return Wrench(
@@ -408,7 +101,7 @@ def tool_wrench(wrench: Wrench, rotation_tool_sensor: Float[np.ndarray, "3 3"]) 
     )  # fmt: skip
 
 
-def _moment(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) -> CapObservation:
+def _observation(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) -> CapObservation:
     _, pose = arm.pose()
     cap = (
         pose.apply(np.asarray(sighting.position_tip_m, dtype=np.float64))
@@ -418,8 +111,8 @@ def _moment(frame: Frame, arm: ProbeArm, wrench: Wrench, sighting: CapSighting) 
     felt = wrench.valid and bool(np.isfinite(wrench.force_N).all() and np.isfinite(wrench.moment_Nm).all())
     seen = bool(sighting.valid and np.isfinite(cap).all())
     return CapObservation(
-        frame.t_s, _vector(pose.translation_m), _vector(so3_log(pose.rotation)), felt,
-        _vector(wrench.force_N), _vector(wrench.moment_Nm), seen, _vector(cap),
+        frame.t_s, as_vector(pose.translation_m), as_vector(rotation_vector(pose.rotation)), felt,
+        as_vector(wrench.force_N), as_vector(wrench.moment_Nm), seen, as_vector(cap),
     )  # fmt: skip
 
 
@@ -428,32 +121,3 @@ def _tell(arm: ProbeArm, command: CapCommand) -> None:
         arm.stop()
         return
     arm.move_linear(Pose.from_rotation_vector(command.turn_rad, command.tip_m), command.speed_m_s)
-
-
-def _vector(values: np.ndarray) -> Vector:
-    return float(values[0]), float(values[1]), float(values[2])
-
-
-def _mm(place: np.ndarray) -> str:
-    return ", ".join(f"{1e3 * value:.0f}" for value in place)
-
-
-def _near(tip: np.ndarray, aim: np.ndarray) -> bool:
-    return bool(np.abs(tip - aim).max() < 3e-4)
-
-
-def _straight(seen: CapObservation, turn: np.ndarray) -> bool:
-    return bool(np.abs(np.array(seen.turn_rad) - turn).max() < 2e-3)
-
-
-def _tilted(turn: np.ndarray, angle_rad: float) -> Vector:
-    """The tool's turn with the hook raised by an angle about its own x."""
-    upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
-    raised = Pose.from_rotation_vector([-angle_rad, 0.0, 0.0], np.zeros(3)).rotation
-    return _vector(so3_log(upright @ raised))
-
-
-def _turned(turn: np.ndarray, now: Vector) -> float:
-    """By how much the hook has been raised [rad]."""
-    upright = Pose.from_rotation_vector(turn, np.zeros(3)).rotation
-    return float(-so3_log(upright.T @ Pose.from_rotation_vector(now, np.zeros(3)).rotation)[0])

@@ -13,7 +13,7 @@ from ..framework.machine import Machine, Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, Place, run_hand
 
-__all__ = ["GraspAndLift", "GraspOutcome", "GraspPlan", "GraspState", "GraspTask", "grasp_and_lift"]
+__all__ = ["GraspAndLift", "GraspAndLiftTask", "GraspOutcome", "GraspState", "LiftPlan", "grasp_and_lift"]
 
 GRAVITY_M_S2 = 9.81
 
@@ -40,7 +40,7 @@ class GraspOutcome(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class GraspPlan:
+class LiftPlan:
     """Where and how firmly; what a grasp planner gives."""
 
     place: Place
@@ -58,9 +58,7 @@ class GraspPlan:
     def __post_init__(self) -> None:
         for name in ("force_N", "deformation_m", "lift_m", "open_m", "finger_m_s", "arm_m_s"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError(
-                    "GraspPlan", f"found {getattr(self, name)}, expected more than 0", field=name
-                )
+                raise InputError("LiftPlan", f"found {getattr(self, name)}, expected more than 0", field=name)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,12 +80,18 @@ class GraspAndLift:
         return self.load_N / GRAVITY_M_S2, self.load_sigma_N / GRAVITY_M_S2
 
 
-class GraspTask(Machine[GraspState, HandObservation, HandCommand]):
-    """Open, reach, close to the force, lift, check."""
+class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
+    """Open, reach, close to the force, lift, check.
+
+    Parameters
+    ----------
+    plan
+        Where and how firmly.
+    """
 
     task = "grasp"
 
-    def __init__(self, plan: GraspPlan) -> None:
+    def __init__(self, plan: LiftPlan) -> None:
         self.plan = plan
         self.rules = {
             GraspState.OPEN: Rule((GraspState.REACH,), 20.0),
@@ -109,7 +113,13 @@ class GraspTask(Machine[GraspState, HandObservation, HandCommand]):
         return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """What to do now."""
+        """Motion of arm and gripper after one frame.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
         p = self.plan
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= p.blind_frames:
@@ -182,9 +192,17 @@ class GraspTask(Machine[GraspState, HandObservation, HandCommand]):
         return self.halt()
 
 
-def grasp_and_lift(hand: Hand, plan: GraspPlan) -> GraspAndLift:
-    """Carry out a planned grasp."""
-    task = GraspTask(plan)
+def grasp_and_lift(hand: Hand, plan: LiftPlan) -> GraspAndLift:
+    """Carry out a planned grasp.
+
+    Parameters
+    ----------
+    hand
+        Arm, gripper and sensors.
+    plan
+        Where and how firmly.
+    """
+    task = GraspAndLiftTask(plan)
     run_hand(hand, task)
     assert task.ending is not None
     return GraspAndLift(task.ending, task.trace(), task.force_N, task.deformation_m, *task.load_N())

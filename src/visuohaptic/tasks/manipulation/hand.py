@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from ...core.camera.frame import Frame
 from ...core.camera.pose import Pose
@@ -15,11 +16,11 @@ from ...core.errors import DeviceError
 from ...core.robots import FrameSource, Gripper, ProbeArm, require_members
 from ..framework.machine import Machine
 
-__all__ = ["FingerReading", "Hand", "HandCommand", "HandObservation", "Place", "run_hand"]
+__all__ = ["FingerTouch", "Hand", "HandCommand", "HandObservation", "Place", "as_vector", "run_hand"]
 
 
-class FingerReading(Protocol):
-    """What a finger's sensor says of a frame."""
+class FingerTouch(Protocol):
+    """What a finger's sensor says of a frame; :class:`~.foam_finger.FoamFinger` makes it of a foam sensor."""
 
     @property
     def valid(self) -> bool: ...
@@ -37,7 +38,7 @@ class Hand:
     arm: ProbeArm
     gripper: Gripper
     source: FrameSource
-    feel: Callable[[Frame], FingerReading]
+    feel: Callable[[Frame], FingerTouch]
     #: downward load on the fingers at a frame [N], up to a constant; NaN when it was not read. ``None``: no sensor
     weigh: Callable[[Frame], float] | None = None
 
@@ -76,8 +77,32 @@ class HandCommand:
     finger_m_s: float = 0.0
 
 
+def as_vector(values: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+    """Three numbers as a tuple, as traces keep them.
+
+    Parameters
+    ----------
+    values
+        Of any unit.
+    """
+    return float(values[0]), float(values[1]), float(values[2])
+
+
 def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> None:
-    """Step a task with every frame until it ends; arm and gripper then hold."""
+    """Step a task with every frame until it ends; arm and gripper then hold.
+
+    Parameters
+    ----------
+    hand
+        Arm, gripper, camera and sensors.
+    task
+        A task of the hand; its ending is set.
+
+    Raises
+    ------
+    InputError
+        A part of the hand lacks a member of its protocol.
+    """
     require_members(hand.arm, ProbeArm, task.task, "arm")
     require_members(hand.gripper, Gripper, task.task, "gripper")
     require_members(hand.source, FrameSource, task.task, "frame source", members=("__iter__",))
@@ -86,19 +111,19 @@ def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> No
         for frame in hand.source:
             reading = hand.feel(frame)
             _, pose = hand.arm.pose()
-            x, y, z = (float(value) for value in pose.translation_m)
+            x, y, z = as_vector(pose.translation_m)
             angle = math.atan2(pose.rotation[1, 0], pose.rotation[0, 0])
             felt = bool(reading.valid and math.isfinite(reading.force_N))
-            moment = HandObservation(
+            seen = HandObservation(
                 frame.t_s, (x, y, z), angle, hand.gripper.state().opening_m, felt,
                 float(reading.force_N), float(reading.surface_m),
                 math.nan if hand.weigh is None else float(hand.weigh(frame)),
             )  # fmt: skip
-            command = task.step(moment)
+            command = task.step(seen)
             if command != last:
                 last = command
                 try:
-                    _tell(hand, command)
+                    _carry_out(hand, command)
                 except DeviceError as error:
                     task.interrupt("device_failed", str(error))
             if task.ended:
@@ -110,7 +135,7 @@ def run_hand(hand: Hand, task: Machine[Any, HandObservation, HandCommand]) -> No
         task.interrupt("source_ended", "the camera delivers no more frames")
 
 
-def _tell(hand: Hand, command: HandCommand) -> None:
+def _carry_out(hand: Hand, command: HandCommand) -> None:
     if command.move:
         pose = Pose.from_rotation_vector([0.0, 0.0, command.angle_rad], np.array(command.tip_m))
         hand.arm.move_linear(pose, command.speed_m_s)

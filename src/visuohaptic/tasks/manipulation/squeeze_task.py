@@ -102,7 +102,20 @@ class Squeezing:
 
 
 class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
-    """Place after place, level after level."""
+    """Place after place, level after level.
+
+    Parameters
+    ----------
+    places
+        Where to squeeze, in order.
+    settings
+        Forces, speeds and limits.
+
+    Raises
+    ------
+    InputError
+        There is no place.
+    """
 
     task = "squeeze"
 
@@ -127,7 +140,13 @@ class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
         return HandCommand()
 
     def decide(self, seen: HandObservation) -> HandCommand:
-        """What to do now."""
+        """Motion of arm and gripper after one frame.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:
@@ -223,6 +242,15 @@ def _curve(place: Place, points: list[tuple[float, float, float]], why: str) -> 
 
 def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | None = None) -> Squeezing:
     """Squeeze an upright object at some places; the fingers' sensor alone tells force and deformation.
+
+    Parameters
+    ----------
+    hand
+        Arm, gripper and sensor.
+    places
+        Where to squeeze, in order.
+    settings
+        Forces, speeds and limits.
 
     Returns
     -------

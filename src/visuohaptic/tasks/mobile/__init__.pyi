@@ -7,6 +7,7 @@ from .explore_records import ExploreOutcome as ExploreOutcome
 from .explore_records import ExploreSettings as ExploreSettings
 from .explore_records import ExploreState as ExploreState
 from .explore_task import ExploreTask as ExploreTask
+from .felt_footprint import felt_footprint as felt_footprint
 from .force_guard import ForceGuard as ForceGuard
 from .force_guard import GuardState as GuardState
 from .steered_push import PushEnd as PushEnd

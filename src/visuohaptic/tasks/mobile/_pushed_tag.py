@@ -29,18 +29,42 @@ class PushRecording:
         self._halted: list[tuple[ForceProfile, BaseState]] = []
 
     def add(self, profile: ForceProfile, state: BaseState, angle_rad: float) -> None:
-        """Take one frame."""
+        """Take one frame.
+
+        Parameters
+        ----------
+        profile
+            Of the foam.
+        state
+            Odometry at the same time.
+        angle_rad
+            Turn of the object by its texture [rad]; NaN where it was not seen.
+        """
         self.profiles.append(profile)
         self.states.append(state)
         self.angles_rad.append(angle_rad)
 
     def stood(self, profile: ForceProfile, state: BaseState) -> None:
-        """Take a frame of the halt; one that was made while the platform still rolled does not count."""
+        """Take a frame of the halt; one that was made while the platform still rolled does not count.
+
+        Parameters
+        ----------
+        profile
+            Of the foam.
+        state
+            Odometry at the same time.
+        """
         if abs(state.speed_m_s) < 1e-3 and profile.contacts:
             self._halted.append((profile, state))
 
     def travel_m(self, state: BaseState) -> float:
-        """Distance along the direction of the start, which is the first state asked for [m]."""
+        """Distance along the direction of the start, which is the first state asked for [m].
+
+        Parameters
+        ----------
+        state
+            Of the odometry.
+        """
         start = self._start = self._start or state
         dx, dy = state.x_m - start.x_m, state.y_m - start.y_m
         return dx * math.cos(start.heading_rad) + dy * math.sin(start.heading_rad)
@@ -50,7 +74,13 @@ class PushRecording:
         return np.array([self.travel_m(state) for state in self.states])
 
     def travel_at(self, t_s: float) -> float:
-        """Distance at a time between frames [m]."""
+        """Distance at a time between frames [m].
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        """
         times = [profile.t_s for profile in self.profiles]
         return float(np.interp(t_s, times, self.travels_m()))
 
@@ -70,7 +100,17 @@ class PushRecording:
     def tag(
         self, fit: PrimitiveFit | None, events: Sequence[Event], stopped_by: StopReason | None
     ) -> HapticTag:
-        """Friction, deformability and rotation of what was pushed."""
+        """Friction, deformability and rotation of what was pushed.
+
+        Parameters
+        ----------
+        fit
+            Shape of the contact.
+        events
+            Of the push.
+        stopped_by
+            Why the push ended.
+        """
         best = fit.best if fit is not None else None
         centre = float(best.parameters[1]) if best is not None and best.kind is PrimitiveKind.CIRCLE else None
         if best is not None and best.kind is PrimitiveKind.SEGMENT:

@@ -82,7 +82,7 @@ def _tell(args: Any, page: Any) -> dict[str, Any]:
 
         grid = office_map()
         page.set_map(grid.cells, grid.resolution_m, grid.origin)
-    story = run_mission(args.out, part=args.part, seed=args.seed, say=args.report, page=page)
+    story = run_mission(args.out, part=args.part, seed=args.seed, on_message=args.report, page=page)
     report = write_story(story, args.out / "report.html")
     args.report("")
     args.report(f"{story.summary()} ({story.duration_s:.0f} s)")
@@ -114,7 +114,7 @@ def _touch_in_map(args: Any, page: Any) -> dict[str, Any]:
     from ....demo.push_demo_report import error_figures, write_report
     from ....report.run_tables import primitive_text, tag_text
 
-    result = run_demo(args.out, map_path=args.map, seed=args.seed, say=args.report, page=page)
+    result = run_demo(args.out, map_path=args.map, seed=args.seed, on_message=args.report, page=page)
     args.report("")
     args.report("haptic tags")
     for one in result.objects:

@@ -55,12 +55,12 @@ def run(args: Any) -> dict[str, Any]:
     """Run them, several at a time; the mapping is what ``--json`` prints."""
     from ....reproduce.batch import cores, reproduce_all
     from ....reproduce.pages import write_gallery, write_index
-    from ....reproduce.runner import Outcome
+    from ....reproduce.runner import ExperimentOutcome
 
     wanted = _wanted(args.names)
     with args.progress(len(wanted), "experiments") as progress:
 
-        def tell(one: Outcome) -> None:
+        def tell(one: ExperimentOutcome) -> None:
             state = f"failed: {one.problem}" if one.problem else "kept" if one.kept else "done"
             args.report(f"{one.name:<12} {one.seconds:6.1f} s  {state}")
             progress.advance(1, one.name)

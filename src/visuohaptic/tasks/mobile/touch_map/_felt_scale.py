@@ -43,7 +43,13 @@ class FeltScale:
         self._ratios: list[float] = []
 
     def add(self, found: ObstacleExploration) -> None:
-        """Take one exploration; what moved, or was hardly touched, says nothing."""
+        """Take one exploration; what moved, or was hardly touched, says nothing.
+
+        Parameters
+        ----------
+        found
+            The exploration.
+        """
         ratio = felt_stretch(found)
         if abs(ratio - 1.0) < 3.0 * self.sigma + 3.0 * FEW_SIGMA:
             self._ratios.append(ratio)
@@ -69,6 +75,11 @@ def felt_stretch(found: ObstacleExploration) -> float:
 
     How far the front comes back towards the platform (along -x of F, at the places across that are pressed to
     the end), as a slope over the way told: a constant delay between wheels and pictures does not change it.
+
+    Parameters
+    ----------
+    found
+        The exploration.
     """
     if not found.touched or found.tag.fixed is False:
         return math.nan

@@ -24,7 +24,17 @@ HELD_M = 0.005
 
 
 class Placing:
-    """Where every contact is by what is known of the walls and of the odometry's scale until now."""
+    """Where every contact is by what is known of the walls and of the odometry's scale until now.
+
+    Parameters
+    ----------
+    settings
+        Of the mapping.
+    haptic_map
+        Drawn anew by :meth:`draw`.
+    start
+        Odometry at the start.
+    """
 
     def __init__(self, settings: MapSettings, haptic_map: HapticMap, start: BaseState) -> None:
         self.settings, self.start = settings, start
@@ -35,7 +45,15 @@ class Placing:
         self._before = haptic_map.static.copy(), haptic_map.movable.copy(), haptic_map.contacts
 
     def add(self, told: HapticContact, found: ObstacleExploration) -> list[HapticContact]:
-        """All contacts until now, with a new one."""
+        """All contacts until now, with a new one.
+
+        Parameters
+        ----------
+        told
+            The contact where odometry places it.
+        found
+            The exploration that made it.
+        """
         self.scale.add(found)
         self._told.append(told)
         self._times_s.append(found.fit_state.t_s if found.fit_state is not None else math.inf)
@@ -52,7 +70,13 @@ class Placing:
         return replace(contact, T_map_foam=place)
 
     def draw(self, contacts: list[HapticContact]) -> None:
-        """Make the map anew."""
+        """Make the map anew.
+
+        Parameters
+        ----------
+        contacts
+            All that the map is to have.
+        """
         self._map.static[:], self._map.movable[:], self._map.contacts = self._before
         for contact in contacts:
             self._map.add(contact)
@@ -63,6 +87,13 @@ def contact_of(found: ObstacleExploration, settings: MapSettings | None = None) 
 
     Where no primitive fits well the contact itself is used: a segment from
     its one end to the other.
+
+    Parameters
+    ----------
+    found
+        The exploration.
+    settings
+        Of the mapping.
     """
     settings = settings or MapSettings()
     state = found.fit_state
@@ -99,6 +130,15 @@ def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings)
 
     There the foam gives way to little force: it is full before a light thing slides, and a shape of a few
     points says nothing.
+
+    Parameters
+    ----------
+    found
+        The exploration.
+    now
+        Odometry after it.
+    settings
+        Of the mapping.
     """
     state = found.fit_state
     if not found.touched or state is None or found.stopped_by is not StopReason.DENSIFIED:
@@ -121,7 +161,7 @@ def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings)
 def _held(found: ObstacleExploration) -> bool:
     """Whether it stopped the platform where it was met.
 
-    Foam that is hit fast eases while the platform brakes, which looks like the first moment of a motion:
+    Foam that is hit fast eases while the platform brakes, which looks like the start of a motion:
     how far the platform went less what the foam took of it decides, until the foam is as hard as the hull.
     """
     if found.stopped_by not in (StopReason.DENSIFIED, StopReason.TOO_HEAVY):
@@ -145,7 +185,13 @@ def _chord(contact: Contact) -> Primitive:
 
 
 def face_rad(contact: HapticContact) -> float:
-    """Direction of the touched face in the map; for round and pointed things that of the strip."""
+    """Direction of the touched face in the map; for round and pointed things that of the strip.
+
+    Parameters
+    ----------
+    contact
+        Where it was placed.
+    """
     p, yaw = contact.primitive, contact.T_map_foam[2]
     if p.kind == PrimitiveKind.LINE:
         return yaw + float(p.parameters[2])

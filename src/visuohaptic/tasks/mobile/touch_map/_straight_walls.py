@@ -75,7 +75,15 @@ class StraightWalls:
         self._last: tuple[Pose2, Pose2] | None = None  #: told and corrected, of the contact before
 
     def corrected(self, contact: HapticContact, *, drift_rad: float | None = None) -> HapticContact:
-        """The same contact where it is by what is known of the walls, or with a drift that is known better."""
+        """The same contact where it is by what is known of the walls, or with a drift that is known better.
+
+        Parameters
+        ----------
+        contact
+            Where odometry places it.
+        drift_rad
+            Drift of the heading there, when it is known better than by the walls before [rad].
+        """
         told = contact.T_map_foam
         before_rad = self.drift_rad
         face = _face_rad(contact)

@@ -26,17 +26,7 @@ from .map_records import MapCommand, MapObservation, MapOutcome, MapSettings, Ma
 if TYPE_CHECKING:
     from ....sensing.foam.sensor import FoamSensor
 
-__all__ = [
-    "MapCommand",
-    "MapObservation",
-    "MapOutcome",
-    "MapSettings",
-    "MapState",
-    "TouchMapTask",
-    "TouchMapping",
-    "contact_of",
-    "map_by_touch",
-]
+__all__ = ["TouchMapTask", "TouchMapping", "map_by_touch"]
 
 
 def _exploration() -> ExploreSettings:
@@ -57,7 +47,7 @@ _STOP, _EXPLORE = MapCommand(), MapCommand(explore=True)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchMapping:
-    """What came of it."""
+    """Result of mapping by touch."""
 
     ending: Ending
     haptic_map: HapticMap
@@ -67,7 +57,13 @@ class TouchMapping:
 
 
 class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
-    """The decisions on the way around."""
+    """The decisions on the way around.
+
+    Parameters
+    ----------
+    settings
+        Distances, speeds and limits.
+    """
 
     task = "map_by_touch"
 
@@ -91,11 +87,17 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         self._last = (math.inf, math.inf, math.inf)
 
     def halt(self) -> MapCommand:
-        """Stand still."""
+        """The platform stands still."""
         return _STOP
 
     def decide(self, seen: MapObservation) -> MapCommand:
-        """What to do now."""
+        """Motion of the platform, or an exploration, after one observation.
+
+        Parameters
+        ----------
+        seen
+            The newest observation.
+        """
         s = self.settings
         if math.isnan(self._began_s):
             self._began_s = self._moved_s = seen.t_s
@@ -199,7 +201,7 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
             self.go(MapState.TURN_AWAY, f"contact {self.contacts}, {math.degrees(turn):.0f} deg away from it")
             return MapCommand(turn_rate_rad_s=s.turn_rad_s)
         if seen.explored == ExploreOutcome.TIMED_OUT:
-            return self._free(seen, "timed out")  # told to go on, but held where the foam is not
+            return self._free(seen, "timed out")  # commanded to go on, but held where the foam is not
         self._empty += 1
         if self._empty >= s.empty_ways:
             self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} ways in a row met nothing")
@@ -227,6 +229,59 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         return _EXPLORE
 
 
+class _Contacts:
+    """Explores, and keeps contacts and explorations; every contact goes into the map.
+
+    Parameters
+    ----------
+    settings
+        Of the mapping.
+    haptic_map
+        Is changed.
+    start
+        Where the platform stood at the start.
+    on_contact
+        Called after each contact.
+    """
+
+    def __init__(
+        self,
+        settings: MapSettings,
+        haptic_map: HapticMap,
+        start: BaseState,
+        on_contact: Callable[[HapticContact, HapticMap], None] | None,
+    ) -> None:
+        self._settings, self._map, self._on_contact = settings, haptic_map, on_contact
+        self._placing = Placing(settings, haptic_map, start)
+        self.contacts: list[HapticContact] = []
+        self.explorations: list[ObstacleExploration] = []
+
+    def add(self, found: ObstacleExploration, state: BaseState, *, once_more: bool) -> MapObservation:
+        """Take an exploration that has ended at ``state``."""
+        self.explorations.append(found)
+        aside = aside_rad(found, state, self._settings)
+        # What the end of the foam has met is not well known: where it is, nor whether it would move.
+        waits = math.isfinite(aside) and not once_more
+        contact = None if waits else contact_of(found, self._settings)
+        if contact is not None:
+            face = face_rad(contact)
+            self.contacts = self._placing.add(contact, found)
+            self._map.add(self.contacts[-1])
+            if self._on_contact is not None:
+                self._on_contact(self.contacts[-1], self._map)
+        return replace(
+            _observation(state.t_s, state),
+            explored=found.outcome.value,
+            contact=contact is not None,
+            face_rad=math.nan if contact is None else face,
+            aside_rad=aside,
+        )
+
+    def redraw(self) -> None:
+        """Make the map anew by what is known of the odometry at the end."""
+        self._placing.draw(self.contacts)
+
+
 def map_by_touch(
     base: MobileBase,
     source: FrameSource,
@@ -240,69 +295,55 @@ def map_by_touch(
     """Go around a room and write every contact into a haptic map.
 
     Contacts are placed by odometry, and by the walls touched before: their direction and place hold the drift.
-    How far the foam gives way against something fixed tells how long a metre of the odometry is. That is known
+    The deflection of the foam against something fixed tells how long a metre of the odometry is. That is known
     best at the end: the map is then made anew from all contacts.
 
     Parameters
     ----------
+    base
+        The platform.
+    source
+        Frames of the camera that looks at the foam.
     sensor
         With its zero reference taken.
     haptic_map
-        Empty or from before; its frame is that of the odometry at the begin. It is changed.
+        Empty or from before; its frame is that of the odometry at the start. It is changed.
+    settings
+        Of the way around.
     explore
         How each contact is made; by default faster than for a haptic tag.
     on_contact
         Called after each contact.
+
+    Raises
+    ------
+    InputError
+        ``base`` or ``source`` lacks a member of its protocol.
     """
     require_members(base, MobileBase, "map_by_touch")
     require_members(source, FrameSource, "map_by_touch", "frame source", members=("__iter__",))
     settings, explore = settings or MapSettings(), explore or _exploration()
     guard = ForceGuard(explore.max_force_N, median_of=1, max_unread=explore.blind_frames)
     task = TouchMapTask(settings)
-    placing = Placing(settings, haptic_map, base.state())
-    contacts: list[HapticContact] = []
-    explorations: list[ObstacleExploration] = []
-    frames = iter(source)
+    found = _Contacts(settings, haptic_map, base.state(), on_contact)
     command = _STOP
     try:
-        for frame in frames:
+        for frame in iter(source):
             profile = sensor.read(frame)
             pressing = command.speed_m_s > 0.0 or command.turn_rate_rad_s != 0.0
             allowed = guard.update(profile.force_N, profile.force_sigma_N, pressing=pressing)
             if allowed is GuardState.UNREAD:
                 task.interrupt(MapOutcome.SENSOR_FAILED, "the force is not read")
                 break
-            overload = allowed is GuardState.TOO_HEAVY
-            moment = _moment(frame.t_s, base.state(), bool(profile.contacts))
-            command = task.step(replace(moment, overload=overload))
+            seen = _observation(frame.t_s, base.state(), touched=bool(profile.contacts))
+            command = task.step(replace(seen, overload=allowed is GuardState.TOO_HEAVY))
             while command.explore and not task.ended:
-                found = explore_obstacle(base, source, sensor, explore)
-                explorations.append(found)
-                state = base.state()
-                aside = aside_rad(found, state, settings)
-                # What the end of the foam has met is not well known: where it is, nor whether it would move.
-                waits = math.isfinite(aside) and not task.once_more
-                contact = None if waits else contact_of(found, settings)
-                face = face_rad(contact) if contact is not None else math.nan
-                if contact is not None:
-                    contacts = placing.add(contact, found)
-                    contact = contacts[-1]
-                    haptic_map.add(contact)
-                    if on_contact is not None:
-                        on_contact(contact, haptic_map)
-                moment = _moment(state.t_s, state, False)
-                if found.outcome is ExploreOutcome.SOURCE_ENDED:
-                    task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
+                exploration = explore_obstacle(base, source, sensor, explore)
+                seen = found.add(exploration, base.state(), once_more=task.once_more)
+                if exploration.outcome is ExploreOutcome.SOURCE_ENDED:
+                    task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(found.contacts)} contacts")
                     break
-                command = task.step(
-                    replace(
-                        moment,
-                        explored=found.outcome.value,
-                        contact=contact is not None,
-                        face_rad=face,
-                        aside_rad=aside,
-                    )
-                )
+                command = task.step(seen)
             if task.ended:
                 break
             if command == _STOP:
@@ -312,11 +353,13 @@ def map_by_touch(
     finally:
         base.stop()
     if task.ending is None:
-        task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(contacts)} contacts")
+        task.interrupt(MapOutcome.SOURCE_ENDED, f"after {len(found.contacts)} contacts")
     assert task.ending is not None
-    placing.draw(contacts)
-    return TouchMapping(task.ending, haptic_map, tuple(contacts), tuple(explorations), task.trace())
+    found.redraw()
+    return TouchMapping(
+        task.ending, haptic_map, tuple(found.contacts), tuple(found.explorations), task.trace()
+    )
 
 
-def _moment(t_s: float, state: BaseState, touched: bool) -> MapObservation:
+def _observation(t_s: float, state: BaseState, *, touched: bool = False) -> MapObservation:
     return MapObservation(t_s, state.x_m, state.y_m, state.heading_rad, touched, "", False, math.nan)

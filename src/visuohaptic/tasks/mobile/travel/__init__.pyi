@@ -1,6 +1,7 @@
 from .navigate import Travel as Travel
 from .navigate import travel as travel
 from .travel_memory import TravelMemory as TravelMemory
+from .travel_memory import map_with_footprints as map_with_footprints
 from .travel_motion import Motion as Motion
 from .travel_motion import TravelInterrupted as TravelInterrupted
 from .travel_motion import TravelMotion as TravelMotion

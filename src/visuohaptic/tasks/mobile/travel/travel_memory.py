@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from ....navigation.planning.search.search_domain import clear_cells, fill_cells
 from ....navigation.problem.planning_problem import MovableObject, PlanningProblem
 from ....navigation.pushing.push_model import PushModel
 
-__all__ = ["TravelMemory"]
+__all__ = ["TravelMemory", "map_with_footprints"]
 
 #: Prior of the centre of friction about the footprint's centroid, and what one push tells of it (m).
 CENTRE_SIGMA_M, PUSH_SIGMA_M = 0.03, 0.015
@@ -49,7 +50,13 @@ class _Known:
 
 
 class TravelMemory:
-    """Beliefs that change with what is seen and touched."""
+    """Beliefs that change with what is seen and touched.
+
+    Parameters
+    ----------
+    problem
+        Map, objects and robot at the start.
+    """
 
     def __init__(self, problem: PlanningProblem) -> None:
         self._problem = problem
@@ -66,37 +73,74 @@ class TravelMemory:
     def problem(
         self, pose_m: Float[np.ndarray, "3"], margin_m: float = 0.0, *, push_margin_m: float = 0.0
     ) -> PlanningProblem:
-        """The problem from here on, for a robot that keeps a margin, and one for what it pushes."""
-        cells = self._cells.copy()
-        filled: Bool[np.ndarray, "rows columns"] = np.zeros(cells.shape, dtype=bool)
+        """The problem from here on, for a robot that keeps a margin, and one for what it pushes.
+
+        Parameters
+        ----------
+        pose_m
+            Of the robot: x, y [m], heading [rad].
+        margin_m
+            Room beside the robot [m].
+        push_margin_m
+            Room beside what it pushes [m].
+        """
         objects = tuple(known.now() for known in self._known.values())
-        for item in objects:
-            fill_cells(filled, grid_from_world(self._problem.map, item.footprint_m))
-        cells[filled] = OCCUPIED
+        grid = OccupancyMap(self._cells, self._problem.map.resolution_m, self._problem.map.origin)
         robot = self._problem.robot
         return replace(
             self._problem,
-            map=OccupancyMap(cells, self._problem.map.resolution_m, self._problem.map.origin),
+            map=map_with_footprints(grid, [item.footprint_m for item in objects]),
             robot=replace(robot, radius_m=robot.radius_m + margin_m, push_margin_m=push_margin_m),
             start_m=np.asarray(pose_m)[:2],
             objects=objects,
         )
 
     def item(self, id: str) -> MovableObject:
-        """What is known of an object, where it is now."""
+        """What is known of an object, where it is now.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        """
         return self._known[id].now()
 
     def failures(self, id: str) -> int:
-        """Pushes of an object that failed on this travel."""
+        """Pushes of an object that failed on this travel.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        """
         return self._known[id].failures
 
     def friction(self, id: str) -> tuple[Float[np.ndarray, "2"], float]:
-        """Centre of friction from the centroid in the object's frame, and largest friction moment by force."""
+        """Centre of friction from the centroid in the object's frame, and largest friction moment by force.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+
+        Returns
+        -------
+        tuple
+            Offset (2,) [m] and lever [m].
+        """
         known = self._known[id]
         return known.offset_m, known.lever_m
 
     def seen(self, id: str, place_m: Float[np.ndarray, "3"]) -> bool:
-        """An object was seen; returns whether it has moved."""
+        """An object was seen; returns whether it has moved.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        place_m
+            x, y of its centroid [m], turn [rad].
+        """
         known = self._known[id]
         off = place_m - known.place_m
         turn = wrap_angle(float(off[2]))
@@ -106,7 +150,13 @@ class TravelMemory:
         return True
 
     def near(self, point_m: Float[np.ndarray, "2"]) -> bool:
-        """Whether a point that was touched belongs to an object rather than to a wall."""
+        """Whether a point that was touched belongs to an object rather than to a wall.
+
+        Parameters
+        ----------
+        point_m
+            Map frame [m].
+        """
         import shapely
 
         point = shapely.Point(*point_m)
@@ -115,7 +165,13 @@ class TravelMemory:
         )
 
     def touched(self, point_m: Float[np.ndarray, "2"]) -> bool:
-        """Something was touched; returns whether the map has nothing near and it was entered as a wall."""
+        """Something was touched; returns whether the map has nothing near and it was entered as a wall.
+
+        Parameters
+        ----------
+        point_m
+            Map frame [m].
+        """
         if self.near(point_m):
             return False
         grid = self._problem.map
@@ -129,7 +185,15 @@ class TravelMemory:
         return True
 
     def pushed(self, id: str, *, failed: bool) -> None:
-        """A push has moved an object: counters."""
+        """A push has moved an object: counters.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        failed
+            It did not go as far as planned.
+        """
         known = self._known[id]
         tag = known.item.tag or HapticTag()
         known.item = replace(
@@ -143,7 +207,15 @@ class TravelMemory:
         )
 
     def refused(self, id: str, *, fixed: bool) -> None:
-        """A push has not moved an object; with ``fixed`` it is not pushed again."""
+        """A push has not moved an object; with ``fixed`` it is not pushed again.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        fixed
+            It counts as fixed from now on.
+        """
         known = self._known[id]
         known.failures += 1
         known.stalled = known.stalled or fixed
@@ -156,7 +228,13 @@ class TravelMemory:
         )
 
     def too_heavy(self, id: str) -> None:
-        """The platform's largest force did not move an object: a bound, which what was measured lower contradicts."""
+        """The platform's largest force did not move an object: a bound, which what was measured lower contradicts.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        """
         known = self._known[id]
         known.failures += 1
         known.stalled = False  # measured, not bad luck: it gets no other chance
@@ -171,7 +249,15 @@ class TravelMemory:
         )  # fmt: skip
 
     def explored(self, id: str, tag: HapticTag) -> None:
-        """What an exploration has found."""
+        """What an exploration has found.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        tag
+            What was felt.
+        """
         known = self._known[id]
         known.item = replace(known.item, tag=tag)
 
@@ -189,12 +275,40 @@ class TravelMemory:
         return found
 
     def learn_centre(self, id: str, direction_rad: float, beside_m: float) -> None:
-        """A push told the centre of friction to be so far to its left of where it was believed."""
+        """A push told how far the centre of friction lies to its left from where it was estimated: a Kalman update.
+
+        Parameters
+        ----------
+        id
+            Of the object.
+        direction_rad
+            Of the push, map frame [rad].
+        beside_m
+            To the left of the estimate [m].
+        """
         known = self._known[id]
         across = np.array([-math.sin(direction_rad), math.cos(direction_rad)]) @ rotation_2d(known.place_m[2])
         gain = known.covariance @ across / (across @ known.covariance @ across + PUSH_SIGMA_M**2)
         known.offset_m = known.offset_m + gain * beside_m
         known.covariance = known.covariance - np.outer(gain, across @ known.covariance)
+
+
+def map_with_footprints(grid: OccupancyMap, footprints_m: Iterable[Float[np.ndarray, "p 2"]]) -> OccupancyMap:
+    """A map in which the cells of some objects are occupied.
+
+    Parameters
+    ----------
+    grid
+        Map to copy.
+    footprints_m
+        Corners of each object's outline, map frame [m].
+    """
+    filled: Bool[np.ndarray, "rows columns"] = np.zeros(grid.shape, dtype=bool)
+    for outline_m in footprints_m:
+        fill_cells(filled, grid_from_world(grid, outline_m))
+    cells = grid.cells.copy()
+    cells[filled] = OCCUPIED
+    return OccupancyMap(cells, grid.resolution_m, grid.origin)
 
 
 def _known(item: MovableObject) -> _Known:

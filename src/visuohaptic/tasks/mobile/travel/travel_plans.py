@@ -33,7 +33,13 @@ class TravelPlans:
     def with_room(
         self, pose_m: Float[np.ndarray, "3"]
     ) -> tuple[tuple[float, PlanningProblem, Plan] | None, Plan]:
-        """The plan that keeps most room, with its margin and problem; and the last answer."""
+        """The plan that keeps most room, with its margin and problem; and the last answer.
+
+        Parameters
+        ----------
+        pose_m
+            Of the robot: x, y [m], heading [rad].
+        """
         margins = self.settings.margins_m
         # While everything stands where it stood, what had no plan has none, from a few steps on either.
         wanted = [pair for pair in margins if self._trusted(pair[0]) and pair not in self.without_plan]
@@ -55,7 +61,13 @@ class TravelPlans:
         return best, found
 
     def turning(self, pose_m: Float[np.ndarray, "3"]) -> tuple[float, PlanningProblem, OffCentrePush] | None:
-        """A push that turns an object, where there is no plan of straight ones; with its margin and problem."""
+        """A push that turns an object, where there is no plan of straight ones; with its margin and problem.
+
+        Parameters
+        ----------
+        pose_m
+            Of the robot: x, y [m], heading [rad].
+        """
         if self.turns >= self.settings.turns:
             return None
         for margin_m in self.settings.turn_margins_m:
@@ -70,7 +82,13 @@ class TravelPlans:
         return None
 
     def bumped(self, margin_m: float) -> None:
-        """A drive with a margin led into a wall that is known."""
+        """A drive with a margin led into a wall that is known.
+
+        Parameters
+        ----------
+        margin_m
+            Of the plan that was driven [m].
+        """
         self.bumps[margin_m] = self.bumps.get(margin_m, 0) + 1
 
     def changed(self) -> None:

@@ -133,7 +133,7 @@ class TravelPushes:
         """
         before = yield from self._motion.look(wanted.object)
         length_m = max(wanted.length_m - wanted.free_m, 0.01)
-        push = yield from self._contact(wanted.object, wanted.stand_m, wanted.direction_rad, length_m, None)
+        push = yield from self._contact(wanted.object, wanted.start_m, wanted.direction_rad, length_m, None)
         self.count += 1
         after = yield from self._motion.look(wanted.object)
         off = np.zeros(3) if before is None or after is None else after - before

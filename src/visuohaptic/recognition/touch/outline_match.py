@@ -1,0 +1,56 @@
+"""The variant of a container class that is most like a measured outline."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from ...deformation.shapes.container import ContainerDescription
+from ...deformation.shapes.mesher import mesh_container
+from ...deformation.shapes.variants import draw_variants
+
+__all__ = ["container_outline", "nearest_variant"]
+
+#: Heights that are compared, as fractions of the whole: the foot and a closure are no part of the shape.
+FRACTIONS = np.linspace(0.05, 0.9, 20)
+
+
+def container_outline(description: ContainerDescription, around: int = 32) -> Float[np.ndarray, "k 2"]:
+    """Radius and height [m] of the rings of a round container, upwards.
+
+    Parameters
+    ----------
+    description
+        The container.
+    around
+        Vertices of a ring.
+    """
+    thing = mesh_container(description, around=around)
+    points = thing.mesh.vertices_m[np.unique(thing.mesh.faces)]
+    heights = np.unique(points[:, 2].round(6))
+    radius = [np.hypot(*points[np.abs(points[:, 2] - z) < 2e-6, :2].T).max() for z in heights]
+    return np.column_stack([radius, heights])
+
+
+def nearest_variant(
+    base: ContainerDescription, outline_m: Float[np.ndarray, "k 2"], *, count: int = 24
+) -> ContainerDescription:
+    """The variant whose radii and height differ least from a measured outline, by least squares.
+
+    Parameters
+    ----------
+    base
+        Description of the class.
+    outline_m
+        Radius and height [m], upwards.
+    count
+        Variants that are tried.
+    """
+    measured = np.interp(FRACTIONS, outline_m[:, 1] / outline_m[-1, 1], outline_m[:, 0])
+
+    def residual(variant: ContainerDescription) -> float:
+        profile = container_outline(variant, 16)
+        radius = np.interp(FRACTIONS, profile[:, 1] / profile[-1, 1], profile[:, 0])
+        return float(np.sum((radius - measured) ** 2)) + (profile[-1, 1] - outline_m[-1, 1]) ** 2
+
+    return min(draw_variants(base, count, 0), key=residual)

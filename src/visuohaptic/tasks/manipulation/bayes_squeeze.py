@@ -1,0 +1,133 @@
+"""Where to squeeze next by expected information, and what squeezes tell of a stiffness map (Alt 2016, Sec. 6.3)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.objects import StiffnessMap
+from ...recognition.data.readings import CurveCoefficients, TouchNoise, TouchReading, fit_curve
+from ...recognition.touch.bayes import touch_gains
+from ...recognition.touch.belief import update_belief
+from ...recognition.touch.haptic_model import HapticModel
+from ...recognition.touch.refinement import correct_map
+from .hand import Place
+from .squeeze_task import SqueezeCurve
+
+__all__ = ["BayesSqueezer", "correct_by_squeezes", "curve_fit"]
+
+#: Standard deviation of the mean of a level's readings: the finger's force [N] and surface [m].
+NOISE = TouchNoise(0.05, 5e-5)
+#: Levels at either end of an object that are not asked for: an error of its height matters most there.
+END_LEVELS = 3
+#: A stiffness is never known better than this [fraction].
+MIN_STIFFNESS_SIGMA = 0.05
+
+
+@dataclass
+class BayesSqueezer:
+    """A :class:`~visuohaptic.tasks.manipulation.classify.SqueezeClassifier` for an object of measured height.
+
+    Parameters
+    ----------
+    model
+        Distribution of the classes' features by level.
+    height_m
+        Of the object [m].
+    levels
+        Into which the model divides a height.
+    rng
+        For the samples of the expected gain.
+    samples
+        Of the posterior by which a touch is valued.
+    """
+
+    model: HapticModel
+    height_m: float
+    levels: int
+    rng: np.random.Generator
+    samples: int = 32
+    readings: list[TouchReading] = field(default_factory=list)
+    _asked: tuple[int, str] = (0, "x")
+
+    def next_place(self) -> Place | None:
+        """The touch with the largest expected information gain for its time; ``None`` when none is left."""
+        gains = touch_gains(self.model, tuple(self.readings), samples=self.samples, rng=self.rng)
+        gains = {
+            touch: value
+            for touch, value in gains.items()
+            if END_LEVELS <= touch[0] <= self.levels - END_LEVELS
+        }
+        if not gains:
+            return None
+        self._asked = max(gains, key=lambda touch: gains[touch][0] / gains[touch][1])
+        level, axis = self._asked
+        return Place((level - 0.5) / self.levels * self.height_m, 0.0 if axis == "x" else 0.5 * math.pi)
+
+    def update(self, curve: SqueezeCurve) -> None:
+        """Take the squeeze at the place that was asked for; both sides of a pinch are one reading.
+
+        Parameters
+        ----------
+        curve
+            Force against deformation there.
+        """
+        level, axis = self._asked
+        self.readings.append(TouchReading(level, axis, (curve_fit(curve), None), 2.0 * curve.surface_m))
+
+    def belief(self) -> Mapping[str, float]:
+        """Posterior probability of every class and of the unknown class."""
+        return update_belief(self.model, tuple(self.readings)).as_mapping()
+
+    def history(self) -> list[Mapping[str, float]]:
+        """Posterior after each squeeze."""
+        counts = range(1, len(self.readings) + 1)
+        return [update_belief(self.model, tuple(self.readings[:count])).as_mapping() for count in counts]
+
+
+def curve_fit(curve: SqueezeCurve) -> CurveCoefficients:
+    """Coefficients of force against deformation with the noise of the finger.
+
+    Parameters
+    ----------
+    curve
+        A squeeze at several levels.
+    """
+    return fit_curve(np.maximum(curve.deformation_m, 0.0), curve.force_N, NOISE)
+
+
+def correct_by_squeezes(
+    surface: StiffnessMap,
+    curves: Sequence[SqueezeCurve],
+    outline_m: Float[np.ndarray, "k 2"],
+    *,
+    scale: float = 1.0,
+) -> StiffnessMap:
+    """A class's stiffness map corrected by what was felt on one object of the class.
+
+    Parameters
+    ----------
+    surface
+        Map of the class.
+    curves
+        Squeezes; those without a positive stiffness are left out.
+    outline_m
+        Radius and height of the object [m], upwards.
+    scale
+        Height on the map by height on the object.
+    """
+    points, measured, sigma = [], [], []
+    for curve in curves:
+        z, stiffness = curve.place.height_m, curve.stiffness_N_per_m
+        if not (np.isfinite(stiffness) and stiffness > 0):
+            continue
+        radius = float(np.interp(z, outline_m[:, 1], outline_m[:, 0]))
+        for angle in (curve.place.angle_rad, curve.place.angle_rad + math.pi):
+            points.append([radius * math.cos(angle), radius * math.sin(angle), scale * z])
+            measured.append(stiffness)
+            sigma.append(max(MIN_STIFFNESS_SIGMA, curve_fit(curve).i_relative_sigma))
+    return correct_map(surface, np.array(points), np.array(measured), np.array(sigma))

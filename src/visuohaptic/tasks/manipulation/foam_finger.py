@@ -1,0 +1,89 @@
+"""The foam sensor of a finger as the tasks of the hand read it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.errors import InputError
+from ...sensing.foam.finger import FingerReading, FingerSensor
+
+__all__ = ["FoamFinger", "FoamTouch"]
+
+
+@dataclass(frozen=True, slots=True)
+class FoamTouch:
+    """A :class:`~visuohaptic.tasks.manipulation.hand.FingerTouch` of one frame."""
+
+    valid: bool
+    force_N: float
+    surface_m: float  #: from the middle between the fingers to the touched surface; NaN without touch
+
+
+class FoamFinger:
+    """Reads force and place of the touched surface; to be used as ``Hand.feel``.
+
+    The surface is where the foam's contour is in the fixed frame: the finger's position from the reference
+    contour, and the deflection on top of it. No reading of the gripper's drive is used.
+
+    Parameters
+    ----------
+    sensor
+        With its zero reference taken.
+    middle_m
+        Coordinate of the middle between the fingers along the closing direction, frame F at position 0 [m]:
+        the undeformed front's coordinate plus half the opening of the gripper there.
+
+    Raises
+    ------
+    InputError
+        ``middle_m`` is not finite.
+
+    Examples
+    --------
+    >>> hand = Hand(arm, gripper, camera, FoamFinger(sensor, middle_m=0.065))  # doctest: +SKIP
+    """
+
+    def __init__(self, sensor: FingerSensor, middle_m: float) -> None:
+        if not math.isfinite(middle_m):
+            raise InputError(
+                "FoamFinger", f"found {middle_m}, expected a finite coordinate", field="middle_m"
+            )
+        self.sensor, self.middle_m = sensor, middle_m
+        axis = np.asarray(sensor.axis_foam[:2], dtype=np.float64)
+        outward = np.mean(np.atleast_2d(sensor.setup.geometry.outward), axis=0)
+        #: closing direction, unit vector in the x-y plane of frame F
+        self.closing = axis / np.linalg.norm(axis) * (1.0 if float(axis @ outward) > 0.0 else -1.0)
+
+    def __call__(self, frame: Frame) -> FoamTouch:
+        """Read one frame.
+
+        Parameters
+        ----------
+        frame
+            Of the camera that looks at the finger.
+        """
+        return self.touch(self.sensor.read_finger(frame))
+
+    def touch(self, reading: FingerReading) -> FoamTouch:
+        """Force and place of the surface in a reading.
+
+        Parameters
+        ----------
+        reading
+            Of the finger's sensor.
+        """
+        profile = reading.profile
+        valid = bool(profile.valid and reading.finger.valid)
+        contact = profile.max_contact
+        if not valid or contact is None:
+            return FoamTouch(valid, float(profile.force_N), math.nan)
+        inside = (profile.s_m >= contact.s_start_m) & (profile.s_m <= contact.s_end_m)
+        place_m = reading.contour_m[inside] @ self.closing
+        place_m = place_m[np.isfinite(place_m)]
+        # The foremost point of the object is where the foam is pressed back most.
+        surface_m = self.middle_m - float(place_m.min()) if len(place_m) else math.nan
+        return FoamTouch(True, float(profile.force_N), surface_m)

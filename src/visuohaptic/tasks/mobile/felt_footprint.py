@@ -1,0 +1,68 @@
+"""Footprint of an object after a push, from the shape that the foam has felt."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from jaxtyping import Float
+
+from ...core.objects import Primitive, PrimitiveKind
+from .explore import ObstacleExploration
+
+__all__ = ["felt_footprint"]
+
+
+def felt_footprint(
+    found: ObstacleExploration, seen_m: Float[np.ndarray, "n 2"], *, front_m: float
+) -> Float[np.ndarray, "p 2"]:
+    """Outline on the floor where the object was left.
+
+    The side behind the touched face was not observed: an object is taken to be as deep as it is wide. Without a
+    shape the outline is the bounding box of what was seen, moved by the length of the push.
+
+    Parameters
+    ----------
+    found
+        The exploration.
+    seen_m
+        Laser points of the object before the push, map frame [m]; the push went along x.
+    front_m
+        Distance from the platform's centre to the origin of the foam's frame F, x ahead [m].
+
+    Returns
+    -------
+    (p, 2) array
+        Corners in the map [m].
+    """
+    state, shape = found.fit_state, found.tag.primitive
+    corners = None if state is None or shape is None else _corners(shape)
+    if state is not None and corners is not None:
+        c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
+        ahead = corners + np.array([front_m, 0.0])
+        return ahead @ np.array([[c, s], [-s, c]]) + (state.x_m, state.y_m)
+    (x0, y0), (_, y1) = seen_m.min(axis=0), seen_m.max(axis=0)
+    width = max(float(y1 - y0), 0.05)
+    front_x = float(x0)
+    if state is not None:
+        front_x = max(front_x, state.x_m + front_m * math.cos(state.heading_rad))
+    back_x = front_x + width
+    return np.array([[front_x, y0], [back_x, y0], [back_x, y0 + width], [front_x, y0 + width]])
+
+
+def _corners(shape: Primitive) -> Float[np.ndarray, "p 2"] | None:
+    """Outline in frame F; ``None`` for shapes without an end."""
+    values = np.asarray(shape.parameters, dtype=float)
+    if shape.kind is PrimitiveKind.CIRCLE and 0.01 < values[2] < 0.4:
+        angle = np.arange(16) * math.pi / 8
+        return values[:2] + values[2] * np.column_stack([np.cos(angle), np.sin(angle)])
+    if shape.kind is PrimitiveKind.SEGMENT:
+        a, b = values[:2], values[2:4]
+        along = b - a
+        width = float(np.hypot(*along))
+        if not 0.01 < width < 0.8:
+            return None
+        across = np.array([-along[1], along[0]])
+        across *= np.sign(across[0]) if across[0] else 1.0  # away from the platform
+        return np.array([a, b, b + across, a + across])
+    return None

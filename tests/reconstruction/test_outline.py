@@ -1,0 +1,49 @@
+"""Outline of a mesh of revolution against the profile that it was made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from visuohaptic.reconstruction import SurfaceMesh
+from visuohaptic.reconstruction.completion import axial_part, measured_outline
+
+AXIS = np.array([0.3, -0.1])
+
+
+def cone(top_m: float = 0.2, rings: int = 101, around: int = 24) -> SurfaceMesh:
+    """Radius falls from 40 mm to 20 mm over the height."""
+    z = np.linspace(0.0, top_m, rings)
+    radius = 0.04 - 0.1 * z
+    angle = 2.0 * np.pi * np.arange(around) / around
+    points = np.stack(
+        [
+            AXIS[0] + radius[:, None] * np.cos(angle),
+            AXIS[1] + radius[:, None] * np.sin(angle),
+            np.broadcast_to(z[:, None], (rings, around)),
+        ],
+        axis=-1,
+    ).reshape(-1, 3)
+    ring, turn = np.divmod(np.arange((rings - 1) * around), around)
+    a, b = ring * around + turn, ring * around + (turn + 1) % around
+    faces = np.concatenate(
+        [np.column_stack([a, b, b + around]), np.column_stack([a, b + around, a + around])]
+    )
+    return SurfaceMesh(points, faces)
+
+
+def test_the_outline_is_the_profile() -> None:
+    outline = measured_outline(cone(), AXIS, 0.06)
+    assert outline[0, 1] == 0.0
+    assert outline[-1, 1] == pytest.approx(0.2, abs=0.002)
+    inner = outline[1:-1]
+    # A slice of 8 mm mixes radii by 0.4 mm to either side; its median is that of its middle.
+    assert inner[:, 0] == pytest.approx(0.04 - 0.1 * inner[:, 1], abs=2e-4)
+
+
+def test_only_what_is_near_the_axis_and_above_the_table_counts() -> None:
+    part = axial_part(cone(), AXIS, 0.035)
+    middle = part.vertices_m[part.faces].mean(axis=1)
+    assert len(part.faces) > 0
+    assert np.hypot(*(middle[:, :2] - AXIS).T).max() < 0.035
+    assert middle[:, 2].min() > 0.004
