@@ -39,6 +39,14 @@ def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch):
         exec(compile("\n" * (line - 1) + code, str(page), "exec"), names)
 
 
+def test_each_of_the_five_jobs_takes_at_most_eight_lines():
+    text = (ROOT / "docs" / "five_jobs.md").read_text()
+    jobs = [match["code"] for match in BLOCK.finditer(text) if match["tag"].strip() == "job"]
+    assert len(jobs) == 5
+    for code in jobs:
+        assert len([line for line in code.splitlines() if line.strip()]) <= 8, code
+
+
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if blocks(page.read_text(), run=False)], ids=lambda page: page.name
 )
