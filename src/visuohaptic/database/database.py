@@ -71,7 +71,7 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
     --------
     >>> import tempfile
     >>> with open_database(tempfile.mkdtemp()) as db:
-    ...     db.add(VisuoHapticObject("cup-1", visual_class="cup"))
+    ...     _ = db.add(VisuoHapticObject("cup-1", visual_class="cup"))
     ...     db.get("cup-1").visual_class
     'cup'
     """
@@ -79,7 +79,15 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
 
 
 class ObjectDatabase(Closing):
-    """Objects by id; see :func:`open_database`."""
+    """Objects by id; see :func:`open_database`.
+
+    Examples
+    --------
+    >>> with ObjectDatabase("objects") as db:
+    ...     _ = db.add(VisuoHapticObject("cup-1", visual_class="cup"))
+    ...     [summary.id for summary in db.summaries(visual_class="cup")]
+    ['cup-1']
+    """
 
     def __init__(self, location: Path | str, *, create: bool = True) -> None:
         self.where = str(location)

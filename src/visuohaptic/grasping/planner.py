@@ -34,7 +34,13 @@ MAX_REFUSED = 6
 
 @dataclass(frozen=True, slots=True)
 class GraspTask:
-    """What is to be done, with what hand."""
+    """What is to be done, with what hand.
+
+    Examples
+    --------
+    >>> GraspTask(force_N=20.0, closed=True).fill  # of an empty container whose air cannot escape
+    0.0
+    """
 
     force_N: float | None = None  #: F_G of each finger; None: what the load needs at each place
     closed: bool = False  #: the contents can't escape

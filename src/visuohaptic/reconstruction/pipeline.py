@@ -90,6 +90,22 @@ def reconstruct(
     ------
     InputError
         No frames, an unknown method, or nothing was seen in the space of interest.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.core.camera import Camera, Pose
+    >>> from visuohaptic.io.depth import DepthFrame
+    >>> camera = Camera.simple(64, 48, 60.0)
+    >>> frames = []
+    >>> for x_m in np.linspace(-0.2, 0.2, 6):  # a wall at 0.8 m
+    ...     pose = Pose(np.eye(3), np.array([x_m, 0.0, 0.0]))
+    ...     frames.append(DepthFrame(0.0, np.full((48, 64), 0.8, np.float32), None, pose, camera))
+    >>> found = reconstruct(frames, grid=SpaceGrid.around([-0.2, -0.2, 0.6], [0.2, 0.2, 1.0], 0.01))
+    >>> bool(np.abs(found.surface.vertices_m[:, 2] - 0.8).max() < 0.001)
+    True
+    >>> found.regions  # nothing transparent
+    ()
     """
     if method not in METHODS:
         raise InputError(

@@ -62,9 +62,10 @@ class LivePage(Page):
 
     Examples
     --------
-    >>> with LivePage(port=0) as page:  # doctest: +SKIP
-    ...     for frame, profile in run:
-    ...         page.update(frame_bgr=frame.image, profile=profile)
+    >>> with LivePage(title="a run") as page:
+    ...     _ = page.update(0.0, note="nothing touched yet")
+    ...     page.url.startswith("http://127.0.0.1:")
+    True
     """
 
     def __init__(

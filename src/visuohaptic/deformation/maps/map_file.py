@@ -78,7 +78,14 @@ def colours(stiffness_N_per_m: Float[np.ndarray, "v"]) -> UInt8[np.ndarray, "v 3
 
 
 def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
-    """Two views and the profile over the height, like figure 6.5."""
+    """Two views and the profile over the height, like figure 6.5.
+
+    Examples
+    --------
+    >>> from visuohaptic.deformation.maps import object_map
+    >>> from visuohaptic.deformation.shapes import load_object
+    >>> plot_map("stiffness.png", object_map(load_object("cup", around=32), band=False))
+    """
     check_suffix(None, Path(path))
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -53,6 +53,12 @@ def load_object(
         Of a class; its middle by default.
     unit, up
         Of a mesh, see :func:`.import_object`.
+
+    Examples
+    --------
+    >>> cup = load_object("cup", around=32)
+    >>> cup.name, 0.05 < cup.height_m < 0.3
+    ('cup', True)
     """
     kind = Path(source).suffix.lower()
     for name, value in (("thickness", thickness_m), ("youngs-modulus", youngs_modulus_Pa)):

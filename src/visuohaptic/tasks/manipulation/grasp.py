@@ -183,7 +183,21 @@ class GraspTask(Machine[GraspState, HandObservation, HandCommand]):
 
 
 def grasp_and_lift(hand: Hand, plan: GraspPlan) -> GraspAndLift:
-    """Carry out a planned grasp."""
+    """Carry out a planned grasp.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
+    >>> heights_m, depths_m = np.array([0.0, 0.1, 0.2]), np.linspace(0.0, 0.012, 25)
+    >>> force_N = 3000.0 * np.ones((3, 1)) * depths_m  # 3 N/mm everywhere
+    >>> bottle = DeformableContainer("bottle", heights_m, np.full(3, 0.035), depths_m, force_N)
+    >>> table = KitchenTable(bottle, np.random.default_rng(0))
+    >>> hand = Hand(table.arm, table, table, table.feel)
+    >>> done = grasp_and_lift(hand, GraspPlan(Place(0.1), force_N=6.0))
+    >>> str(done.ending.outcome)
+    'lifted'
+    """
     task = GraspTask(plan)
     run_hand(hand, task)
     assert task.ending is not None
