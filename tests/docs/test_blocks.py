@@ -9,7 +9,7 @@ import pytest
 from tests.docs.names import unknown_names
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 
 #: A fenced block, at any indentation; the tag ``notest`` after the language leaves it out.
 BLOCK = re.compile(
