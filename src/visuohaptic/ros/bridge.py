@@ -120,6 +120,13 @@ class Bridge(Closing):
     Everything is read and checked before the node joins. Each sensor has a thread of its own. Where no image
     comes for ``stale_s``, that is published: a silent sensor would be taken for one that feels nothing.
 
+    Parameters
+    ----------
+    config
+        Fields of ``bridge.yaml``.
+    folder
+        To which its file names are relative.
+
     Examples
     --------
     >>> with Bridge.load("bridge.yaml") as bridge:                                   # doctest: +SKIP
@@ -160,6 +167,11 @@ class Bridge(Closing):
     def load(cls, path: Path | str) -> Self:
         """Read the file and begin.
 
+        Parameters
+        ----------
+        path
+            ``bridge.yaml``.
+
         Raises
         ------
         InputError
@@ -175,13 +187,26 @@ class Bridge(Closing):
         return self._stop.is_set()
 
     def fail(self, channel: _Channel, error: BaseException) -> None:
-        """A sensor cannot go on: all end, and :meth:`wait` tells."""
+        """A sensor cannot go on: all end, and :meth:`wait` tells.
+
+        Parameters
+        ----------
+        channel
+            Whose sensor it is.
+        error
+            What was raised in its thread.
+        """
         if self._problem is None:
             self._problem = (channel, error)
         self._stop.set()
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until it is stopped, or for some time; returns whether it was stopped.
+
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s]; until it is stopped by default.
 
         Raises
         ------

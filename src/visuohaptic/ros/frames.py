@@ -38,6 +38,8 @@ class TopicFrames(Closing):
 
     Parameters
     ----------
+    node
+        Node that subscribes.
     topic
         Image topic; a name that ends in ``/compressed`` has compressed images.
     camera
@@ -99,6 +101,11 @@ class TopicFrames(Closing):
     def wait_for_camera(self, timeout_s: float = 5.0) -> Camera:
         """The camera's model; waits for ``CameraInfo``.
 
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s].
+
         Raises
         ------
         DeviceError
@@ -133,6 +140,11 @@ class TopicFrames(Closing):
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for the next frame.
 
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s].
+
         Raises
         ------
         DeviceError
@@ -155,6 +167,11 @@ class TopicFrames(Closing):
 
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
         """The newest frame, at once.
+
+        Parameters
+        ----------
+        max_age_ms
+            Largest age by the stamp and this machine's clock [ms].
 
         Raises
         ------

@@ -79,7 +79,15 @@ class ObjectView:
 
     @classmethod
     def of_object(cls, thing: ShellObject, task: GraspTask | None = None) -> ObjectView:
-        """Compute the map of an object and show it."""
+        """Compute the map of an object and show it.
+
+        Parameters
+        ----------
+        thing
+            Container as a shell.
+        task
+            Force, state and hand; 10 N by default.
+        """
         task = task or GraspTask(force_N=10.0)
         contents = Contents(fill=task.fill) if task.closed else None
         return cls(thing.name, object_map(thing, contents), thing=thing, task=task)
@@ -92,7 +100,15 @@ class ObjectView:
     # -- What is computed ----------------------------------------------------------------------
 
     def pick(self, vertex: int, *, nonlinear: bool = False) -> Picked:
-        """Curve and shape of one surface point."""
+        """Curve and shape of one surface point.
+
+        Parameters
+        ----------
+        vertex
+            Of the surface.
+        nonlinear
+            Simulate the large deformation, which takes seconds.
+        """
         k = float(self.surface.stiffness_N_per_m[vertex])
         sigma = float(self.surface.stiffness_sigma_N_per_m[vertex])
         score = float(self._scores().pair[vertex])
@@ -118,7 +134,13 @@ class ObjectView:
         )
 
     def rank(self, count: int = 5) -> GraspPlan:
-        """Grasps with the present force."""
+        """Grasps with the present force.
+
+        Parameters
+        ----------
+        count
+            Number of grasps, at most.
+        """
         if self.thing is None:
             return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
         return plan_grasps(self.thing, self.task, count=count, surface=self.surface)
@@ -130,7 +152,13 @@ class ObjectView:
     # -- What is drawn -------------------------------------------------------------------------
 
     def draw(self, stage: Stage) -> None:
-        """Mesh, sliders, and places for what a click says."""
+        """Mesh, sliders, and places for what a click says.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
         self._stage = stage
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
@@ -169,7 +197,13 @@ class ObjectView:
         stage.look((x, y, z), float(np.linalg.norm(high - low)))
 
     def paint(self, shade: str) -> None:
-        """Colour the mesh."""
+        """Colour the mesh.
+
+        Parameters
+        ----------
+        shade
+            ``stiffness``, ``grasp score``, or one of its factors.
+        """
         assert self._stage is not None
         values = self.surface.stiffness_N_per_m
         if shade == "stiffness":
@@ -196,7 +230,15 @@ class ObjectView:
             self.show_point(vertex, nonlinear=bool(self._deep.value))
 
     def show_point(self, vertex: int, *, nonlinear: bool = False) -> None:
-        """Curve, numbers and deformed shape of one point on the page."""
+        """Curve, numbers and deformed shape of one point on the page.
+
+        Parameters
+        ----------
+        vertex
+            Of the surface.
+        nonlinear
+            Simulate the large deformation, which takes seconds.
+        """
         stage = self._stage
         assert stage is not None
         stage.get("picked").content = "Computing ..."

@@ -97,7 +97,13 @@ def _start(port: int, title: str) -> viser.ViserServer:
 
 
 def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    """Unit quaternion (w, x, y, z) of a rotation matrix.
+
+    Parameters
+    ----------
+    rotation
+        Rotation matrix.
+    """
     import cv2
 
     vector = cv2.Rodrigues(np.ascontiguousarray(rotation, dtype=np.float64))[0].ravel()
@@ -108,5 +114,11 @@ def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float,
 
 
 def markdown_text(text: str) -> str:
-    """Text that Markdown leaves as it is."""
+    """Text that Markdown leaves as it is.
+
+    Parameters
+    ----------
+    text
+        Any text.
+    """
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>()#+!|" else letter for letter in text)

@@ -24,13 +24,19 @@ class RosGripper(Closing):
 
     Parameters
     ----------
+    node
+        Node that publishes and subscribes.
     joint
         Name of the finger's joint in ``joint_states``.
+    command, states
+        Topics: ``trajectory_msgs/JointTrajectory`` out, ``sensor_msgs/JointState`` in.
     opening_per_joint, opening_at_zero_m
         The opening is ``opening_at_zero_m + opening_per_joint * position``: 2 where a joint moves each of the
         two fingers, negative where a larger position closes.
     max_opening_m
         Openings beyond 0 to this are refused.
+    max_age_s
+        Joint states that are older count as none [s].
     """
 
     def __init__(
@@ -56,6 +62,13 @@ class RosGripper(Closing):
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Begin to move to an opening.
+
+        Parameters
+        ----------
+        opening_m
+            Target opening, 0 to ``max_opening_m`` [m].
+        speed_m_s
+            Rate of change of the opening, more than 0 [m/s].
 
         Raises
         ------

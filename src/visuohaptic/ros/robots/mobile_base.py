@@ -23,10 +23,14 @@ class RosBase(Closing):
 
     Parameters
     ----------
+    node
+        Node that publishes and subscribes.
     command, odometry
         Topics: ``geometry_msgs/Twist`` out, ``nav_msgs/Odometry`` in.
     stamped
         Send ``geometry_msgs/TwistStamped``, as Nav2 and ros2_control do since Jazzy.
+    frame
+        Frame of coordinates of stamped commands.
     max_speed_m_s, max_turn_rad_s
         Larger commands are refused.
     rate_Hz
@@ -59,6 +63,13 @@ class RosBase(Closing):
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward [m/s].
+        turn_rate_rad_s
+            Counter-clockwise [rad/s].
 
         Raises
         ------

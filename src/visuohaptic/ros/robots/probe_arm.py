@@ -27,10 +27,18 @@ class RosArm(Closing):
 
     Parameters
     ----------
-    command, pose
-        Topics: targets out, the tip's pose in; both in the base frame.
+    node
+        Node that publishes and subscribes.
     reach_m
         Smallest and largest distance of the tip from the base [m]; targets beyond are refused.
+    command, pose
+        Topics: targets out, the tip's pose in; both in the base frame.
+    frame
+        Base frame, of the targets.
+    rate_Hz
+        Targets per second.
+    max_age_s
+        Poses that are older count as none [s].
     """
 
     def __init__(
@@ -55,6 +63,13 @@ class RosArm(Closing):
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Begin to move the tip in a straight line.
+
+        Parameters
+        ----------
+        T_base_tip
+            Target pose of the tip in the base frame [m].
+        speed_m_s
+            Of the tip along the line, more than 0 [m/s].
 
         Raises
         ------

@@ -166,6 +166,10 @@ def decode(data: bytes | memoryview, kind: MessageType, where: str = "") -> Any:
 
     Parameters
     ----------
+    data
+        CDR with its four bytes of encapsulation.
+    kind
+        Type of the message.
     where
         Topic or file, for messages.
 

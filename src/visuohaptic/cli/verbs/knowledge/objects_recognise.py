@@ -33,7 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds."""
+    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     return ({"small_gicp"} if args.cloud else set()) | (set() if args.prior else {"pyarrow", "sqlalchemy"})
 
 

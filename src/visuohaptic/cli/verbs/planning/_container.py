@@ -12,7 +12,15 @@ __all__ = ["add_container_arguments", "read_container"]
 
 
 def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") -> None:
-    """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads."""
+    """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    also
+        What else the verb reads as an object, for the help.
+    """
     parser.add_argument("object", help=f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
     wall = parser.add_argument_group("wall")
     wall.add_argument("--material", help="of the library; a mesh is of PET by default")
@@ -52,7 +60,13 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
 
 
 def read_container(args: Any) -> ShellObject:
-    """The object that ``args.object`` and those options name."""
+    """The object that ``args.object`` and those options name.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     from ....deformation.shapes.load_shell import load_object
 
     return load_object(

@@ -150,7 +150,13 @@ def _with_mass(task: GraspTask, mass_kg: float, thing: Any) -> GraspTask:
 
 
 def grasp_json(grasp: Grasp) -> dict[str, Any]:
-    """A grasp as plain numbers."""
+    """A grasp as plain numbers.
+
+    Parameters
+    ----------
+    grasp
+        One grasp of a plan.
+    """
     said = grasp.confirmation
     return {
         "score": grasp.score,

@@ -39,7 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core that the experiments import on their way."""
+    """Modules beyond the core that the experiments import on their way.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     from ....reproduce.runner import NEEDS as BY_NAME
 
     return {module for name in _wanted(args.names) for module in BY_NAME.get(name, ())}

@@ -56,7 +56,13 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def wait(args: Any) -> None:
-    """Until ``--seconds`` have passed, or Ctrl-C."""
+    """Until ``--seconds`` have passed, or Ctrl-C.
+
+    Parameters
+    ----------
+    args
+        With ``seconds`` [s], or ``None``.
+    """
     try:
         end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
         while (left_s := end_s - time.monotonic()) > 0:
