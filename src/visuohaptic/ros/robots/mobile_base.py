@@ -27,10 +27,9 @@ class RosBase(Closing):
         Node that publishes and subscribes.
     command, odometry
         Topics: ``geometry_msgs/Twist`` out, ``nav_msgs/Odometry`` in.
-    stamped
-        Send ``geometry_msgs/TwistStamped``, as Nav2 and ros2_control do since Jazzy.
-    frame
-        Frame of coordinates of stamped commands.
+    stamped_frame
+        Send ``geometry_msgs/TwistStamped`` in this frame of coordinates, as ``base_link``; Nav2 and ros2_control
+        expect it since Jazzy. ``Twist`` by default.
     max_speed_m_s, max_turn_rad_s
         Larger commands are refused.
     rate_Hz
@@ -45,16 +44,15 @@ class RosBase(Closing):
         *,
         command: str = "cmd_vel",
         odometry: str = "odom",
-        stamped: bool = False,
-        frame: str = "base_link",
+        stamped_frame: str | None = None,
         max_speed_m_s: float = 0.5,
         max_turn_rad_s: float = 1.5,
         rate_Hz: float = 20.0,
         max_age_s: float = 0.5,
     ) -> None:
-        datatype = "geometry_msgs/msg/" + ("TwistStamped" if stamped else "Twist")
+        datatype = "geometry_msgs/msg/" + ("Twist" if stamped_frame is None else "TwistStamped")
         self._limits = (max_speed_m_s, max_turn_rad_s)
-        self._stamped, self._frame = stamped, frame
+        self._frame = stamped_frame
         self._lock = threading.Lock()
         self._command: tuple[float, float] | None = None
         self._publisher = node.advertise(command, datatype)
@@ -108,7 +106,9 @@ class RosBase(Closing):
             "linear": {"x": speed_m_s, "y": 0.0, "z": 0.0},
             "angular": {"x": 0.0, "y": 0.0, "z": turn_rate_rad_s},
         }
-        return {"header": header(time.time(), self._frame), "twist": twist} if self._stamped else twist
+        if self._frame is None:
+            return twist
+        return {"header": header(time.time(), self._frame), "twist": twist}
 
     def state(self) -> BaseState:
         """Newest odometry.

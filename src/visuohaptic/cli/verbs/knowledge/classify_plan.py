@@ -21,7 +21,7 @@ example: visuohaptic classify plan tree.json --plot tree.png
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("tree", type=Path, help="tree.json of classify train")
-    parser.add_argument("--plot", type=Path, help="picture to write")
+    parser.add_argument("--plot", type=Path, help="plot to write")
 
 
 def run(args: Any) -> dict[str, Any]:

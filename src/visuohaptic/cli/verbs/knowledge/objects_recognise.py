@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--context", default="", metavar="WORDS", help="of the place, as kitchen,sink")
     parser.add_argument("--prior", metavar="FILE", help=".npz of --save; the database is not read")
     parser.add_argument("--save", metavar="FILE", help="write the prior of the database (.npz)")
-    parser.add_argument("--least", type=float, default=0.01, help="probability of what is still listed")
+    parser.add_argument("--min-probability", type=float, default=0.01, help="of a listed object (0.01)")
     add_database(parser)
 
 
@@ -65,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
         None if args.image is None else read_image(args.image, "grey", upright=True),
         None if args.cloud is None else _cloud(args.cloud),
         [word for word in args.context.split(",") if word],
-        least=args.least,
+        least=args.min_probability,
     )
     for one in found:
         args.report(f"{one.probability:8.3f}  {one.object_id}")

@@ -32,8 +32,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_container_arguments(parser, also=", or map.npz")
     parser.add_argument("--force", type=float, metavar="N", help="of each finger; what is needed by default")
     parser.add_argument("--state", choices=("open", "closed"), default="open", help="open by default")
-    parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in it, 0..1")
-    parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
+    parser.add_argument("--fill", type=float, default=0.0, help="fill level of liquid, 0..1")
+    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
     parser.add_argument("--count", type=int, default=5, help="of grasps, at most")
     parser.add_argument(
         "--confirm", action="store_true", help="check each by nonlinear simulation; seconds for each"
@@ -43,16 +43,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     hand = parser.add_argument_group("hand")
     hand.add_argument("--friction", type=float, default=0.6, help="coefficient of the fingers (0.6)")
-    hand.add_argument("--opening", type=float, default=0.11, help="widest [m] (0.11)")
+    hand.add_argument("--opening", type=float, default=0.11, help="maximum opening [m] (0.11)")
     hand.add_argument(
         "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
     )
-    hand.add_argument("--most-force", type=float, default=60.0, help="of one finger [N] (60)")
+    hand.add_argument("--max-force", type=float, default=60.0, help="of one finger [N] (60)")
     limits = parser.add_argument_group("limits")
     limits.add_argument(
-        "--most-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
+        "--max-deformation", type=float, default=0.005, help="allowed, of one side [m] (0.005)"
     )
-    limits.add_argument("--least-score", type=float, default=0.5, help="of a grasp (0.5)")
+    limits.add_argument("--min-score", type=float, default=0.5, help="of a grasp (0.5)")
     limits.add_argument("--mass", type=float, metavar="KG", help="instead of that of wall and liquid")
 
 

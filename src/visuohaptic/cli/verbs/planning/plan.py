@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar=("X", "Y"),
             help=f"{name} in the map frame [m]",
         )
-    parser.add_argument("--plot", type=Path, help="picture to write (PNG)")
+    parser.add_argument("--plot", type=Path, help="plot to write (PNG)")
     parser.add_argument("--compare", action="store_true", help="with plans under other side conditions")
     parser.add_argument(
         "--prove",
