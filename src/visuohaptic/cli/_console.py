@@ -16,9 +16,9 @@ __all__ = ["Arguments", "Console", "OutputClosedError", "Progress"]
 
 Item = TypeVar("Item")
 
-#: A plain progress line is due after so many seconds ...
+#: Seconds after which a plain progress line is due ...
 PLAIN_SECONDS = 5.0
-#: ... or after this share of the work, but never more often than once per second.
+#: ... or after this fraction of the work, but never more often than once per second.
 PLAIN_SHARE = 0.1
 
 

@@ -78,7 +78,7 @@ class _Channel:
                 self.reader.zero(self._first_frames())
             while not self._bridge.stopping:
                 self._step()
-        except Exception as error:  # noqa: BLE001 - told by the bridge in its own thread
+        except Exception as error:  # noqa: BLE001 - raised by wait() in the caller's thread
             self._bridge.fail(self, error)
 
     def _first_frames(self) -> Iterator[Frame]:
@@ -187,7 +187,7 @@ class Bridge(Closing):
         return self._stop.is_set()
 
     def fail(self, channel: _Channel, error: BaseException) -> None:
-        """A sensor cannot go on: all end, and :meth:`wait` tells.
+        """A sensor cannot go on: all end, and :meth:`wait` raises its error.
 
         Parameters
         ----------
@@ -228,7 +228,7 @@ class Bridge(Closing):
         return sum(channel.report.frames for channel in self._channels)
 
     def close(self) -> None:
-        """Stop all sensors, take back all topics; harmless when repeated. ``reports`` tells what was done."""
+        """Stop all sensors, take back all topics; harmless when repeated. ``reports`` says what was done."""
         self._stop.set()
         if not self.reports:
             self.reports = tuple(channel.close() for channel in self._channels)

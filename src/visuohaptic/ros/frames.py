@@ -49,7 +49,7 @@ class TopicFrames(Closing):
     timeout_s
         Iterating fails when no image comes for so long.
     grey
-        Decode compressed pictures to grey at once.
+        Decode compressed images to grey at once.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class TopicFrames(Closing):
         self.topic = node.resolve(topic)
         self.timeout_s = timeout_s
         self.left_out = 0  #: frames that came faster than they were read
-        self.damaged = 0  #: pictures that could not be decoded
+        self.damaged = 0  #: images that could not be decoded
         self._camera, self._grey = camera, grey
         self._new = threading.Condition()
         self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
@@ -189,7 +189,7 @@ class TopicFrames(Closing):
         return frame
 
     def _frame(self, received: Received, index: int) -> Frame | None:
-        """The picture with its time; ``None`` where it cannot be decoded."""
+        """The image with its time; ``None`` where it cannot be decoded."""
         message = received.message
         try:
             image = self._image(received)

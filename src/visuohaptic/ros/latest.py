@@ -29,7 +29,7 @@ class LatestMessage:
     datatype
         As ``nav_msgs/msg/Odometry``.
     max_age_s
-        An older one counts as none: a robot whose odometry has stopped must not be believed to stand.
+        An older one counts as none: a robot whose odometry has stopped must not be taken for one that stands.
     """
 
     def __init__(self, node: RosNode, topic: str, datatype: str, max_age_s: float) -> None:
@@ -120,7 +120,7 @@ class Repeater:
 
 
 def finite(where: str, **values: float) -> None:
-    """Refuse commands that are no numbers: a motor would do anything.
+    """Refuse commands that are not finite numbers: a motor could do anything.
 
     Parameters
     ----------

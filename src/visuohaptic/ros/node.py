@@ -374,7 +374,7 @@ def _open(options: RosOptions) -> Any:
         config = _config(options, zenoh)
     except (zenoh.ZError, OSError) as error:
         where = options.zenoh_config or "RosOptions"
-        raise InputError(where, f"is no zenoh configuration ({_said(error)})") from error
+        raise InputError(where, f"is not a zenoh configuration ({_said(error)})") from error
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

@@ -1,4 +1,4 @@
-"""An object that gives way: its stiffness map, what a point does under force, where to grasp it."""
+"""A deformable object: its stiffness map, what a point does under force, where to grasp it."""
 
 from __future__ import annotations
 
@@ -163,10 +163,10 @@ class ObjectView:
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
         shade = stage.keep("shade", gui.add_dropdown("colours", _SHADES, order=11))
-        most = max(30.0, 2 * self.force_N)
+        max_N = max(30.0, 2 * self.force_N)
         force = stage.keep(
             "force",
-            gui.add_slider("force [N]", min=0.5, max=most, step=0.5, initial_value=self.force_N, order=12),
+            gui.add_slider("force [N]", min=0.5, max=max_N, step=0.5, initial_value=self.force_N, order=12),
         )
         deep = stage.keep(
             "deep",
@@ -341,11 +341,11 @@ def _told(picked: Picked, force_N: float) -> str:
     if np.isnan(k):
         lines.append("Nothing is opposite: it can't be pinched.")
     elif np.isinf(k):
-        lines.append("The wall is held here: it does not give way.")
+        lines.append("The wall is held here: it does not deform.")
     else:
-        spread = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
+        sigma = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
         lines.append(
-            f"Stiffness **{k / 1e3:.2f}{spread} N/mm**: {1e3 * force_N / k:.2f} mm at {force_N:g} N on the map"
+            f"Stiffness **{k / 1e3:.2f}{sigma} N/mm**: {1e3 * force_N / k:.2f} mm at {force_N:g} N on the map"
         )
     if picked.note:
         lines.append(f"Nonlinear: {markdown_text(picked.note)}.")

@@ -20,7 +20,7 @@ from .server import Page, markdown_text, quaternion
 
 __all__ = ["LivePage"]
 
-#: Width of the camera picture on the page [px].
+#: Width of the camera image on the page [px].
 PICTURE_WIDTH = 800
 #: Points of the force plot; older ones are thinned out by forgetting.
 HISTORY = 1200

@@ -20,7 +20,7 @@ __all__ = ["RosGripper"]
 class RosGripper(Closing):
     """Implements :class:`visuohaptic.core.robots.Gripper`.
 
-    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the way divided by the speed.
+    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the distance divided by the speed.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ class RosGripper(Closing):
         InputError
             The opening is out of reach, or the speed not positive.
         StaleFrameError
-            The present opening, from which the time is told, is not known.
+            The present opening, from which the time follows, is not known.
         DeviceError
             Nobody listens.
         """

@@ -1,4 +1,4 @@
-"""A platform that listens to ``cmd_vel`` and tells its odometry."""
+"""A platform that listens to ``cmd_vel`` and publishes its odometry."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class RosBase(Closing):
     rate_Hz
         A command is repeated so often until the next one; on :meth:`close` it is a stop.
     max_age_s
-        Odometry that is older is no odometry.
+        Older odometry counts as none [s].
     """
 
     def __init__(

@@ -144,9 +144,9 @@ class RosArm(Closing):
 
 
 class _Line:
-    """A straight way at a constant speed, the turn spread evenly over it."""
+    """A straight path at constant speed, the rotation distributed evenly over it."""
 
-    #: A turn without a way takes as long as a point so far from the axis would need.
+    #: A rotation without a path takes as long as a point so far from the axis would need.
     _LEVER_M = 0.1
 
     def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
@@ -154,8 +154,8 @@ class _Line:
 
         self._start, self._end = start, end
         self._turn = Rotation.from_matrix(start.rotation.T @ end.rotation).as_rotvec()
-        way_m = float(np.linalg.norm(end.translation_m - start.translation_m))
-        self._lasts_s = max(way_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
+        length_m = float(np.linalg.norm(end.translation_m - start.translation_m))
+        self._lasts_s = max(length_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
         self._began_s = time.monotonic()
 
     def at(self, now_s: float) -> tuple[Pose, bool]:
@@ -163,6 +163,8 @@ class _Line:
         part = 1.0 if self._lasts_s <= 0 else (now_s - self._began_s) / self._lasts_s
         if part >= 1.0:
             return self._end, True
-        way = self._end.translation_m - self._start.translation_m
+        offset_m = self._end.translation_m - self._start.translation_m
         turned = Pose.from_rotation_vector(part * self._turn, np.zeros(3))
-        return Pose(self._start.rotation @ turned.rotation, self._start.translation_m + part * way), False
+        return Pose(
+            self._start.rotation @ turned.rotation, self._start.translation_m + part * offset_m
+        ), False

@@ -104,7 +104,7 @@ class Entity:
         Raises
         ------
         InputError
-            It is no token of a version that is known here.
+            It is not a token of a known version.
         """
         words = token.split("/")
         if len(words) not in (9, 13) or words[0] != _SPACE or not all(words):
@@ -168,7 +168,7 @@ def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
     Raises
     ------
     InputError
-        It is no name of ROS: letters, digits and ``_`` between slashes, no digit first, no ``__``.
+        It is not a ROS name: letters, digits and ``_`` between slashes, no digit first, no ``__``.
     """
     if name.startswith("~/"):
         name = f"{node}/{name[2:]}"

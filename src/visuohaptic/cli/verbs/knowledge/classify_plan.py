@@ -10,7 +10,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
 reads   a tree of classify train
-writes  the plan to stdout; with --plot a picture of the tree and the features, like figure 6.7
+writes  the plan to stdout; with --plot a plot of the tree and the features, like figure 6.7
 
 x+12 is the side x+ at height 12 of 16 from below. Touching it measures x-12, too.
 

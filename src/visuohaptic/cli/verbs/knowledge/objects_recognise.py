@@ -11,8 +11,8 @@ from ._objects import add_database, opened
 __all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 EPILOG = """\
-reads   a database of objects (their meshes, pictures of faces and last places), or a prior that was saved
-        from one; a picture, or the points of one object from one side (.npy, or .ply in metres)
+reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
+        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
 writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
 
 example: visuohaptic objects recognise --cloud seen.ply --context kitchen
@@ -21,7 +21,7 @@ example: visuohaptic objects recognise --cloud seen.ply --context kitchen
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--image", metavar="FILE", help="picture of the object and what is around it")
+    parser.add_argument("--image", metavar="FILE", help="image of the object and its surroundings")
     parser.add_argument(
         "--cloud", metavar="FILE", help="points of the object alone: .npy (n, 3) or .ply, in m"
     )

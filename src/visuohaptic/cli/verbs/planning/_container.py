@@ -55,7 +55,7 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
         "--up",
         choices=("x", "y", "z", "-x", "-y", "-z"),
         default="z",
-        help="axis of a mesh that points up; maps and places are told with it turned to z",
+        help="axis of a mesh that points up; maps and places have it turned to z",
     )
 
 

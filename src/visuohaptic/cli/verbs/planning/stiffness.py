@@ -62,18 +62,18 @@ def run(args: Any) -> dict[str, Any]:
 
     check_suffix(args.out, args.plot)
     begin = time.perf_counter()
-    thing = read_container(args)
+    container = read_container(args)
     contents = None
     if args.closed or args.fill is not None:
         contents = Contents(fill=args.fill or 0.0)
-    found = object_map(thing, contents, band=not args.no_sigma)
+    found = object_map(container, contents, band=not args.no_sigma)
     if not np.isfinite(found.stiffness_N_per_m).any():
         raise InputError(args.object, "no surface point has a finite stiffness")
     if args.out:
         save_map(args.out, found)
     if args.plot:
-        plot_map(args.plot, found, f"{thing.name}, {thing.material.name}")
-    result = _described(args, thing, found, contents)
+        plot_map(args.plot, found, f"{container.name}, {container.material.name}")
+    result = _described(args, container, found, contents)
     result["seconds"] = time.perf_counter() - begin
     result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
     if args.at:
@@ -82,24 +82,24 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def _described(
-    args: Any, thing: ShellObject, found: StiffnessMap, contents: Contents | None
+    args: Any, container: ShellObject, found: StiffnessMap, contents: Contents | None
 ) -> dict[str, Any]:
     """The object and the range of its stiffness."""
     import numpy as np
 
     stiffness, sigma = found.stiffness_N_per_m, found.stiffness_sigma_N_per_m
     use = np.isfinite(stiffness)
-    thickness_m = float(np.median(np.asarray(thing.mesh.thickness_m)))
+    thickness_m = float(np.median(np.asarray(container.mesh.thickness_m)))
     return {
         "object": str(args.object),
-        "name": thing.name,
-        "material": thing.material.name,
-        "youngs_modulus_Pa": thing.material.youngs_modulus_Pa,
-        "poisson_ratio": thing.material.poisson_ratio,
+        "name": container.name,
+        "material": container.material.name,
+        "youngs_modulus_Pa": container.material.youngs_modulus_Pa,
+        "poisson_ratio": container.material.poisson_ratio,
         "thickness_m": thickness_m,
-        "thickness_sigma_m": thickness_m * thing.wall_spread,
-        "height_m": thing.height_m,
-        "volume_m3": thing.volume_m3,
+        "thickness_sigma_m": thickness_m * container.wall_spread,
+        "height_m": container.height_m,
+        "volume_m3": container.volume_m3,
         "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
         "vertices": len(found.vertices_m),
         "faces": len(found.faces),
@@ -109,7 +109,7 @@ def _described(
             "max": float(stiffness[use].max()),
         },
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
-        "notes": list(thing.notes),
+        "notes": list(container.notes),
     }
 
 
