@@ -4,6 +4,7 @@
 from .core import ForceProfile as ForceProfile
 from .core import HapticTag as HapticTag
 from .core import Wrench as Wrench
+from .report import force_over_time as force_over_time
 from .sensing.beam import BeamSensor as BeamSensor
 from .sensing.foam import FingerSensor as FingerSensor
 from .sensing.foam import FoamSensor as FoamSensor
@@ -29,6 +30,7 @@ from .io.depth import DepthSequence as DepthSequence
 from .reconstruction import SurfaceMesh as SurfaceMesh
 from .reconstruction import reconstruct as reconstruct
 from .reconstruction.completion import Completion as Completion
+from .reconstruction.completion import HoleRegion as HoleRegion
 from .reconstruction.completion import Touch as Touch
 
 # Elasticity and grasp: stiffness of a container, and where to hold it
@@ -39,6 +41,7 @@ from .grasping import GraspTask as GraspTask
 from .grasping import plan_grasps as plan_grasps
 
 # Recognise: what an object is, by touch and by sight
+# (a classifier with fit, predict, save and load belongs here as soon as recognition has one)
 from .recognition import FeatureSet as FeatureSet
 from .recognition import VisualPrior as VisualPrior
 

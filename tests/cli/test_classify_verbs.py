@@ -74,7 +74,7 @@ def test_train_plan_run(tmp_path: Path, capsys: pytest.CaptureFixture[str], monk
     assert (steps["result"] or None) == found["tree"]["answer"]
     assert visuohaptic.viewer.open_views([walked])[0].steps == tuple(map(tuple, steps["steps"]))
     monkeypatch.setattr("sys.stdin", io.StringIO("8000 8000 0.06\n" * 10))
-    asked = run("run", tree, "--ask", "--most", "2")
+    asked = run("run", tree, "--ask", "--max-touches", "2")
     assert 1 <= len(asked["touches"]) <= 2
 
 
@@ -93,7 +93,7 @@ def test_the_page_walks_with_the_touches(tmp_path: Path, capsys, monkeypatch) ->
     monkeypatch.setattr(visuohaptic.viewer.BrowsePage, "close", closed)
     soft = data.features[0, 7, 0, 0]
     monkeypatch.setattr("sys.stdin", io.StringIO(f"{soft} {soft} 0.06\n" * 10))
-    words = ["run", tree, "--ask", "--most", "3", "--view", "--seconds", "0", "--port", "0", "--json"]
+    words = ["run", tree, "--ask", "--max-touches", "3", "--view", "--seconds", "0", "--port", "0", "--json"]
     capsys.readouterr()
     assert main(["classify", *words]) == 0
     found = json.loads(capsys.readouterr().out)

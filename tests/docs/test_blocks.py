@@ -9,7 +9,7 @@ import pytest
 from tests.docs.names import unknown_names
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")])
 
 #: A fenced block, at any indentation; the tag ``notest`` after the language leaves it out.
 BLOCK = re.compile(
@@ -37,6 +37,14 @@ def test_blocks_of_a_page_run_in_order(page, tmp_path, monkeypatch):
     for line, code in blocks(page.read_text()):
         # Empty lines in front make a failure point at the line of the page.
         exec(compile("\n" * (line - 1) + code, str(page), "exec"), names)
+
+
+def test_each_of_the_five_jobs_takes_at_most_eight_lines():
+    text = (ROOT / "docs" / "five_jobs.md").read_text()
+    jobs = [match["code"] for match in BLOCK.finditer(text) if match["tag"].strip() == "job"]
+    assert len(jobs) == 5
+    for code in jobs:
+        assert len([line for line in code.splitlines() if line.strip()]) <= 8, code
 
 
 @pytest.mark.parametrize(

@@ -56,3 +56,15 @@ def test_the_menu_names_pages_that_exist():
     menu = re.findall(r": ([\w/]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     assert menu
     assert [page for page in menu if not (ROOT / "docs" / page).is_file()] == []
+
+
+def test_contributing_names_files_and_functions_that_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text()
+    named = re.findall(r"`((?:tests|benchmarks|docs|[a-z_]+)/[\w/.]*)`", text)
+    assert len(named) > 12
+    for path in named:
+        if "NAME" not in path and "chapter_N" not in path:
+            assert (ROOT / path).exists() or (SOURCE / path).exists(), path
+    sources = "\n".join(path.read_text() for path in SOURCE.rglob("*.py"))
+    for name in re.findall(r"`([a-z]+(?:_[a-z]+)+)(?:\(\w*\))?`", text):
+        assert re.search(rf"\b(?:def|class) {name}\b|\b{name}:|\.{name}\b", sources), name

@@ -76,7 +76,7 @@ def test_a_base_drives_until_it_is_stopped(machine: Robot, ours: RosNode, stampe
         twists = [m.twist if stamped else m for m in machine.got]
         return [(t.linear.x, t.angular.z) for t in twists]
 
-    with RosBase(ours, stamped=stamped, rate_Hz=100.0, max_age_s=0.2) as base:
+    with RosBase(ours, stamped_frame="base_link" if stamped else None, rate_Hz=100.0, max_age_s=0.2) as base:
         assert isinstance(base, MobileBase)
         state = base.state()
         assert (state.t_s, state.x_m, state.y_m) == pytest.approx((12.5, 1.0, -2.0))

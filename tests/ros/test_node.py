@@ -136,7 +136,7 @@ def test_no_router_is_said_in_one_line(endpoint: str) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"connect": ("nowhere",)}, "is no zenoh configuration"),
+        ({"connect": ("nowhere",)}, "is not a zenoh configuration"),
         ({"zenoh_config": Path("absent.json5")}, "absent.json5: there is no such file"),
         ({"domain": 233}, "expected 0 to 232"),
         ({"namespace": "a"}, "found 'a!'"),
@@ -153,5 +153,5 @@ def test_a_zenoh_file(tmp_path: Path) -> None:
     with RosNode("filed", RosOptions(zenoh_config=path)) as node:
         assert [e.node for e in node.graph(0.2)] == ["filed"]
     path.write_text("{mode: 3")
-    with pytest.raises(InputError, match=r"session\.json5: is no zenoh configuration"):
+    with pytest.raises(InputError, match=r"session\.json5: is not a zenoh configuration"):
         RosNode("filed", RosOptions(zenoh_config=path))

@@ -16,9 +16,9 @@ __all__ = ["Arguments", "Console", "OutputClosedError", "Progress"]
 
 Item = TypeVar("Item")
 
-#: A plain progress line is due after so many seconds ...
+#: Seconds after which a plain progress line is due ...
 PLAIN_SECONDS = 5.0
-#: ... or after this share of the work, but never more often than once per second.
+#: ... or after this fraction of the work, but never more often than once per second.
 PLAIN_SHARE = 0.1
 
 
@@ -36,16 +36,40 @@ class Arguments(argparse.Namespace):
     exit_code: int = 0  #: a verb whose work was done in part sets another
 
     def report(self, text: str = "") -> None:
-        """Print a line for people."""
+        """Print a line for people.
+
+        Parameters
+        ----------
+        text
+            One line, without its end.
+        """
         self.console.report(text)
 
     def progress(self, work: Iterable[Item] | int, description: str) -> Progress[Item]:
-        """Show how far a long work is; iterate over it, or call its ``advance``."""
+        """Show how far a long work is; iterate over it, or call its ``advance``.
+
+        Parameters
+        ----------
+        work
+            What to iterate over, or the number of steps.
+        description
+            What is being done, one or two words.
+        """
         return self.console.progress(work, description)
 
 
 class Console:
-    """Lines for people, JSON for machines, progress for the patient."""
+    """Lines for people, JSON for machines, progress for the patient.
+
+    Parameters
+    ----------
+    json
+        The result goes to stdout as JSON, everything else to stderr.
+    quiet
+        Errors only.
+    verbose
+        Log messages of all levels.
+    """
 
     def __init__(self, *, json: bool = False, quiet: bool = False, verbose: bool = False) -> None:
         self.json = json
@@ -54,13 +78,25 @@ class Console:
         self._reported = False
 
     def report(self, text: str = "") -> None:
-        """Print a line for people: on stdout, or on stderr when stdout carries JSON."""
+        """Print a line for people: on stdout, or on stderr when stdout carries JSON.
+
+        Parameters
+        ----------
+        text
+            One line, without its end.
+        """
         self._reported = True
         if not self.quiet:
             _write(sys.stderr if self.json else sys.stdout, text)
 
     def result(self, value: Any) -> None:
-        """Print the result as JSON when that was asked for, else as lines if the verb said nothing."""
+        """Print the result as JSON when that was asked for, else as lines if the verb said nothing.
+
+        Parameters
+        ----------
+        value
+            Mappings, sequences, dataclasses, numbers and texts.
+        """
         if self.json:
             _write(sys.stdout, _json.dumps(value))
         elif not self._reported and not self.quiet:
@@ -68,11 +104,25 @@ class Console:
                 _write(sys.stdout, line)
 
     def error(self, text: str) -> None:
-        """Print the one line that says what went wrong."""
+        """Print the one line that says what went wrong.
+
+        Parameters
+        ----------
+        text
+            What was found, what was expected, where, and what to do.
+        """
         _write(sys.stderr, "visuohaptic: error: " + " ".join(text.split()))
 
     def progress(self, work: Iterable[Item] | int, description: str) -> Progress[Item]:
-        """Progress over an iterable, or over a number of steps that the caller advances."""
+        """Progress over an iterable, or over a number of steps that the caller advances.
+
+        Parameters
+        ----------
+        work
+            What to iterate over, or the number of steps.
+        description
+            What is being done, one or two words.
+        """
         return Progress(work, description, quiet=self.quiet)
 
     def start_logging(self) -> None:
@@ -143,6 +193,12 @@ class Progress(Generic[Item]):
         What to iterate over, or the number of steps (0 when it is not known).
     description
         What is being done, one or two words.
+    quiet
+        Show nothing.
+    stream
+        Where it is shown; stderr by default.
+    clock
+        Seconds of a clock that never goes back.
     """
 
     def __init__(
@@ -189,7 +245,15 @@ class Progress(Generic[Item]):
             self._print_line()
 
     def advance(self, steps: int = 1, text: str = "") -> None:
-        """Say that ``steps`` more are done; ``text`` is shown behind the numbers."""
+        """Say that ``steps`` more are done; ``text`` is shown behind the numbers.
+
+        Parameters
+        ----------
+        steps
+            How many more.
+        text
+            Shown behind the numbers.
+        """
         self.done += steps
         self._text = text
         if self._quiet:

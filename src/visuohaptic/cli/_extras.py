@@ -105,6 +105,13 @@ def needs(module: ModuleType, args: argparse.Namespace) -> frozenset[str]:
     They are the verb's own ``NEEDS``, what its function ``needs(args)`` adds, and
     what arguments of all verbs need by their name or, where they name files, by their ending. Meshes are not among them: they
     are the first thing that is read, and say themselves what is missing.
+
+    Parameters
+    ----------
+    module
+        Of the verb.
+    args
+        As parsed.
     """
     found = set(getattr(module, "NEEDS", ()))
     if more := getattr(module, "needs", None):
@@ -124,6 +131,15 @@ def _ends(text: str, ending: str) -> bool:
 
 def check_needs(verb: str, module: ModuleType, args: argparse.Namespace) -> None:
     """Say what is missing before anything is computed.
+
+    Parameters
+    ----------
+    verb
+        Its words, for the message.
+    module
+        Of the verb.
+    args
+        As parsed.
 
     Raises
     ------
@@ -159,13 +175,27 @@ def _missing(verb: str, libraries: Iterable[Library]) -> VisuohapticError:
 
 
 def library_of(module: str) -> Library | None:
-    """The library that a module belongs to, by its first name."""
+    """The library that a module belongs to, by its first name.
+
+    Parameters
+    ----------
+    module
+        Dotted name of a module.
+    """
     first = module.partition(".")[0]
     return next((library for library in (*CORE, *OPTIONAL) if library.module == first), None)
 
 
 def missing_library_error(error: ImportError, verb: str) -> VisuohapticError:
-    """Say what to install when an import failed, of a verb or on its way."""
+    """Say what to install when an import failed, of a verb or on its way.
+
+    Parameters
+    ----------
+    error
+        Of the import.
+    verb
+        Its words, for the message.
+    """
     module = error.name or "unknown"
     library = library_of(module)
     if library is not None and library.extra:

@@ -20,6 +20,11 @@ def plain(value: Any) -> Any:
     NumPy's numbers and arrays, dataclasses, enumerations and paths are
     understood; NumPy itself is not imported for that.
 
+    Parameters
+    ----------
+    value
+        Result of a verb.
+
     Raises
     ------
     TypeError
@@ -49,5 +54,11 @@ def plain(value: Any) -> Any:
 
 
 def dumps(value: Any) -> str:
-    """One line of JSON."""
+    """One line of JSON.
+
+    Parameters
+    ----------
+    value
+        Result of a verb.
+    """
     return json.dumps(plain(value), ensure_ascii=False, allow_nan=False)

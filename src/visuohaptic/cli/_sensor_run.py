@@ -25,19 +25,41 @@ Measured = TypeVar("Measured")
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
-    """Options for a part of a recording, and for the times of a folder that has none."""
+    """Options for a part of a recording, and for the times of a folder that has none.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    """
     parser.add_argument("--start", type=float, default=0.0, metavar="S", help="skip the first S seconds")
     parser.add_argument("--stop", type=float, default=float("inf"), metavar="S", help="stop after S seconds")
     parser.add_argument("--rate-Hz", type=float, dest="rate_Hz", help="rate of an image folder without times")
 
 
 def is_live(source: str) -> bool:
-    """Whether ``--source`` names a camera: it never ends, and must not wait for slow work."""
+    """Whether ``--source`` names a camera: it never ends, and must not wait for slow work.
+
+    Parameters
+    ----------
+    source
+        Text of ``--source``.
+    """
     return source.startswith(("camera:", "uvc:"))
 
 
 def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> FrameSource:
-    """The frames of ``--source``, to be used as a context."""
+    """The frames of ``--source``, to be used as a context.
+
+    Parameters
+    ----------
+    args
+        With ``source``, ``start``, ``stop`` [s] and ``rate_Hz``.
+    camera
+        Model of the camera; the images must have its size.
+    grey
+        Deliver grey images, which is faster.
+    """
     from ..io.frames.frames import open_source
 
     return open_source(
@@ -47,6 +69,11 @@ def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> Fr
 
 def zero_frames(args: Any) -> int:
     """``--zero-frames``, which not every verb has.
+
+    Parameters
+    ----------
+    args
+        As parsed.
 
     Raises
     ------
@@ -85,7 +112,13 @@ class SensorRun:
         return sum(self.reasons.values())
 
     def text(self, also: str = "") -> str:
-        """One line: frames, how many are valid, and why others are not."""
+        """One line: frames, how many are valid, and why others are not.
+
+        Parameters
+        ----------
+        also
+            What else is said behind the number of valid frames.
+        """
         others = "".join(f", {count} {reason}" for reason, count in self.reasons.items() if reason != "ok")
         return f"{self.frames} frames, {self.reasons['ok']} valid{also}{others}"
 

@@ -37,7 +37,16 @@ def brief(value: object) -> str:
 
 
 class VisuohapticError(Exception):
-    """Base of everything that this library raises on purpose."""
+    """Base of everything that this library raises on purpose.
+
+    Examples
+    --------
+    >>> try:
+    ...     raise InputError("sensor.yaml", "found -1, expected more than 0", field="width_m")
+    ... except VisuohapticError as error:
+    ...     print(error)
+    sensor.yaml: width_m: found -1, expected more than 0
+    """
 
 
 class InputError(VisuohapticError, ValueError):

@@ -107,6 +107,18 @@ class ForceProfile:
     Of a frame that is not valid, force, pressure and their standard deviations are NaN, in its contacts too;
     what was seen of the contour stays, for drawing. A valid frame without contact has a force of zero
     within the noise of the whole strip.
+
+    Examples
+    --------
+    >>> nothing = np.zeros(3)
+    >>> profile = ForceProfile(
+    ...     0.1, True, Reason.OK, 2.0, ErrorBudget(0.03, 0.04, 0.0, 0.0), np.array([-0.01, 0.0, 0.01]),
+    ...     nothing, nothing, nothing, nothing, np.ones(3, dtype=bool),
+    ... )
+    >>> f"{profile.force_N} N, sigma {profile.force_sigma_N:.2f} N"
+    '2.0 N, sigma 0.05 N'
+    >>> profile.unread().force_N  # as a frame that cannot be trusted
+    nan
     """
 
     t_s: float  #: time of the frame
@@ -157,7 +169,14 @@ class ForceProfile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wrench:
-    """Force and moment at a point."""
+    """Force and moment at a point.
+
+    Examples
+    --------
+    >>> wrench = Wrench(0.1, True, Reason.OK, np.array([0.0, 2.0, 0.0]), np.zeros(3), 1e-4 * np.eye(6))
+    >>> float(wrench.force_N[1]), float(wrench.covariance[1, 1] ** 0.5)
+    (2.0, 0.01)
+    """
 
     t_s: float
     valid: bool

@@ -132,7 +132,16 @@ class Primitive:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HapticTag:
-    """How an object answers to a push (Alt 2016, Sec. 4.1); ``None`` means not observed."""
+    """How an object answers to a push (Alt 2016, Sec. 4.1); ``None`` means not observed.
+
+    Examples
+    --------
+    >>> tag = HapticTag(static_friction_N=Estimate(8.1, 0.3), min_static_friction_N=6.0, explored=1)
+    >>> tag.needs_more_than(5.0), tag.needs_more_than(10.0)
+    (True, False)
+    >>> tag.updated(explored=2).explored
+    2
+    """
 
     static_friction_N: Estimate | None = None  #: H_F
     dynamic_friction_N: Estimate | None = None  #: H_F'
@@ -325,7 +334,14 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VisuoHapticObject:
-    """All that a robot knows of one object."""
+    """All that a robot knows of one object.
+
+    Examples
+    --------
+    >>> cup = VisuoHapticObject("cup-1", visual_class="cup", tag=HapticTag(fixed=False), state={"fill": 0.5})
+    >>> cup.visual_class, cup.tag.fixed, cup.state["fill"]
+    ('cup', False, 0.5)
+    """
 
     id: str
     name: str = ""

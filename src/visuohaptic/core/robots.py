@@ -40,7 +40,21 @@ MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
 
 @runtime_checkable
 class FrameSource(Protocol):
-    """Images with times, from a file, a live camera or the simulator."""
+    """Images with times, from a file, a live camera or the simulator.
+
+    Examples
+    --------
+    Anything with these members is one; a list of frames as well needs a class around it:
+
+    >>> class Still:
+    ...     camera, frame_count = None, 1
+    ...     def __iter__(self): return iter([Frame(np.zeros((4, 6), np.uint8), 0.0, 0)])
+    ...     def close(self): pass
+    ...     def __enter__(self): return self
+    ...     def __exit__(self, *error): self.close()
+    >>> isinstance(Still(), FrameSource), [frame.t_s for frame in Still()]
+    (True, [0.0])
+    """
 
     @property
     def camera(self) -> Camera | None:
@@ -80,7 +94,17 @@ class BaseState:
 
 @runtime_checkable
 class MobileBase(Protocol):
-    """A platform that drives on the floor."""
+    """A platform that drives on the floor.
+
+    Examples
+    --------
+    >>> class Standing:
+    ...     def drive(self, speed_m_s, turn_rate_rad_s): pass
+    ...     def stop(self): pass
+    ...     def state(self): return BaseState(0.0, 1.0, 2.0, 0.0, 0.0, 0.0)
+    >>> isinstance(Standing(), MobileBase), Standing().state().y_m
+    (True, 2.0)
+    """
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call or :meth:`stop`.
@@ -111,7 +135,20 @@ class GripperState:
 
 @runtime_checkable
 class Gripper(Protocol):
-    """A two-finger gripper with a linear drive."""
+    """A two-finger gripper with a linear drive.
+
+    Examples
+    --------
+    >>> class Instant:
+    ...     def __init__(self): self.opening_m = 0.1
+    ...     def move(self, opening_m, speed_m_s): self.opening_m = opening_m
+    ...     def stop(self): pass
+    ...     def state(self): return GripperState(0.0, self.opening_m, 0.0)
+    >>> gripper = Instant()
+    >>> gripper.move(0.04, 0.02)
+    >>> isinstance(gripper, Gripper), gripper.state().opening_m
+    (True, 0.04)
+    """
 
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Start to move to an opening.
@@ -133,7 +170,20 @@ class Gripper(Protocol):
 
 @runtime_checkable
 class ProbeArm(Protocol):
-    """An arm with a probe tip."""
+    """An arm with a probe tip.
+
+    Examples
+    --------
+    >>> class Instant:
+    ...     def move_linear(self, T_base_tip, speed_m_s): self.T_base_tip = T_base_tip
+    ...     def stop(self): pass
+    ...     def pose(self): return 0.0, self.T_base_tip
+    ...     def reach_m(self): return np.array([0.1, 0.8])
+    >>> arm = Instant()
+    >>> arm.move_linear(Pose(np.eye(3), np.array([0.3, 0.0, 0.2])), 0.05)
+    >>> isinstance(arm, ProbeArm), float(arm.pose()[1].translation_m[0])
+    (True, 0.3)
+    """
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Start to move the tip in a straight line.

@@ -78,7 +78,7 @@ def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabas
     --------
     >>> import tempfile
     >>> with open_database(tempfile.mkdtemp()) as db:
-    ...     db.add(VisuoHapticObject("cup-1", visual_class="cup"))
+    ...     _ = db.add(VisuoHapticObject("cup-1", visual_class="cup"))
     ...     db.get("cup-1").visual_class
     'cup'
     """
@@ -94,6 +94,13 @@ class ObjectDatabase(Closing):
         Folder, or URL such as ``postgresql://host/name``.
     create
         Whether it is created when it is not there.
+
+    Examples
+    --------
+    >>> with ObjectDatabase("objects") as db:
+    ...     _ = db.add(VisuoHapticObject("cup-1", visual_class="cup"))
+    ...     [summary.id for summary in db.summaries(visual_class="cup")]
+    ['cup-1']
     """
 
     def __init__(self, location: Path | str, *, create: bool = True) -> None:

@@ -13,7 +13,13 @@ __all__ = ["GraspTask"]
 
 @dataclass(frozen=True, slots=True)
 class GraspTask:
-    """What is to be done, with what hand."""
+    """What is to be done, with what hand.
+
+    Examples
+    --------
+    >>> GraspTask(force_N=20.0, closed=True).fill  # of an empty container whose air cannot escape
+    0.0
+    """
 
     #: F_G of each finger; None: what the load needs at each place
     force_N: float | None = field(default=None, metadata=POSITIVE)

@@ -17,7 +17,15 @@ __all__ = ["SurfaceMesh"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceMesh:
-    """Vertices and triangles, counter-clockwise from outside."""
+    """Vertices and triangles, counter-clockwise from outside.
+
+    Examples
+    --------
+    >>> corners_m = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    >>> triangle = SurfaceMesh(corners_m, np.array([[0, 1, 2]]))
+    >>> triangle.face_normals.tolist(), round(float(triangle.face_areas_m2[0]), 6)
+    ([[0.0, 0.0, 1.0]], 0.005)
+    """
 
     vertices_m: Float[np.ndarray, "v 3"]
     faces: Int[np.ndarray, "f 3"]

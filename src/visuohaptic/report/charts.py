@@ -131,6 +131,12 @@ def force_over_time(
     ------
     InputError
         Arrays have different lengths.
+
+    Examples
+    --------
+    >>> t_s = np.linspace(0.0, 1.0, 30)
+    >>> figure = force_over_time(t_s, 2.0 * t_s, np.full(30, 0.05))
+    >>> figure.savefig("force.png")
     """
     t_s, measured_N, sigma_N = _same_length("force_over_time", t_s, measured_N, sigma_N)
     good = np.ones(len(t_s), dtype=bool) if valid is None else np.asarray(valid, dtype=bool)

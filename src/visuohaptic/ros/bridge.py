@@ -78,7 +78,7 @@ class _Channel:
                 self.reader.zero(self._first_frames())
             while not self._bridge.stopping:
                 self._step()
-        except Exception as error:  # noqa: BLE001 - told by the bridge in its own thread
+        except Exception as error:  # noqa: BLE001 - raised by wait() in the caller's thread
             self._bridge.fail(self, error)
 
     def _first_frames(self) -> Iterator[Frame]:
@@ -120,6 +120,13 @@ class Bridge(Closing):
     Everything is read and checked before the node joins. Each sensor has a thread of its own. Where no image
     comes for ``stale_s``, that is published: a silent sensor would be taken for one that feels nothing.
 
+    Parameters
+    ----------
+    config
+        Fields of ``bridge.yaml``.
+    folder
+        To which its file names are relative.
+
     Examples
     --------
     >>> with Bridge.load("bridge.yaml") as bridge:                                   # doctest: +SKIP
@@ -160,6 +167,11 @@ class Bridge(Closing):
     def load(cls, path: Path | str) -> Self:
         """Read the file and begin.
 
+        Parameters
+        ----------
+        path
+            ``bridge.yaml``.
+
         Raises
         ------
         InputError
@@ -175,13 +187,26 @@ class Bridge(Closing):
         return self._stop.is_set()
 
     def fail(self, channel: _Channel, error: BaseException) -> None:
-        """A sensor cannot go on: all end, and :meth:`wait` tells."""
+        """A sensor cannot go on: all end, and :meth:`wait` raises its error.
+
+        Parameters
+        ----------
+        channel
+            Whose sensor it is.
+        error
+            What was raised in its thread.
+        """
         if self._problem is None:
             self._problem = (channel, error)
         self._stop.set()
 
     def wait(self, timeout_s: float | None = None) -> bool:
         """Wait until it is stopped, or for some time; returns whether it was stopped.
+
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s]; until it is stopped by default.
 
         Raises
         ------
@@ -203,7 +228,7 @@ class Bridge(Closing):
         return sum(channel.report.frames for channel in self._channels)
 
     def close(self) -> None:
-        """Stop all sensors, take back all topics; harmless when repeated. ``reports`` tells what was done."""
+        """Stop all sensors, take back all topics; harmless when repeated. ``reports`` says what was done."""
         self._stop.set()
         if not self.reports:
             self.reports = tuple(channel.close() for channel in self._channels)

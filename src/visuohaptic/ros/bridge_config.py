@@ -39,7 +39,13 @@ class NodeSection(_Section):
         return self
 
     def options(self, folder: Path) -> RosOptions:
-        """Files are relative to ``folder``."""
+        """Files are relative to ``folder``.
+
+        Parameters
+        ----------
+        folder
+            Of ``bridge.yaml``, to which file names are relative.
+        """
         return RosOptions(
             self.domain,
             self.namespace,
@@ -88,6 +94,11 @@ class BridgeConfig(_Section):
     @classmethod
     def load(cls, path: Path | str) -> BridgeConfig:
         """Read the file.
+
+        Parameters
+        ----------
+        path
+            ``bridge.yaml``.
 
         Raises
         ------

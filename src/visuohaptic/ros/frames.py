@@ -38,6 +38,8 @@ class TopicFrames(Closing):
 
     Parameters
     ----------
+    node
+        Node that subscribes.
     topic
         Image topic; a name that ends in ``/compressed`` has compressed images.
     camera
@@ -47,7 +49,7 @@ class TopicFrames(Closing):
     timeout_s
         Iterating fails when no image comes for so long.
     grey
-        Decode compressed pictures to grey at once.
+        Decode compressed images to grey at once.
     """
 
     def __init__(
@@ -65,7 +67,7 @@ class TopicFrames(Closing):
         self.topic = node.resolve(topic)
         self.timeout_s = timeout_s
         self.left_out = 0  #: frames that came faster than they were read
-        self.damaged = 0  #: pictures that could not be decoded
+        self.damaged = 0  #: images that could not be decoded
         self._camera, self._grey = camera, grey
         self._new = threading.Condition()
         self._waiting: deque[tuple[Received, int]] = deque(maxlen=depth)
@@ -98,6 +100,11 @@ class TopicFrames(Closing):
 
     def wait_for_camera(self, timeout_s: float = 5.0) -> Camera:
         """The camera's model; waits for ``CameraInfo``.
+
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s].
 
         Raises
         ------
@@ -133,6 +140,11 @@ class TopicFrames(Closing):
     def read(self, timeout_s: float = 2.0) -> Frame:
         """Wait for the next frame.
 
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s].
+
         Raises
         ------
         DeviceError
@@ -156,6 +168,11 @@ class TopicFrames(Closing):
     def read_latest(self, max_age_ms: float = 100.0) -> Frame:
         """The newest frame, at once.
 
+        Parameters
+        ----------
+        max_age_ms
+            Largest age by the stamp and this machine's clock [ms].
+
         Raises
         ------
         StaleFrameError
@@ -172,7 +189,7 @@ class TopicFrames(Closing):
         return frame
 
     def _frame(self, received: Received, index: int) -> Frame | None:
-        """The picture with its time; ``None`` where it cannot be decoded."""
+        """The image with its time; ``None`` where it cannot be decoded."""
         message = received.message
         try:
             image = self._image(received)

@@ -22,8 +22,14 @@ class LatestMessage:
 
     Parameters
     ----------
+    node
+        Node that subscribes.
+    topic
+        Its name, relative names in the node's namespace.
+    datatype
+        As ``nav_msgs/msg/Odometry``.
     max_age_s
-        An older one counts as none: a robot whose odometry has stopped must not be believed to stand.
+        An older one counts as none: a robot whose odometry has stopped must not be taken for one that stands.
     """
 
     def __init__(self, node: RosNode, topic: str, datatype: str, max_age_s: float) -> None:
@@ -39,6 +45,11 @@ class LatestMessage:
 
     def get(self, timeout_s: float = 1.0) -> Received:
         """The newest message; the first one is waited for.
+
+        Parameters
+        ----------
+        timeout_s
+            How long the first message is waited for [s].
 
         Raises
         ------
@@ -67,6 +78,15 @@ class Repeater:
     """Calls a function at a rate from a thread of its own.
 
     Robots stop by themselves when commands cease, as they should; so a command that holds is sent again.
+
+    Parameters
+    ----------
+    work
+        Called without arguments; an error of this library ends the thread.
+    rate_Hz
+        Calls per second, more than 0 to 1000 Hz.
+    name
+        Of the thread, for messages.
     """
 
     def __init__(self, work: Callable[[], Any], rate_Hz: float, name: str) -> None:
@@ -100,7 +120,15 @@ class Repeater:
 
 
 def finite(where: str, **values: float) -> None:
-    """Refuse commands that are no numbers: a motor would do anything."""
+    """Refuse commands that are not finite numbers: a motor could do anything.
+
+    Parameters
+    ----------
+    where
+        What was called, for the message.
+    **values
+        Commands by their names.
+    """
     for name, value in values.items():
         if not abs(value) < float("inf"):
             raise InputError(where, f"found {value}, expected a finite number", field=name)

@@ -53,7 +53,23 @@ def arrow(
     *,
     width_m: float = 0.004,
 ) -> dict[str, Any]:
-    """``visualization_msgs/Marker``: an arrow from one point to another, both in ``frame``."""
+    """``visualization_msgs/Marker``: an arrow from one point to another, both in ``frame``.
+
+    Parameters
+    ----------
+    t_s
+        Stamp [s].
+    frame
+        Frame of coordinates of the points.
+    name
+        Namespace of the marker.
+    number
+        Its number in the namespace.
+    points_m
+        Tail and head [m].
+    width_m
+        Diameter of the shaft [m].
+    """
     marker = _marker(t_s, frame, name, number, _ADD)
     marker["scale"] = {"x": width_m, "y": 2.0 * width_m, "z": 0.0}
     marker["points"] = [dict(zip("xyz", map(float, point), strict=True)) for point in points_m]
@@ -66,6 +82,17 @@ def contact_markers(
     """``visualization_msgs/MarkerArray``: an arrow for the force of each contact that can be trusted.
 
     It ends where the foam is touched and points against x of frame F, as the force on the sensor does.
+
+    Parameters
+    ----------
+    profile
+        Of one frame of the camera.
+    frame
+        Frame F, by its name in ROS.
+    name
+        Namespace of the markers.
+    scale_m_per_N
+        Length of an arrow per force [m/N].
     """
     markers = [_marker(profile.t_s, frame, name, 0, _DELETE_ALL)]
     for number, contact in enumerate(profile.contacts):

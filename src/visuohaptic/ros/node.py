@@ -64,6 +64,8 @@ class RosNode(Closing):
     ----------
     name
         Of the node.
+    options
+        Domain, namespace, routers; the defaults of a ROS 2 node by default.
 
     Raises
     ------
@@ -115,7 +117,13 @@ class RosNode(Closing):
         self._closing.append(token.undeclare)
 
     def resolve(self, name: str) -> str:
-        """Absolute name of a topic, seen from this node."""
+        """Absolute name of a topic, seen from this node.
+
+        Parameters
+        ----------
+        name
+            Absolute, relative to the namespace, or private (``~/name``).
+        """
         return resolve_name(name, self.namespace, f"{self.namespace.rstrip('/')}/{self.name}")
 
     def advertise(
@@ -125,6 +133,12 @@ class RosNode(Closing):
 
         Parameters
         ----------
+        topic
+            Its name.
+        datatype
+            Name of a standard message, or a parsed definition.
+        qos
+            Quality of service; reliable and volatile by default.
         wait
             Publishing waits where the network is slower than the messages come, instead of losing some.
         """
@@ -160,6 +174,17 @@ class RosNode(Closing):
         """Have a function called with every message, in a thread of zenoh's; it must be quick.
 
         Messages that cannot be read are counted, logged and left out.
+
+        Parameters
+        ----------
+        topic
+            Its name.
+        datatype
+            Name of a standard message, or a parsed definition.
+        receive
+            Called with each message.
+        qos
+            Quality of service; reliable and volatile by default.
         """
         from zenoh import ext
 
@@ -179,7 +204,13 @@ class RosNode(Closing):
         return subscription
 
     def graph(self, timeout_s: float = 1.0) -> tuple[Entity, ...]:
-        """All nodes, publishers and subscriptions of the domain, this node's own among them."""
+        """All nodes, publishers and subscriptions of the domain, this node's own among them.
+
+        Parameters
+        ----------
+        timeout_s
+            How long answers are waited for [s].
+        """
         found = {}
         for reply in self._session.liveliness().get(all_tokens(self.options.domain), timeout=timeout_s):
             if reply.ok is None:
@@ -207,7 +238,17 @@ class RosNode(Closing):
 
 
 class RosPublisher:
-    """Sends messages of one topic; made by :meth:`RosNode.advertise`, usable from any thread."""
+    """Sends messages of one topic; made by :meth:`RosNode.advertise`, usable from any thread.
+
+    Parameters
+    ----------
+    entity
+        As declared to the graph.
+    kind
+        Type of its messages.
+    publisher
+        Of zenoh.
+    """
 
     def __init__(self, entity: Entity, kind: MessageType, publisher: Any) -> None:
         self.entity = entity
@@ -218,6 +259,11 @@ class RosPublisher:
 
     def publish(self, message: Mapping[str, Any]) -> None:
         """Send the fields of a message.
+
+        Parameters
+        ----------
+        message
+            Values by field, nested as the type is.
 
         Raises
         ------
@@ -244,6 +290,11 @@ class RosPublisher:
     def wait_until_heard(self, timeout_s: float = 1.0) -> None:
         """A command that nobody hears must not be taken for one that is carried out.
 
+        Parameters
+        ----------
+        timeout_s
+            At most so long [s].
+
         Raises
         ------
         DeviceError
@@ -265,7 +316,17 @@ class RosPublisher:
 
 
 class RosSubscription:
-    """Receives messages of one topic; made by :meth:`RosNode.subscribe`."""
+    """Receives messages of one topic; made by :meth:`RosNode.subscribe`.
+
+    Parameters
+    ----------
+    entity
+        As declared to the graph.
+    kind
+        Type of its messages.
+    receive
+        Called with each message.
+    """
 
     def __init__(self, entity: Entity, kind: MessageType, receive: Callable[[Received], None]) -> None:
         self.entity = entity
@@ -275,7 +336,13 @@ class RosSubscription:
         self._kind, self._receive = kind, receive
 
     def take(self, sample: zenoh.Sample) -> None:
-        """Called by zenoh."""
+        """Called by zenoh.
+
+        Parameters
+        ----------
+        sample
+            Payload and attachment.
+        """
         try:
             beside = Attachment.unpack(sample.attachment.to_bytes()) if sample.attachment else None
             message = decode(sample.payload.to_bytes(), self._kind, self.entity.topic)
@@ -307,7 +374,7 @@ def _open(options: RosOptions) -> Any:
         config = _config(options, zenoh)
     except (zenoh.ZError, OSError) as error:
         where = options.zenoh_config or "RosOptions"
-        raise InputError(where, f"is no zenoh configuration ({_said(error)})") from error
+        raise InputError(where, f"is not a zenoh configuration ({_said(error)})") from error
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:

@@ -25,6 +25,8 @@ class RosSink(MeasurementSink):
 
     Parameters
     ----------
+    node
+        Node that publishes.
     frame
         Name of the sensor's frame of coordinates.
     """
@@ -36,7 +38,15 @@ class RosSink(MeasurementSink):
         self._lock = threading.Lock()
 
     def advertise(self, topic: str, datatype: str) -> RosPublisher:
-        """Say that messages will come, before the first one does."""
+        """Say that messages will come, before the first one does.
+
+        Parameters
+        ----------
+        topic
+            As ``/foam/wrench``, in the node's namespace.
+        datatype
+            As ``geometry_msgs/msg/WrenchStamped``.
+        """
         with self._lock:
             if topic not in self._publishers:
                 qos = Qos(latched=True, depth=1) if datatype in _LATCHED else None
@@ -44,7 +54,19 @@ class RosSink(MeasurementSink):
             return self._publishers[topic]
 
     def write(self, topic: str, datatype: str, t_s: float, message: dict[str, Any]) -> None:
-        """Publish the fields of any standard message that this library knows."""
+        """Publish the fields of any standard message that this library knows.
+
+        Parameters
+        ----------
+        topic
+            As ``/foam/wrench``, in the node's namespace.
+        datatype
+            As ``geometry_msgs/msg/WrenchStamped``.
+        t_s
+            Time of the measurement [s]; the message has it in its header.
+        message
+            Values by field.
+        """
         self.advertise(topic, datatype).publish(message)
 
     def write_force(self, profile: ForceProfile, name: str = "foam") -> None:

@@ -59,7 +59,13 @@ class BrowsePage(Page):
         return self._stage
 
     def open(self, name: str) -> None:
-        """Show one view instead of the other."""
+        """Show one view instead of the other.
+
+        Parameters
+        ----------
+        name
+            Title of the view.
+        """
         if name not in self._views:
             raise InputError("BrowsePage", f"found {name!r}, expected one of {', '.join(self._views)}")
         with self._lock:

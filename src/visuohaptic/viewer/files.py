@@ -33,6 +33,13 @@ def open_views(sources: Sequence[Path | str], task: GraspTask | None = None) -> 
     ``.yaml`` a container or a map of map_server, ``.json`` a plan, which is drawn on the map before
     it, or the steps of a classification ``{"steps": [[question, answer], ...], "result": ...}``; a
     name, a shipped class.
+
+    Parameters
+    ----------
+    sources
+        Files, or names of shipped container classes.
+    task
+        Force, state and hand of the grasps of containers.
     """
     out: list[View] = []
     for source in sources:

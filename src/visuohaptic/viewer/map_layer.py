@@ -20,6 +20,17 @@ def draw_map(
 
     ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
 
+    Parameters
+    ----------
+    scene
+        Of a viser server.
+    cells
+        -1 unknown, 0 free, 100 occupied.
+    resolution_m
+        Edge of a cell [m].
+    origin_world_m
+        Lower left corner (x, y) [m], and its yaw [rad] if it is turned.
+
     Returns
     -------
     handle, centre_m, reach_m

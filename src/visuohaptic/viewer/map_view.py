@@ -24,13 +24,29 @@ _COLOURS = {
 
 
 class MapView:
-    """A map, a plan, or both; a plan alone is drawn on an empty floor."""
+    """A map, a plan, or both; a plan alone is drawn on an empty floor.
+
+    Parameters
+    ----------
+    title
+        Headline.
+    grid
+        Occupancy map, or none.
+    plan
+        Plan on that map, or none.
+    """
 
     def __init__(self, title: str, grid: OccupancyMap | None = None, plan: Plan | None = None) -> None:
         self.title, self.grid, self.plan = title, grid, plan
 
     def draw(self, stage: Stage) -> None:
-        """Map on the floor, ways and pushes above it, tasks as a table."""
+        """Map on the floor, ways and pushes above it, tasks as a table.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
         centre, reach = (0.0, 0.0, 0.0), 2.0
         if self.grid is not None:
             grid = self.grid

@@ -20,6 +20,13 @@ def prism(
 ) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """An upright prism over an outline that is star-shaped around its centre; no bottom.
 
+    Parameters
+    ----------
+    outline_m
+        Its outline on the floor [m].
+    height_m
+        Its height [m].
+
     Returns
     -------
     vertices_m
@@ -52,6 +59,15 @@ def columns(
 ) -> tuple[Float[np.ndarray, "K 3"], Float[np.ndarray, "K 4"], Float[np.ndarray, "K 3"]]:
     """The foam between both contours as columns, one per point, with their tops at z = 0.
 
+    Parameters
+    ----------
+    back_m
+        Reference contour, one point per column, frame F [m].
+    front_m
+        Front contour, frame F [m].
+    height_m
+        Height of the foam [m].
+
     Returns
     -------
     positions_m
@@ -78,7 +94,15 @@ def columns(
 
 
 def pressure_colours(pressure_Pa: Float[np.ndarray, "K"], full_Pa: float) -> UInt8[np.ndarray, "K 3"]:
-    """Colour of each point: pale at rest, red at ``full_Pa`` and beyond; grey where it is not known."""
+    """Colour of each point: pale at rest, red at ``full_Pa`` and beyond; grey where it is not known.
+
+    Parameters
+    ----------
+    pressure_Pa
+        Of each point, NaN where not known [Pa].
+    full_Pa
+        Pressure that is drawn in full red [Pa].
+    """
     fraction = np.clip(np.nan_to_num(pressure_Pa) / full_Pa, 0.0, 1.0)[:, None]
     colours = REST_RGB + fraction * (FULL_RGB - REST_RGB)
     colours[~np.isfinite(pressure_Pa)] = 150.0

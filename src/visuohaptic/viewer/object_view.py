@@ -1,4 +1,4 @@
-"""An object that gives way: its stiffness map, what a point does under force, where to grasp it."""
+"""A deformable object: its stiffness map, what a point does under force, where to grasp it."""
 
 from __future__ import annotations
 
@@ -80,7 +80,15 @@ class ObjectView:
 
     @classmethod
     def of_object(cls, thing: ShellObject, task: GraspTask | None = None) -> ObjectView:
-        """Compute the map of an object and show it."""
+        """Compute the map of an object and show it.
+
+        Parameters
+        ----------
+        thing
+            Container as a shell.
+        task
+            Force, state and hand; 10 N by default.
+        """
         task = task or GraspTask(force_N=10.0)
         contents = Contents(fill=task.fill) if task.closed else None
         return cls(thing.name, object_map(thing, contents), thing=thing, task=task)
@@ -93,7 +101,15 @@ class ObjectView:
     # -- What is computed ----------------------------------------------------------------------
 
     def pick(self, vertex: int, *, nonlinear: bool = False) -> Picked:
-        """Curve and shape of one surface point."""
+        """Curve and shape of one surface point.
+
+        Parameters
+        ----------
+        vertex
+            Of the surface.
+        nonlinear
+            Simulate the large deformation, which takes seconds.
+        """
         k = float(self.surface.stiffness_N_per_m[vertex])
         sigma = float(self.surface.stiffness_sigma_N_per_m[vertex])
         score = float(self._scores().pair[vertex])
@@ -119,7 +135,13 @@ class ObjectView:
         )
 
     def rank(self, count: int = 5) -> GraspPlan:
-        """Grasps with the present force."""
+        """Grasps with the present force.
+
+        Parameters
+        ----------
+        count
+            Number of grasps, at most.
+        """
         if self.thing is None:
             return plan_map(self.surface, replace(self.task, fill=0.0), count=count)
         return plan_grasps(self.thing, self.task, count=count, surface=self.surface)
@@ -131,15 +153,21 @@ class ObjectView:
     # -- What is drawn -------------------------------------------------------------------------
 
     def draw(self, stage: Stage) -> None:
-        """Mesh, sliders, and places for what a click says."""
+        """Mesh, sliders, and places for what a click says.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
         self._stage = stage
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
         shade = stage.keep("shade", gui.add_dropdown("colours", _SHADES, order=11))
-        most = max(30.0, 2 * self.force_N)
+        max_N = max(30.0, 2 * self.force_N)
         force = stage.keep(
             "force",
-            gui.add_slider("force [N]", min=0.5, max=most, step=0.5, initial_value=self.force_N, order=12),
+            gui.add_slider("force [N]", min=0.5, max=max_N, step=0.5, initial_value=self.force_N, order=12),
         )
         deep = stage.keep(
             "deep",
@@ -170,7 +198,13 @@ class ObjectView:
         stage.look((x, y, z), float(np.linalg.norm(high - low)))
 
     def paint(self, shade: str) -> None:
-        """Colour the mesh."""
+        """Colour the mesh.
+
+        Parameters
+        ----------
+        shade
+            ``stiffness``, ``grasp score``, or one of its factors.
+        """
         assert self._stage is not None
         values = self.surface.stiffness_N_per_m
         if shade == "stiffness":
@@ -197,7 +231,15 @@ class ObjectView:
             self.show_point(vertex, nonlinear=bool(self._deep.value))
 
     def show_point(self, vertex: int, *, nonlinear: bool = False) -> None:
-        """Curve, numbers and deformed shape of one point on the page."""
+        """Curve, numbers and deformed shape of one point on the page.
+
+        Parameters
+        ----------
+        vertex
+            Of the surface.
+        nonlinear
+            Simulate the large deformation, which takes seconds.
+        """
         stage = self._stage
         assert stage is not None
         stage.get("picked").content = "Computing ..."
@@ -300,11 +342,11 @@ def _told(picked: Picked, force_N: float) -> str:
     if np.isnan(k):
         lines.append("Nothing is opposite: it can't be pinched.")
     elif np.isinf(k):
-        lines.append("The wall is held here: it does not give way.")
+        lines.append("The wall is held here: it does not deform.")
     else:
-        spread = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
+        sigma = f" ± {picked.sigma_N_per_m / 1e3:.2f}" if np.isfinite(picked.sigma_N_per_m) else ""
         lines.append(
-            f"Stiffness **{k / 1e3:.2f}{spread} N/mm**: {1e3 * force_N / k:.2f} mm at {force_N:g} N on the map"
+            f"Stiffness **{k / 1e3:.2f}{sigma} N/mm**: {1e3 * force_N / k:.2f} mm at {force_N:g} N on the map"
         )
     if picked.note:
         lines.append(f"Nonlinear: {markdown_text(picked.note)}.")

@@ -20,7 +20,7 @@ from .server import Page, markdown_text, quaternion
 
 __all__ = ["LivePage"]
 
-#: Width of the camera picture on the page [px].
+#: Width of the camera image on the page [px].
 PICTURE_WIDTH = 800
 #: Points of the force plot; older ones are thinned out by forgetting.
 HISTORY = 1200
@@ -62,9 +62,10 @@ class LivePage(Page):
 
     Examples
     --------
-    >>> with LivePage(port=0) as page:  # doctest: +SKIP
-    ...     for frame, profile in run:
-    ...         page.update(frame_bgr=frame.image, profile=profile)
+    >>> with LivePage(title="a run") as page:
+    ...     _ = page.update(0.0, note="nothing touched yet")
+    ...     page.url.startswith("http://127.0.0.1:")
+    True
     """
 
     def __init__(
@@ -117,6 +118,15 @@ class LivePage(Page):
         """Lay a map on the floor: -1 unknown, 0 free, 100 occupied; row 0 at the smallest y.
 
         ``origin_world_m`` is the place of its lower left corner, with its yaw [rad] if it is turned.
+
+        Parameters
+        ----------
+        cells
+            -1 unknown, 0 free, 100 occupied.
+        resolution_m
+            Edge of a cell [m].
+        origin_world_m
+            Lower left corner (x, y) [m], and its yaw [rad] if it is turned.
         """
         _, centre_m, reach_m = draw_map(self._server.scene, cells, resolution_m, origin_world_m)
         self._server.initial_camera.look_at = centre_m
@@ -139,6 +149,19 @@ class LivePage(Page):
 
         ``outline_m`` is its outline on the floor in its own frame, of which
         ``T_world_object`` gives the place.
+
+        Parameters
+        ----------
+        name
+            Of the obstacle.
+        outline_m
+            Its outline on the floor, in its own frame [m].
+        T_world_object
+            Where that frame is in the world.
+        height_m
+            Height that is drawn [m].
+        fixed
+            Its colour: fixed, movable, or not known (``None``).
         """
         position, wxyz = tuple(T_world_object.translation_m), quaternion(T_world_object.rotation)
         if (handle := self._obstacles.get(name)) is not None:
@@ -161,7 +184,13 @@ class LivePage(Page):
         scene.add_label(f"{path}/name", name, position=(0.0, 0.0, height_m + 0.05))
 
     def set_tags(self, tags: Mapping[str, str | HapticTag]) -> None:
-        """List what is known of each object: its tag, or a text."""
+        """List what is known of each object: its tag, or a text.
+
+        Parameters
+        ----------
+        tags
+            Haptic tag or text by the name of the object.
+        """
         lines = ["| object | what was felt |", "|---|---|"]
         lines += [
             f"| {markdown_text(name)} | {markdown_text(_tag_line(tag))} |" for name, tag in tags.items()

@@ -98,7 +98,13 @@ def _start(port: int, title: str) -> viser.ViserServer:
 
 
 def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    """Unit quaternion (w, x, y, z) of a rotation matrix.
+
+    Parameters
+    ----------
+    rotation
+        Rotation matrix.
+    """
     vector = so3_log(rotation)
     angle = float(np.linalg.norm(vector))
     axis = vector / angle if angle > 0 else vector
@@ -107,5 +113,11 @@ def quaternion(rotation: Float[np.ndarray, "3 3"]) -> tuple[float, float, float,
 
 
 def markdown_text(text: str) -> str:
-    """Text that Markdown leaves as it is."""
+    """Text that Markdown leaves as it is.
+
+    Parameters
+    ----------
+    text
+        Any text.
+    """
     return "".join(f"\\{letter}" if letter in "\\`*_{}[]<>()#+!|" else letter for letter in text)

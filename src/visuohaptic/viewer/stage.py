@@ -22,11 +22,23 @@ class View(Protocol):
     title: str
 
     def draw(self, stage: Stage) -> None:
-        """Put it on an empty stage."""
+        """Put it on an empty stage.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
 
 
 class Stage:
-    """Scene, panel, and what is on them now."""
+    """Scene, panel, and what is on them now.
+
+    Parameters
+    ----------
+    server
+        Of viser.
+    """
 
     def __init__(self, server: Any) -> None:
         self._server = server
@@ -47,18 +59,37 @@ class Stage:
 
         A node of the scene that takes the place of another has to be dropped before it is made:
         viser knows nodes by name.
+
+        Parameters
+        ----------
+        name
+            By which it is found again.
+        handle
+            Of viser.
         """
         self.drop(name)
         self._kept[name] = handle
         return handle
 
     def drop(self, name: str) -> None:
-        """Remove one thing, if it is there."""
+        """Remove one thing, if it is there.
+
+        Parameters
+        ----------
+        name
+            As given to :meth:`keep`.
+        """
         if (handle := self._kept.pop(name, None)) is not None:
             handle.remove()
 
     def get(self, name: str) -> Any:
-        """A handle that was kept, or None."""
+        """A handle that was kept, or None.
+
+        Parameters
+        ----------
+        name
+            As given to :meth:`keep`.
+        """
         return self._kept.get(name)
 
     def clear(self) -> None:
@@ -67,7 +98,15 @@ class Stage:
             self.drop(name)
 
     def look(self, at_m: tuple[float, float, float], reach_m: float) -> None:
-        """Point all cameras, those of browsers to come included."""
+        """Point all cameras, those of browsers to come included.
+
+        Parameters
+        ----------
+        at_m
+            Point in the middle of the view [m].
+        reach_m
+            Size of what is to be seen [m].
+        """
         position = (at_m[0] + 0.55 * reach_m, at_m[1] - 1.0 * reach_m, at_m[2] + 0.55 * reach_m)
         cameras = [self._server.initial_camera]
         cameras += [client.camera for client in self._server.get_clients().values()]
@@ -82,7 +121,21 @@ class Stage:
         colours: UInt8[np.ndarray, "v 3"],
         on_click: Callable[[np.ndarray, np.ndarray], None] | None = None,
     ) -> Any:
-        """A mesh with a colour at each vertex; ``on_click`` gets origin and direction of the ray."""
+        """A mesh with a colour at each vertex; ``on_click`` gets origin and direction of the ray.
+
+        Parameters
+        ----------
+        name
+            By which it is found again.
+        vertices_m
+            World [m].
+        faces
+            Triangles, counter-clockwise from outside.
+        colours
+            Red, green and blue of each vertex.
+        on_click
+            Called with origin [m] and direction of the ray.
+        """
         try:
             import trimesh
         except ImportError as error:
@@ -109,7 +162,19 @@ def hit_face(
     origin_m: Float[np.ndarray, "3"],
     direction: Float[np.ndarray, "3"],
 ) -> tuple[int, Float[np.ndarray, "3"]] | None:
-    """First face that a ray hits from either side, and where (Moeller and Trumbore 1997)."""
+    """First face that a ray hits from either side, and where (Moeller and Trumbore 1997).
+
+    Parameters
+    ----------
+    vertices_m
+        World [m].
+    faces
+        Triangles.
+    origin_m
+        Start of the ray [m].
+    direction
+        Of the ray, of any length.
+    """
     a = vertices_m[faces[:, 0]]
     e, f = vertices_m[faces[:, 1]] - a, vertices_m[faces[:, 2]] - a
     across = np.cross(direction, f)
@@ -128,7 +193,15 @@ def hit_face(
 
 
 def scale_colours(values: Float[np.ndarray, "v"], low: float, high: float) -> UInt8[np.ndarray, "v 3"]:
-    """Pale at ``low``, dark red at ``high``; grey where it is not known."""
+    """Pale at ``low``, dark red at ``high``; grey where it is not known.
+
+    Parameters
+    ----------
+    values
+        One for each vertex; NaN where not known.
+    low, high
+        Ends of the scale, in the unit of the values.
+    """
     fraction = np.clip((values - low) / max(high - low, 1e-300), 0, 1)
     place = np.nan_to_num(fraction) * (len(_SCALE) - 1)
     out = np.stack([np.interp(place, np.arange(len(_SCALE)), _SCALE[:, k]) for k in range(3)], axis=1)

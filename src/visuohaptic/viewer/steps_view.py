@@ -16,6 +16,15 @@ class StepsView:
 
     Whoever classifies calls :meth:`ask`, :meth:`answer` and :meth:`finish`; a page that shows this
     view follows. The steps are plain texts, so that trees and other planners look the same.
+
+    Parameters
+    ----------
+    title
+        Headline.
+    steps
+        Questions with their answers so far.
+    result
+        What it is; empty while that is open.
     """
 
     def __init__(self, title: str, steps: Sequence[tuple[str, str]] = (), result: str = "") -> None:
@@ -31,26 +40,50 @@ class StepsView:
         return tuple(self._steps)
 
     def ask(self, question: str) -> None:
-        """The next question; its answer is awaited."""
+        """The next question; its answer is awaited.
+
+        Parameters
+        ----------
+        question
+            Its text.
+        """
         with self._lock:
             self._steps.append((question, ""))
             self._refresh()
 
     def answer(self, answer: str) -> None:
-        """Answer the open question."""
+        """Answer the open question.
+
+        Parameters
+        ----------
+        answer
+            Its text.
+        """
         with self._lock:
             if self._steps and not self._steps[-1][1]:
                 self._steps[-1] = (self._steps[-1][0], answer)
             self._refresh()
 
     def finish(self, result: str) -> None:
-        """What it is."""
+        """What it is.
+
+        Parameters
+        ----------
+        result
+            Class that was found.
+        """
         with self._lock:
             self._result = result
             self._refresh()
 
     def draw(self, stage: Stage) -> None:
-        """The walk as a list that grows."""
+        """The walk as a list that grows.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
         self._stage = stage
         stage.keep("steps", stage.gui.add_markdown(self.text(), order=10))
 

@@ -17,7 +17,15 @@ _OWN, _PLAIN = "its colours", "plain"
 
 
 class SurfaceView:
-    """A mesh or a cloud; every field of its vertices can be shown, uncertainty (``sigma...``) first."""
+    """A mesh or a cloud; every field of its vertices can be shown, uncertainty (``sigma...``) first.
+
+    Parameters
+    ----------
+    title
+        Headline.
+    mesh
+        Mesh or points, with fields of the vertices.
+    """
 
     def __init__(self, title: str, mesh: PlyMesh) -> None:
         if not len(mesh.vertices_m):
@@ -31,7 +39,13 @@ class SurfaceView:
         )
 
     def draw(self, stage: Stage) -> None:
-        """Mesh and a choice of what its colour says."""
+        """Mesh and a choice of what its colour says.
+
+        Parameters
+        ----------
+        stage
+            Empty stage.
+        """
         gui = stage.gui
         stage.keep("legend", gui.add_markdown("", order=10))
         choice = stage.keep("choice", gui.add_dropdown("colours", self.choices, order=11))
@@ -46,7 +60,15 @@ class SurfaceView:
         stage.look((x, y, z), max(float(np.linalg.norm(high - low)), 0.05))
 
     def paint(self, stage: Stage, choice: str) -> None:
-        """Colour by one of ``choices``."""
+        """Colour by one of ``choices``.
+
+        Parameters
+        ----------
+        stage
+            Where it was drawn.
+        choice
+            One of ``choices``.
+        """
         mesh = self.mesh
         text = f"**{markdown_text(self.title)}**: {len(mesh.vertices_m)} vertices"
         if choice == _OWN and mesh.colors is not None:

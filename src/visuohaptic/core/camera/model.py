@@ -29,6 +29,12 @@ class Camera:
 
     Distortion coefficients are in OpenCV's order (k1, k2, p1, p2, k3 [, k4, k5, k6]),
     as in ``sensor_msgs/CameraInfo``.
+
+    Examples
+    --------
+    >>> camera = Camera.simple(640, 480, focal_px=500.0)
+    >>> camera.project(np.array([0.1, 0.0, 1.0])) - camera.project(np.array([0.0, 0.0, 1.0]))  # 10 cm at 1 m
+    array([50.,  0.])
     """
 
     width: int  #: image width [px]

@@ -19,6 +19,14 @@ class Pose:
 
     Names carry both frames, ``T_camera_foam`` maps foam coordinates to the
     camera.
+
+    Examples
+    --------
+    >>> T_world_camera = Pose.from_rotation_vector([0.0, 0.0, np.pi / 2], [1.0, 0.0, 0.0])
+    >>> np.round(T_world_camera.apply(np.array([1.0, 0.0, 0.0])), 9)
+    array([1., 1., 0.])
+    >>> np.round((T_world_camera.inverse() @ T_world_camera).translation_m, 9) + 0.0
+    array([0., 0., 0.])
     """
 
     rotation: Float[np.ndarray, "3 3"]  #: R, orthonormal, det +1

@@ -40,6 +40,15 @@ def object_map(
     -------
     StiffnessMap
         Infinite where both tips are on what is held, NaN where there is nothing opposite.
+
+    Examples
+    --------
+    >>> from visuohaptic.deformation.shapes import load_object
+    >>> stiffness = object_map(load_object("cup", around=32))
+    >>> value, sigma = stiffness.stiffness_N_per_m, stiffness.stiffness_sigma_N_per_m
+    >>> finite = np.isfinite(value)
+    >>> bool((value[finite] > 0).all()), bool((sigma[finite] > 0).all())
+    (True, True)
     """
     tips = opposing_points(container.mesh, axis_point_m=container.axis_point_m)
     stiffness, sigma = object_stiffness(container, tips, contents, band=band)

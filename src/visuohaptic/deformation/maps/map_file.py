@@ -126,6 +126,12 @@ def plot_map(path: Path | str, found: StiffnessMap, title: str = "") -> None:
         Map.
     title
         Above the figure.
+
+    Examples
+    --------
+    >>> from visuohaptic.deformation.maps import object_map
+    >>> from visuohaptic.deformation.shapes import load_object
+    >>> plot_map("stiffness.png", object_map(load_object("cup", around=32), band=False))
     """
     check_suffix(None, Path(path))
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -55,8 +55,9 @@ def load_object(
 
     Examples
     --------
-    >>> load_object("cup", around=16).name
-    'cup'
+    >>> cup = load_object("cup", around=32)
+    >>> cup.name, 0.05 < cup.height_m < 0.3
+    ('cup', True)
     """
     wall = wall or WallProperties()
     kind = Path(source).suffix.lower()

@@ -105,8 +105,13 @@ class DepthSequence:
 
     Examples
     --------
-    >>> for frame in DepthSequence("scan"):  # doctest: +SKIP
-    ...     volume.integrate(frame)
+    >>> from visuohaptic.io.depth import write_sequence
+    >>> camera, pose = Camera.simple(64, 48, 60.0), Pose(np.eye(3), np.zeros(3))
+    >>> wall = np.full((48, 64), 0.8, np.float32)
+    >>> write_sequence("scan", [DepthFrame(0.0, wall, None, pose, camera)])
+    1
+    >>> [round(float(np.median(frame.depth_m)), 3) for frame in DepthSequence("scan")]
+    [0.8]
     """
 
     def __init__(self, folder: Path | str) -> None:

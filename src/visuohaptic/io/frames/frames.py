@@ -57,9 +57,17 @@ def open_source(
 
     Examples
     --------
-    >>> with open_source("run.mcap") as source:  # doctest: +SKIP
+    >>> from pathlib import Path
+    >>> import cv2, numpy as np
+    >>> Path("frames").mkdir()
+    >>> for number in range(3):
+    ...     _ = cv2.imwrite(f"frames/{number}.png", np.full((8, 10), 50 * number, np.uint8))
+    >>> with open_source("frames", rate_Hz=30.0) as source:
     ...     for frame in source:
-    ...         print(frame.t_s, frame.image.shape)
+    ...         print(f"{frame.t_s:.3f} s", frame.image.shape[:2], int(frame.image.mean()))
+    0.000 s (8, 10) 0
+    0.033 s (8, 10) 50
+    0.067 s (8, 10) 100
     """
     text = str(source)
     live = _LIVE.match(text)

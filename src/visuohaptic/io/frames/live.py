@@ -207,7 +207,15 @@ class LiveSource(Closing):
 
 
 def find_cameras() -> list[FoundCamera]:
-    """Cameras that are connected; an empty list when there are none."""
+    """Cameras that are connected; an empty list when there are none.
+
+    Examples
+    --------
+    >>> for camera in find_cameras():  # doctest: +SKIP
+    ...     print(camera)
+    >>> isinstance(find_cameras(), list)
+    True
+    """
     from . import _camera_drivers
 
     return _camera_drivers.find()
@@ -244,6 +252,17 @@ def open_camera(
     ------
     DeviceError
         There is no such camera, or it cannot be opened.
+
+    Examples
+    --------
+    >>> with open_camera("0", grey=True) as camera:  # doctest: +SKIP
+    ...     frame = camera.read_latest(max_age_s=0.1)
+    >>> from visuohaptic.core import DeviceError
+    >>> try:
+    ...     open_camera("no camera has this name")
+    ... except DeviceError as error:
+    ...     "no camera has this name" in str(error)
+    True
     """
     from . import _camera_drivers
 

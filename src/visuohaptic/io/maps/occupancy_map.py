@@ -24,6 +24,14 @@ class OccupancyMap:
     Row 0 is at the bottom: cell (row, column) covers ``column..column + 1`` cells
     along the grid's x and ``row..row + 1`` cells along its y axis. ``origin``
     places the outer corner of cell (0, 0) in the map frame and turns the grid about it.
+
+    Examples
+    --------
+    >>> walls = np.zeros((4, 6), dtype=bool)
+    >>> walls[0] = True
+    >>> grid = OccupancyMap(walls, resolution_m=0.5)
+    >>> grid.size_m, int(grid.occupied.sum()), grid.cell_from_world(np.array([1.2, 0.1])).tolist()
+    ((3.0, 2.0), 6, [0, 2])
     """
 
     cells: Int8[np.ndarray, "rows columns"]  #: -1 unknown, 0 free .. 100 occupied

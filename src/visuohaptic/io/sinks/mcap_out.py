@@ -50,8 +50,13 @@ class MeasurementWriter(MeasurementSink, Closing):
 
     Examples
     --------
-    >>> with MeasurementWriter("run.mcap") as writer:  # doctest: +SKIP
-    ...     writer.write_force(profile)
+    >>> import numpy as np
+    >>> from visuohaptic.core import Reason, Wrench
+    >>> wrench = Wrench(0.1, True, Reason.OK, np.array([0.0, 2.0, 0.0]), np.zeros(3), 1e-4 * np.eye(6))
+    >>> with MeasurementWriter("run.mcap") as writer:
+    ...     writer.write_wrench(wrench)
+    >>> Path("run.mcap").is_file()
+    True
     """
 
     def __init__(self, path: Path | str, *, frame: str = "sensor", chunk_bytes: int = 0) -> None:

@@ -123,6 +123,18 @@ def build_graph(
         of the junction beyond the circle of that clearance: the corners of a room go, a corridor stays.
     spacing_m
         Keep connection nodes at about this spacing; by default none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.io.maps import OccupancyMap
+    >>> from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+    >>> walls = np.zeros((30, 60), dtype=bool)  # two rooms with a door
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = walls[:11, 30] = walls[19:, 30] = True
+    >>> layers = grid_layers(OccupancyMap(walls, 0.1), SpeedLimits(0.15, 0.3, 0.05))
+    >>> graph = build_graph(layers)
+    >>> graph.nodes > 0, graph.edges.shape[1]
+    (True, 2)
     """
     return graph_from_marks(layers, skeleton_marks(layers), stub_length_m, spacing_m)
 

@@ -41,6 +41,19 @@ def make_plan(
         Map, objects, robot, start and goal.
     costs, limits
         What the text leaves open; how long to search.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.io.maps import OccupancyMap
+    >>> from visuohaptic.navigation.problem import RobotModel
+    >>> walls = np.zeros((30, 40), dtype=bool)
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = True
+    >>> plan = make_plan(
+    ...     PlanningProblem(OccupancyMap(walls, 0.05), RobotModel(0.15), np.array([0.4, 0.7]), np.array([1.6, 0.7]))
+    ... )
+    >>> [task.kind for task in plan.tasks], round(plan.length_m, 2)
+    (['navigate'], 1.2)
     """
     costs, limits = costs or PushCosts(), limits or SearchLimits()
     unknown = [obj for obj in problem.objects if obj.tag is None]

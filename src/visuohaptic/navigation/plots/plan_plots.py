@@ -24,6 +24,19 @@ def plot_path_plan(problem: PlanningProblem, plan: Plan, path: Path | str) -> No
         What to draw.
     path
         File name of the picture.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.io.maps import OccupancyMap
+    >>> from visuohaptic.navigation.planning import make_plan
+    >>> from visuohaptic.navigation.problem import PlanningProblem, RobotModel
+    >>> walls = np.zeros((30, 40), dtype=bool)
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = True
+    >>> problem = PlanningProblem(
+    ...     OccupancyMap(walls, 0.05), RobotModel(0.15), np.array([0.4, 0.7]), np.array([1.6, 0.7])
+    ... )
+    >>> plot_path_plan(problem, make_plan(problem), "plan.png")
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -66,6 +66,15 @@ def load_objects(path: Path | str) -> tuple[MovableObject, ...]:
     ------
     InputError
         Names the file, the object, the field, what was found and what was expected.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> lines = "objects: [{id: box, footprint_m: [[0, 0], [0.4, 0], [0.4, 0.4], [0, 0.4]], "
+    >>> _ = Path("objects.yaml").write_text(lines + "haptic_tag: {static_friction_N: 8.1}}]")
+    >>> (box,) = load_objects("objects.yaml")
+    >>> box.id, box.tag.static_friction_N.value, box.tag.drift  # the drift was not observed
+    ('box', 8.1, None)
     """
     return objects_from_data(load_yaml(path), where=str(path))
 

@@ -24,7 +24,13 @@ MAX_COORDINATE_M = 1e9
 
 @dataclass(frozen=True, slots=True)
 class RobotModel:
-    """A disc that drives and pushes (Alt 2016, Sec. 4.2 and 4.4)."""
+    """A disc that drives and pushes (Alt 2016, Sec. 4.2 and 4.4).
+
+    Examples
+    --------
+    >>> RobotModel(radius_m=0.17, push_force_max_N=15.0).v_max_m_s
+    0.3
+    """
 
     radius_m: float = field(metadata=POSITIVE)  #: r_rob
     v_max_m_s: float = field(default=0.3, metadata=POSITIVE)  #: far from obstacles, Eq. (4.1)
@@ -49,7 +55,14 @@ class RobotModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MovableObject:
-    """Something with an outline on the floor. Whether it moves is what its tag says."""
+    """Something with an outline on the floor. Whether it moves is what its tag says.
+
+    Examples
+    --------
+    >>> box = MovableObject("box", np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.2], [0.0, 0.2]]))
+    >>> np.round(box.centre_m, 9), box.known_immovable  # never touched: it may move
+    (array([0.2, 0.1]), False)
+    """
 
     id: str
     footprint_m: Float[np.ndarray, "p 2"]  #: outline in the map frame, counter-clockwise, not closed
@@ -126,7 +139,19 @@ def _crosses_itself(p: Float[np.ndarray, "p 2"]) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanningProblem:
-    """All that a plan depends on."""
+    """All that a plan depends on.
+
+    Examples
+    --------
+    >>> from visuohaptic.io.maps import OccupancyMap
+    >>> walls = np.zeros((30, 40), dtype=bool)
+    >>> walls[[0, -1]] = walls[:, [0, -1]] = True
+    >>> problem = PlanningProblem(
+    ...     OccupancyMap(walls, 0.05), RobotModel(0.15), np.array([0.4, 0.7]), np.array([1.6, 0.7])
+    ... )
+    >>> problem.objects
+    ()
+    """
 
     map: OccupancyMap
     robot: RobotModel

@@ -35,7 +35,15 @@ _ARRAYS = ("features", "width_m", "label", "name", "nonlinear")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureSet:
-    """Features of n objects with their classes."""
+    """Features of n objects with their classes.
+
+    Examples
+    --------
+    >>> features, width_m = np.full((3, 16, 4, 3), 5e3), np.full((3, 16, 2), 0.06)
+    >>> objects = FeatureSet(features, width_m, ("cup", "cup", "bottle"), ("cup-1", "cup-2", "bottle-1"))
+    >>> objects.classes, objects.take(np.array([0, 2])).name
+    (('bottle', 'cup'), ('cup-1', 'bottle-1'))
+    """
 
     features: Float[np.ndarray, "n 16 4 3"]  #: i, I [N/m] and II [1]
     width_m: Float[np.ndarray, "n 16 2"]  #: of the object at rest, across x and across y

@@ -19,7 +19,15 @@ _MAX_FILE_BYTES = 1 << 26
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HoleRegion:
-    """Where the surface is missing: a convex hull."""
+    """Where the surface is missing: a convex hull.
+
+    Examples
+    --------
+    >>> corners_m = np.array([[x, y, z] for x in (0.0, 0.1) for y in (0.0, 0.1) for z in (0.0, 0.1)])
+    >>> region = HoleRegion.of_points(corners_m)
+    >>> np.round(region.distance_m(np.array([[0.05, 0.05, 0.05], [0.3, 0.05, 0.05]])), 6)
+    array([-0.05,  0.2 ])
+    """
 
     hull_m: Float[np.ndarray, "v 3"]  #: its corners [m]
     planes: Float[np.ndarray, "p 4"]  #: unit normals outwards and offsets, n . x + o <= 0 inside

@@ -79,6 +79,19 @@ class Completion:
     ------
     InputError
         The region is not near the surface.
+
+    Examples
+    --------
+    >>> from visuohaptic.simulation.tabletop import random_bottle
+    >>> bottle = random_bottle(np.random.default_rng(4), "round")
+    >>> low_m, high_m = 0.3 * bottle.height_m, 0.7 * bottle.height_m
+    >>> visible = SurfaceMesh(*bottle.mesh(0.0, low_m)).joined(SurfaceMesh(*bottle.mesh(high_m, bottle.height_m)))
+    >>> hidden_m, _ = bottle.mesh(low_m, high_m, caps=False)
+    >>> completion = Completion(visible, HoleRegion.of_points(hidden_m))
+    >>> before_m, plan = completion.expected_error_m(), completion.next_touch()
+    >>> completion.add(Touch(bottle.probe(plan.start_m, plan.direction, 1.0), plan.start_m, plan.end_m))
+    >>> completion.expected_error_m() < before_m
+    True
     """
 
     def __init__(

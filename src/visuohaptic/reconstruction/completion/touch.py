@@ -22,6 +22,13 @@ class Touch:
     """One movement of a point probe along a line.
 
     With a contact, the line up to it was free; without one, the whole line.
+
+    Examples
+    --------
+    >>> met = Touch([0.03, 0.0, 0.1], start_m=[0.2, 0.0, 0.1], sigma_m=0.0005)
+    >>> missed = Touch(None, start_m=[0.2, 0.0, 0.1], end_m=[0.0, 0.0, 0.1])
+    >>> met.contact_m.tolist(), missed.contact_m
+    ([0.03, 0.0, 0.1], None)
     """
 
     contact_m: Float[np.ndarray, "3"] | None  #: point of the surface; ``None``: nothing was met

@@ -20,17 +20,23 @@ __all__ = ["RosGripper"]
 class RosGripper(Closing):
     """Implements :class:`visuohaptic.core.robots.Gripper`.
 
-    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the way divided by the speed.
+    A command is a ``trajectory_msgs/JointTrajectory`` of one point, its time the distance divided by the speed.
 
     Parameters
     ----------
+    node
+        Node that publishes and subscribes.
     joint
         Name of the finger's joint in ``joint_states``.
+    command, states
+        Topics: ``trajectory_msgs/JointTrajectory`` out, ``sensor_msgs/JointState`` in.
     opening_per_joint, opening_at_zero_m
         The opening is ``opening_at_zero_m + opening_per_joint * position``: 2 where a joint moves each of the
         two fingers, negative where a larger position closes.
     max_opening_m
         Openings beyond 0 to this are refused.
+    max_age_s
+        Joint states that are older count as none [s].
     """
 
     def __init__(
@@ -57,12 +63,19 @@ class RosGripper(Closing):
     def move(self, opening_m: float, speed_m_s: float) -> None:
         """Begin to move to an opening.
 
+        Parameters
+        ----------
+        opening_m
+            Target opening, 0 to ``max_opening_m`` [m].
+        speed_m_s
+            Rate of change of the opening, more than 0 [m/s].
+
         Raises
         ------
         InputError
             The opening is out of reach, or the speed not positive.
         StaleFrameError
-            The present opening, from which the time is told, is not known.
+            The present opening, from which the time follows, is not known.
         DeviceError
             Nobody listens.
         """

@@ -1,4 +1,4 @@
-"""A platform that listens to ``cmd_vel`` and tells its odometry."""
+"""A platform that listens to ``cmd_vel`` and publishes its odometry."""
 
 from __future__ import annotations
 
@@ -23,16 +23,19 @@ class RosBase(Closing):
 
     Parameters
     ----------
+    node
+        Node that publishes and subscribes.
     command, odometry
         Topics: ``geometry_msgs/Twist`` out, ``nav_msgs/Odometry`` in.
-    stamped
-        Send ``geometry_msgs/TwistStamped``, as Nav2 and ros2_control do since Jazzy.
+    stamped_frame
+        Send ``geometry_msgs/TwistStamped`` in this frame of coordinates, as ``base_link``; Nav2 and ros2_control
+        expect it since Jazzy. ``Twist`` by default.
     max_speed_m_s, max_turn_rad_s
         Larger commands are refused.
     rate_Hz
         A command is repeated so often until the next one; on :meth:`close` it is a stop.
     max_age_s
-        Odometry that is older is no odometry.
+        Older odometry counts as none [s].
     """
 
     def __init__(
@@ -41,16 +44,15 @@ class RosBase(Closing):
         *,
         command: str = "cmd_vel",
         odometry: str = "odom",
-        stamped: bool = False,
-        frame: str = "base_link",
+        stamped_frame: str | None = None,
         max_speed_m_s: float = 0.5,
         max_turn_rad_s: float = 1.5,
         rate_Hz: float = 20.0,
         max_age_s: float = 0.5,
     ) -> None:
-        datatype = "geometry_msgs/msg/" + ("TwistStamped" if stamped else "Twist")
+        datatype = "geometry_msgs/msg/" + ("Twist" if stamped_frame is None else "TwistStamped")
         self._limits = (max_speed_m_s, max_turn_rad_s)
-        self._stamped, self._frame = stamped, frame
+        self._frame = stamped_frame
         self._lock = threading.Lock()
         self._command: tuple[float, float] | None = None
         self._publisher = node.advertise(command, datatype)
@@ -59,6 +61,13 @@ class RosBase(Closing):
 
     def drive(self, speed_m_s: float, turn_rate_rad_s: float) -> None:
         """Set the velocities; they hold until the next call, :meth:`stop` or :meth:`close`.
+
+        Parameters
+        ----------
+        speed_m_s
+            Forward [m/s].
+        turn_rate_rad_s
+            Counter-clockwise [rad/s].
 
         Raises
         ------
@@ -97,7 +106,9 @@ class RosBase(Closing):
             "linear": {"x": speed_m_s, "y": 0.0, "z": 0.0},
             "angular": {"x": 0.0, "y": 0.0, "z": turn_rate_rad_s},
         }
-        return {"header": header(time.time(), self._frame), "twist": twist} if self._stamped else twist
+        if self._frame is None:
+            return twist
+        return {"header": header(time.time(), self._frame), "twist": twist}
 
     def state(self) -> BaseState:
         """Newest odometry.

@@ -28,10 +28,18 @@ class RosArm(Closing):
 
     Parameters
     ----------
-    command, pose
-        Topics: targets out, the tip's pose in; both in the base frame.
+    node
+        Node that publishes and subscribes.
     reach_m
         Smallest and largest distance of the tip from the base [m]; targets beyond are refused.
+    command, pose
+        Topics: targets out, the tip's pose in; both in the base frame.
+    frame
+        Base frame, of the targets.
+    rate_Hz
+        Targets per second.
+    max_age_s
+        Poses that are older count as none [s].
     """
 
     def __init__(
@@ -56,6 +64,13 @@ class RosArm(Closing):
 
     def move_linear(self, T_base_tip: Pose, speed_m_s: float) -> None:
         """Begin to move the tip in a straight line.
+
+        Parameters
+        ----------
+        T_base_tip
+            Target pose of the tip in the base frame [m].
+        speed_m_s
+            Of the tip along the line, more than 0 [m/s].
 
         Raises
         ------
@@ -130,16 +145,16 @@ class RosArm(Closing):
 
 
 class _Line:
-    """A straight way at a constant speed, the turn spread evenly over it."""
+    """A straight path at constant speed, the rotation distributed evenly over it."""
 
-    #: A turn without a way takes as long as a point so far from the axis would need.
+    #: A rotation without a path takes as long as a point so far from the axis would need.
     _LEVER_M = 0.1
 
     def __init__(self, start: Pose, end: Pose, speed_m_s: float) -> None:
         self._start, self._end = start, end
         self._turn = so3_log(start.rotation.T @ end.rotation)
-        way_m = float(np.linalg.norm(end.translation_m - start.translation_m))
-        self._lasts_s = max(way_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
+        length_m = float(np.linalg.norm(end.translation_m - start.translation_m))
+        self._lasts_s = max(length_m, self._LEVER_M * float(np.linalg.norm(self._turn))) / speed_m_s
         self._began_s = time.monotonic()
 
     def at(self, now_s: float) -> tuple[Pose, bool]:
@@ -147,6 +162,8 @@ class _Line:
         part = 1.0 if self._lasts_s <= 0 else (now_s - self._began_s) / self._lasts_s
         if part >= 1.0:
             return self._end, True
-        way = self._end.translation_m - self._start.translation_m
+        offset_m = self._end.translation_m - self._start.translation_m
         turned = Pose.from_rotation_vector(part * self._turn, np.zeros(3))
-        return Pose(self._start.rotation @ turned.rotation, self._start.translation_m + part * way), False
+        return Pose(
+            self._start.rotation @ turned.rotation, self._start.translation_m + part * offset_m
+        ), False

@@ -32,12 +32,24 @@ _SECRET = bytes.fromhex(
 
 
 def publisher_gid(token: str) -> bytes:
-    """16 bytes that no other publisher has: the low half of the hash, then the high one."""
+    """16 bytes that no other publisher has: the low half of the hash, then the high one.
+
+    Parameters
+    ----------
+    token
+        Liveliness token of the publisher.
+    """
     return xxh3_128(token.encode()).to_bytes(16, "little")
 
 
 def xxh3_128(data: bytes) -> int:
-    """XXH3, 128 bits, no seed, of 17 bytes or more."""
+    """XXH3, 128 bits, no seed, of 17 bytes or more.
+
+    Parameters
+    ----------
+    data
+        What is hashed.
+    """
     size = len(data)
     if size < 17:
         raise ValueError(f"found {size} bytes, expected 17 or more")

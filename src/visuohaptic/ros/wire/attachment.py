@@ -36,6 +36,11 @@ class Attachment:
     def unpack(cls, data: bytes) -> Self:
         """From either layout.
 
+        Parameters
+        ----------
+        data
+            Of a message.
+
         Raises
         ------
         InputError

@@ -129,24 +129,24 @@ def _write_one(out: bytearray, value: Any, kind: MessageType, field: Field, wher
 
 
 def _plain_array(value: Any, kind: MessageType, field: Field, where: str) -> np.ndarray:
-    wanted = _LITTLE[field.kind]
+    dtype = _LITTLE[field.kind]
     if isinstance(value, (bytes, bytearray, memoryview)):
-        if wanted.itemsize != 1:
+        if dtype.itemsize != 1:
             raise _wrong(kind, where, value, f"numbers of {field.kind}")
-        return np.frombuffer(value, dtype=wanted)
+        return np.frombuffer(value, dtype=dtype)
     array = np.asarray(value)
     if array.ndim != 1:
         raise _wrong(kind, where, value, f"a row of {field.kind}")
-    if array.dtype == wanted or not array.size:
-        return array.astype(wanted, copy=False)
-    whole = wanted.kind in "iu"
+    if array.dtype == dtype or not array.size:
+        return array.astype(dtype, copy=False)
+    whole = dtype.kind in "iu"
     if array.dtype.kind not in ("biu" if whole else "biuf"):
         raise _wrong(kind, where, value, f"numbers of {field.kind}")
     if whole:
-        limits = np.iinfo(wanted)
+        limits = np.iinfo(dtype)
         if int(array.min()) < limits.min or int(array.max()) > limits.max:
             raise _wrong(kind, where, value, f"numbers of {field.kind}")
-    return array.astype(wanted)
+    return array.astype(dtype)
 
 
 def _align(out: bytearray, size: int) -> None:
@@ -166,6 +166,10 @@ def decode(data: bytes | memoryview, kind: MessageType, where: str = "") -> Any:
 
     Parameters
     ----------
+    data
+        CDR with its four bytes of encapsulation.
+    kind
+        Type of the message.
     where
         Topic or file, for messages.
 
@@ -207,12 +211,12 @@ class _Reader:
             # Each has a byte at least: a damaged number must not take the memory.
             self._check(count, field.name)
             return [self._one(field) for _ in range(count)]
-        wanted = self.types[field.kind]
+        dtype = self.types[field.kind]
         if count:
-            self._align(wanted.itemsize)
-        self._check(count * wanted.itemsize, field.name)
-        values = np.frombuffer(self.data, dtype=wanted, count=count, offset=self.place)
-        self.place += count * wanted.itemsize
+            self._align(dtype.itemsize)
+        self._check(count * dtype.itemsize, field.name)
+        values = np.frombuffer(self.data, dtype=dtype, count=count, offset=self.place)
+        self.place += count * dtype.itemsize
         return values.astype(bool) if field.kind == "bool" else values
 
     def _one(self, field: Field) -> Any:

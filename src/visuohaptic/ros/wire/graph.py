@@ -51,7 +51,13 @@ class Qos:
 
     @classmethod
     def parse(cls, key: str) -> Self:
-        """From a token; what is not used here is passed over."""
+        """From a token; what is not used here is passed over.
+
+        Parameters
+        ----------
+        key
+            Last part of a token.
+        """
         parts = key.split(":")
         history = parts[2].split(",") if len(parts) >= 6 else []
         numbers = [*parts[:2], *history]
@@ -90,10 +96,15 @@ class Entity:
     def parse(cls, token: str) -> Self:
         """From the token of anybody's.
 
+        Parameters
+        ----------
+        token
+            Key expression ``@ros2_lv/...``.
+
         Raises
         ------
         InputError
-            It is no token of a version that is known here.
+            It is not a token of a known version.
         """
         words = token.split("/")
         if len(words) not in (9, 13) or words[0] != _SPACE or not all(words):
@@ -123,6 +134,17 @@ def all_tokens(domain: int) -> str:
 def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
     """Key expression of a topic.
 
+    Parameters
+    ----------
+    domain
+        ROS_DOMAIN_ID.
+    topic
+        Absolute name.
+    datatype
+        As ``std_msgs/msg/String``.
+    type_hash
+        ``RIHS01_...``, or what stands for none.
+
     Examples
     --------
     >>> topic_key(0, "/chatter", "std_msgs/msg/String", "RIHS01_df66")
@@ -134,10 +156,19 @@ def topic_key(domain: int, topic: str, datatype: str, type_hash: str) -> str:
 def resolve_name(name: str, namespace: str = "/", node: str = "") -> str:
     """Absolute name of a topic: ``/a`` stays, ``a`` is in the namespace, ``~/a`` is the node's.
 
+    Parameters
+    ----------
+    name
+        As given.
+    namespace
+        Of the node, absolute.
+    node
+        Absolute name of the node.
+
     Raises
     ------
     InputError
-        It is no name of ROS: letters, digits and ``_`` between slashes, no digit first, no ``__``.
+        It is not a ROS name: letters, digits and ``_`` between slashes, no digit first, no ``__``.
     """
     if name.startswith("~/"):
         name = f"{node}/{name[2:]}"

@@ -129,6 +129,11 @@ def _type_id(field: Field) -> int:
 def message_type(datatype: str) -> MessageType:
     """A standard message that this library knows.
 
+    Parameters
+    ----------
+    datatype
+        As ``std_msgs/msg/String``.
+
     Raises
     ------
     InputError
@@ -144,6 +149,13 @@ def message_type(datatype: str) -> MessageType:
 
 def parse_definition(datatype: str, text: str) -> MessageType:
     """Read a ``ros2msg`` text: the message, then those inside it, each after a line ``MSG: package/Name``.
+
+    Parameters
+    ----------
+    datatype
+        As ``std_msgs/msg/String``.
+    text
+        Definition in the ``ros2msg`` encoding of MCAP.
 
     Raises
     ------

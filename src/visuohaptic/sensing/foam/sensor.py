@@ -54,11 +54,16 @@ class FoamSensor:
 
     Examples
     --------
-    >>> sensor = FoamSensor.load("sensor.yaml")                    # doctest: +SKIP
-    >>> with open_source("push.mp4") as source:                    # doctest: +SKIP
-    ...     for frame in source:
-    ...         profile = sensor.read(frame)
-    ...         print(profile.t_s, profile.force_N, profile.force_sigma_N, profile.reason)
+    With a camera and ``sensor.yaml`` it is ``FoamSensor.load("sensor.yaml")``; here both are simulated:
+
+    >>> from dataclasses import replace
+    >>> from visuohaptic.rigs import VirtualSensor
+    >>> virtual, rng = VirtualSensor(), np.random.default_rng(0)
+    >>> sensor = virtual.build(".", rng, zero_frames=5)
+    >>> (frame,) = virtual.rest_frames(rng, 1)
+    >>> profile = sensor.read(replace(frame, t_s=0.1, index=1))
+    >>> profile.valid, profile.force_N < 0.1, profile.contacts
+    (True, True, ())
     """
 
     def __init__(self, setup: FoamSetup, zero: ZeroReference | None = None) -> None:

@@ -64,6 +64,19 @@ def tag_from_push(
         median of the contact's place minus this one over phase (a), positive to the left.
     settings
         Thresholds.
+
+    Examples
+    --------
+    >>> t_s, nothing = np.arange(200) / 50, np.zeros(200)
+    >>> travel_m = 0.02 * t_s  # 20 mm/s; the foam of 1000 N/m yields until the object slides at 8 N
+    >>> force_N = np.minimum(1000.0 * travel_m, 8.0) * (1 + 0.002 * np.random.default_rng(0).normal(size=200))
+    >>> record = PushRecord(
+    ...     t_s, np.ones(200, dtype=bool), force_N, np.full(200, 0.02), 0.01, force_N / 1000, np.full(200, 2e-5),
+    ...     travel_m, nothing, nothing, nothing,
+    ... )
+    >>> tag = tag_from_push(record)
+    >>> tag.fixed, abs(tag.dynamic_friction_N.value - 8.0) < 0.3
+    (False, True)
     """
     settings = settings or TagSettings()
     given = list(events or ())

@@ -87,6 +87,16 @@ class SceneTracker:
         Where to look, and how.
     rng
         Of RANSAC.
+
+    Examples
+    --------
+    >>> from visuohaptic.rigs import VirtualSensor
+    >>> rig = VirtualSensor().rig
+    >>> tracker = SceneTracker(rig.camera, rig.T_camera_foam)
+    >>> grey = np.full((rig.camera.height, rig.camera.width), 128, np.uint8)
+    >>> reading = tracker.update(Frame(grey, 0.0, 0))
+    >>> reading.motion.valid, str(reading.motion.reason)  # a first frame has moved from nowhere
+    (False, 'not_zeroed')
     """
 
     def __init__(

@@ -256,6 +256,19 @@ def squeeze(hand: Hand, places: Sequence[Place], settings: SqueezeSettings | Non
     -------
     Squeezing
         A curve for each place that was reached, in order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from visuohaptic.simulation.tabletop import DeformableContainer, KitchenTable
+    >>> heights_m, depths_m = np.array([0.0, 0.1, 0.2]), np.linspace(0.0, 0.012, 25)
+    >>> force_N = 3000.0 * np.ones((3, 1)) * depths_m  # 3 N/mm everywhere
+    >>> bottle = DeformableContainer("bottle", heights_m, np.full(3, 0.035), depths_m, force_N)
+    >>> table = KitchenTable(bottle, np.random.default_rng(0))
+    >>> hand = Hand(table.arm, table, table, table.feel)
+    >>> (curve,) = squeeze(hand, [Place(0.1)]).curves
+    >>> abs(curve.stiffness_N_per_m / 3000.0 - 1) < 0.06
+    True
     """
     task = SqueezeTask(places, settings)
     run_hand(hand, task)

@@ -40,7 +40,14 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Template:
-    """A planar image of known size, ready to be found and tracked."""
+    """A planar image of known size, ready to be found and tracked.
+
+    Examples
+    --------
+    >>> tag = Template.from_tag(7, size_m=0.04)
+    >>> tag.tag_id, [round(side_m, 3) for side_m in tag.size_m]  # half a cell of white around its 8 cells
+    (7, [0.045, 0.045])
+    """
 
     name: str
     image: UInt8[np.ndarray, "R C"] = field(repr=False)  #: grey, at most 400 px on the longer side

@@ -99,6 +99,19 @@ class TemplateTracker(Closing):
     threaded
         Detect in a thread of its own, so that a frame never waits for it (live use). Without
         it every frame with a lost template is searched at once: slower, and repeatable.
+
+    Examples
+    --------
+    >>> from visuohaptic.core.camera import Frame
+    >>> tag = Template.from_tag(7, size_m=0.04)
+    >>> camera = Camera.simple(640, 480, focal_px=600.0)
+    >>> image = np.full((480, 640), 200, np.uint8)
+    >>> rows, columns = tag.image.shape
+    >>> image[60 : 60 + rows, 140 : 140 + columns] = tag.image  # seen from straight ahead
+    >>> with TemplateTracker([tag], camera, threaded=False) as tracker:
+    ...     (pose,) = tracker.update(Frame(image, 0.0, 0))
+    >>> pose.valid, round(float(pose.T_camera_template.translation_m[2] / (600.0 * tag.pixel_m)), 2)  # of the distance
+    (True, 1.0)
     """
 
     def __init__(

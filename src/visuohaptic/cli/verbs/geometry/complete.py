@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from ....reconstruction.completion.touch import TouchPlan
 
 __all__ = ["EPILOG", "NEEDS", "add_arguments", "run"]
 
@@ -86,24 +89,23 @@ def run(args: Any) -> dict[str, Any]:
     }
     if pose is not None:
         found["registration"] = {"matrix_visual_haptic": pose.matrix.tolist(), "rms_m": rms_m}
-    if completion.prior is not None:
-        prior = completion.prior
-        found["symmetry"] = {
-            "rotation": prior.p_rotation,
-            "mirror": prior.p_mirror,
-            "sweep": prior.p_sweep,
-        }
+    if (prior := completion.prior) is not None:
+        found["symmetry"] = {"rotation": prior.p_rotation, "mirror": prior.p_mirror, "sweep": prior.p_sweep}
     if args.next:
-        plan = completion.next_touch()
-        found["next"] = {
-            "target_m": plan.target_m.tolist(),
-            "start_m": plan.start_m.tolist(),
-            "end_m": plan.end_m.tolist(),
-            "direction": plan.direction.tolist(),
-            "score": plan.score,
-            "sigma_m": plan.sigma_m,
-        }
+        found["next"] = _planned(completion.next_touch())
     return found
+
+
+def _planned(plan: TouchPlan) -> dict[str, Any]:
+    """A planned touch as plain numbers."""
+    return {
+        "target_m": plan.target_m.tolist(),
+        "start_m": plan.start_m.tolist(),
+        "end_m": plan.end_m.tolist(),
+        "direction": plan.direction.tolist(),
+        "score": plan.score,
+        "sigma_m": plan.sigma_m,
+    }
 
 
 def _check_reach(touches: Any, path: Any, model_m: Any, region_m: Any, pose: Any) -> None:

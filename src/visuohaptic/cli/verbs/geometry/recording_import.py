@@ -1,4 +1,4 @@
-"""``visuohaptic recording import``: makes a sequence folder from depth pictures of others."""
+"""``visuohaptic recording import``: a sequence folder from third-party depth images."""
 
 from __future__ import annotations
 

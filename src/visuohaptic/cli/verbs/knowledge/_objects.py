@@ -15,7 +15,13 @@ VARIABLE = "VISUOHAPTIC_OBJECTS"
 
 
 def add_database(parser: argparse.ArgumentParser) -> None:
-    """The option that every one of these verbs has."""
+    """The option that every one of these verbs has.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    """
     parser.add_argument(
         "--db",
         default=os.environ.get(VARIABLE, "objects.db"),
@@ -25,14 +31,28 @@ def add_database(parser: argparse.ArgumentParser) -> None:
 
 
 def opened(args: Any, *, create: bool = False) -> Any:
-    """The database of ``--db``."""
+    """The database of ``--db``.
+
+    Parameters
+    ----------
+    args
+        With ``db``.
+    create
+        Create it where it is missing.
+    """
     from ....database.database import open_database
 
     return open_database(args.db, create=create)
 
 
 def described(obj: VisuoHapticObject) -> dict[str, Any]:
-    """An object without its arrays: those are named with their shapes."""
+    """An object without its arrays: those are named with their shapes.
+
+    Parameters
+    ----------
+    obj
+        As stored.
+    """
     from ....core.cards import encode
 
     card, arrays = encode(obj)

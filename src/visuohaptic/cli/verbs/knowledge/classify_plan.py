@@ -10,7 +10,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
 reads   a tree of classify train
-writes  the plan to stdout; with --plot a picture of the tree and the features, like figure 6.7
+writes  the plan to stdout; with --plot a plot of the tree and the features, like figure 6.7
 
 x+12 is the side x+ at height 12 of 16 from below. Touching it measures x-12, too.
 
@@ -21,7 +21,7 @@ example: visuohaptic classify plan tree.json --plot tree.png
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     parser.add_argument("tree", type=Path, help="tree.json of classify train")
-    parser.add_argument("--plot", type=Path, help="picture to write")
+    parser.add_argument("--plot", type=Path, help="plot to write")
 
 
 def run(args: Any) -> dict[str, Any]:

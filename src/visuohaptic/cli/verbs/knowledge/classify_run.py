@@ -33,15 +33,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("tree", type=Path, help="tree.json of classify train")
     parser.add_argument("curves", type=Path, nargs="?", help="CSV file of measured curves")
     parser.add_argument("--ask", action="store_true", help="ask for one touch after the other")
-    parser.add_argument("--confidence", type=float, default=0.99, help="wanted probability (0.99)")
-    parser.add_argument("--most", type=int, default=10, help="touches with --ask")
+    parser.add_argument("--confidence", type=float, default=0.99, help="target probability (0.99)")
+    parser.add_argument("--max-touches", type=int, default=10, help="with --ask (10)")
     parser.add_argument("--no-width", action="store_true", help="do not use widths as evidence")
     parser.add_argument("--force-noise", type=float, default=0.1, help="of one sample [N]")
     parser.add_argument("--deformation-noise", type=float, default=1e-4, help="of one sample [m]")
     parser.add_argument(
-        "--prior", action="append", default=[], metavar="CLASS=SHARE", help="of vision; may be repeated"
+        "--prior", action="append", default=[], metavar="CLASS=PROBABILITY", help="of vision; may be repeated"
     )
-    parser.add_argument("--state", type=Path, help="state.json of this object: say its state, too")
+    parser.add_argument("--state", type=Path, help="state.json of this object: also estimate its state")
     parser.add_argument("--view", action="store_true", help="show the touches on a page in the browser")
     parser.add_argument("--port", type=int, default=8080, help="of --view on 127.0.0.1")
     parser.add_argument("--seconds", type=float, help="close the page after this time; without, at Ctrl-C")
@@ -186,8 +186,8 @@ def _asked(args: Any, model: Any, follow: Any) -> tuple[Any, ...]:
         model,
         touch,
         confidence=args.confidence,
-        max_touches=args.most,
-        min_touches=min(2, args.most),
+        max_touches=args.max_touches,
+        min_touches=min(2, args.max_touches),
         follow=follow,
     ).readings
 
@@ -197,7 +197,7 @@ def _prior(text: str) -> tuple[str, float]:
     try:
         value = float(fraction)
     except ValueError as error:
-        raise InputError("--prior", f"found {text!r}, expected CLASS=SHARE") from error
+        raise InputError("--prior", f"found {text!r}, expected CLASS=PROBABILITY") from error
     if not 0 <= value <= 1:
-        raise InputError("--prior", f"found a share of {fraction}, expected 0 to 1", field=name)
+        raise InputError("--prior", f"found a probability of {fraction}, expected 0 to 1", field=name)
     return name, value

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
+
+if TYPE_CHECKING:
+    from ....recognition.data.data_set import FeatureSet
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -41,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--reuse", type=float, default=0.1, help="how much to prefer what was touched already, 0..1"
     )
     parser.add_argument("--seed", type=int, default=0, help="of folds and calibration")
-    parser.add_argument("--plot", type=Path, help="picture of the tree and the features")
+    parser.add_argument("--plot", type=Path, help="plot of the tree and the features")
     states = parser.add_argument_group("with --states")
     states.add_argument(
         "--fill", type=float, action="append", default=[], help="a state closed and so full, 0..1; repeatable"
@@ -90,24 +93,12 @@ def _objects(args: Any) -> dict[str, Any]:
 
     import numpy as np
 
-    from ....recognition.data.data_set import load_feature_set
     from ....recognition.haptic_classifier import HapticClassifier
     from ....recognition.trees.tree_file import tree_text
     from ....recognition.trees.tree_nodes import feature_name, mean_touches
     from ....recognition.trees.tree_plots import plot_tree
 
-    groups = dict(_group(text) for text in args.group)
-    data = load_feature_set(args.objects)
-    named = {member: name for name, members in groups.items() for member in members}
-    if unknown := sorted(set(named) - set(data.classes)):
-        raise InputError("--group", f"found {unknown[0]!r}, expected one of {', '.join(data.classes)}")
-    known = dict.fromkeys(named.get(name, name) for name in data.classes)
-    wanted = [text.strip() for text in args.classes.split(",")] if args.classes else list(known)
-    if bad := [name for name in wanted if name not in known]:
-        raise InputError("--classes", f"found {bad[0]!r}, expected one of {', '.join(known)}")
-    used = data.take(np.array([named.get(name, name) in wanted for name in data.label]))
-    groups = {name: members for name, members in groups.items() if name in wanted}
-    candidates = used.of_classes(wanted, groups)
+    used, candidates, groups = _chosen(args)
     begin = time.perf_counter()
     classifier = HapticClassifier(args.scheme, args.reuse).fit(used, groups=groups, seed=args.seed)
     classifier.save(args.out)
@@ -129,6 +120,26 @@ def _objects(args: Any) -> dict[str, Any]:
         "unknown_from": model.unknown_from,
         "seconds": time.perf_counter() - begin,
     }
+
+
+def _chosen(args: Any) -> tuple[FeatureSet, FeatureSet, dict[str, tuple[str, ...]]]:
+    """Objects of the requested classes by their own names and by those of their groups, and the groups."""
+    import numpy as np
+
+    from ....recognition.data.data_set import load_feature_set
+
+    groups = dict(_group(text) for text in args.group)
+    data = load_feature_set(args.objects)
+    named = {member: name for name, members in groups.items() for member in members}
+    if unknown := sorted(set(named) - set(data.classes)):
+        raise InputError("--group", f"found {unknown[0]!r}, expected one of {', '.join(data.classes)}")
+    known = dict.fromkeys(named.get(name, name) for name in data.classes)
+    requested = [text.strip() for text in args.classes.split(",")] if args.classes else list(known)
+    if bad := [name for name in requested if name not in known]:
+        raise InputError("--classes", f"found {bad[0]!r}, expected one of {', '.join(known)}")
+    used = data.take(np.array([named.get(name, name) in requested for name in data.label]))
+    groups = {name: members for name, members in groups.items() if name in requested}
+    return used, used.of_classes(requested, groups), groups
 
 
 def _group(text: str) -> tuple[str, tuple[str, ...]]:

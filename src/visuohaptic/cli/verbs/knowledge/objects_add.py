@@ -68,16 +68,16 @@ def run(args: Any) -> dict[str, Any]:
     )
     for item in evidence:
         _plausible(item, obj)
-    told = add_evidence(obj, *evidence)
+    updated = add_evidence(obj, *evidence)
     with opened(args, create=True) as database:
         if args.id in database:
             for item in evidence:
                 _plausible(item, database.get(args.id))
-        return described(database.add(told))
+        return described(database.add(updated))
 
 
 def _plausible(item: Any, known: Any) -> None:
-    """Refuse what no thing has: a material constant of zero, a wall thicker than the object's radius."""
+    """Refuse what no object has: a material constant of zero, a wall thicker than the object's radius."""
     name, value = item.property.rpartition(".")[2], item.estimate.value
     if name not in {"wall_thickness_m", "youngs_modulus_Pa", "density_kg_per_m3"}:
         return
@@ -87,7 +87,7 @@ def _plausible(item: Any, known: Any) -> None:
         return
     import numpy as np
 
-    limit, of = THICKEST_m, "more than any thing has that a hand holds"
+    limit, of = THICKEST_m, "more than any object has that a hand holds"
     if known.geometry is not None and known.geometry.vertices_m is not None:
         limit, of = (
             float(np.ptp(known.geometry.vertices_m, axis=0).min()) / 2,
@@ -134,5 +134,5 @@ def _state(text: str) -> tuple[str, str | float]:
     except ValueError:
         return name, value
     if name == "fill" and not 0.0 <= number <= 1.0:
-        raise InputError("--state", f"found {text!r}, expected a share of 0..1", field="fill")
+        raise InputError("--state", f"found {text!r}, expected a fill level of 0..1", field="fill")
     return name, number

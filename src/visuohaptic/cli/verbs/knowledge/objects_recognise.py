@@ -11,8 +11,8 @@ from ._objects import add_database, opened
 __all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 EPILOG = """\
-reads   a database of objects (their meshes, pictures of faces and last places), or a prior that was saved
-        from one; a picture, or the points of one object from one side (.npy, or .ply in metres)
+reads   a database of objects (their meshes, images of faces and last places), or a prior that was saved
+        from one; an image, or the points of one object from one side (.npy, or .ply in metres)
 writes  the candidates to stdout; with --save the prior as .npz, which is quicker to open than the database
 
 example: visuohaptic objects recognise --cloud seen.ply --context kitchen
@@ -21,19 +21,25 @@ example: visuohaptic objects recognise --cloud seen.ply --context kitchen
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("--image", metavar="FILE", help="picture of the object and what is around it")
+    parser.add_argument("--image", metavar="FILE", help="image of the object and its surroundings")
     parser.add_argument(
         "--cloud", metavar="FILE", help="points of the object alone: .npy (n, 3) or .ply, in m"
     )
     parser.add_argument("--context", default="", metavar="WORDS", help="of the place, as kitchen,sink")
     parser.add_argument("--prior", metavar="FILE", help=".npz of --save; the database is not read")
     parser.add_argument("--save", metavar="FILE", help="write the prior of the database (.npz)")
-    parser.add_argument("--least", type=float, default=0.01, help="probability of what is still listed")
+    parser.add_argument("--min-probability", type=float, default=0.01, help="of a listed object (0.01)")
     add_database(parser)
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds."""
+    """Modules beyond the core: of the database, unless ``--prior`` stands for it, and of clouds.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     return ({"small_gicp"} if args.cloud else set()) | (set() if args.prior else {"pyarrow", "sqlalchemy"})
 
 
@@ -59,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
         None if args.image is None else read_image(args.image, "grey", upright=True),
         None if args.cloud is None else _cloud(args.cloud),
         [word for word in args.context.split(",") if word],
-        min_probability=args.least,
+        min_probability=args.min_probability,
     )
     for one in found:
         args.report(f"{one.probability:8.3f}  {one.object_id}")

@@ -12,7 +12,15 @@ __all__ = ["add_container_arguments", "read_container"]
 
 
 def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") -> None:
-    """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads."""
+    """The object, and options of its wall, lid and shape; ``also`` is what else a verb reads.
+
+    Parameters
+    ----------
+    parser
+        Of the verb.
+    also
+        What else the verb reads as an object, for the help.
+    """
     parser.add_argument("object", help=f"YAML description, class, mesh (STL, PLY, OBJ, GLB, DAE){also}")
     wall = parser.add_argument_group("wall")
     wall.add_argument("--material", help="of the library; a mesh is of PET by default")
@@ -47,12 +55,18 @@ def add_container_arguments(parser: argparse.ArgumentParser, *, also: str = "") 
         "--up",
         choices=("x", "y", "z", "-x", "-y", "-z"),
         default="z",
-        help="axis of a mesh that points up; maps and places are told with it turned to z",
+        help="axis of a mesh that points up; maps and places have it turned to z",
     )
 
 
 def read_container(args: Any) -> ShellObject:
-    """The object that ``args.object`` and those options name."""
+    """The object that ``args.object`` and those options name.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     from ....deformation.shapes.import_mesh import MeshConvention
     from ....deformation.shapes.load_shell import load_object
     from ....deformation.shapes.wall_properties import WallProperties

@@ -1,4 +1,4 @@
-"""``visuohaptic grasp``: where to grasp a container that gives way, and how hard."""
+"""``visuohaptic grasp``: grasp planning on deformable containers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EPILOG = """\
 reads   a YAML description, the name of a shipped class (bottle, cup, cup-rim, elliptic, smoothie,
         cien, isana, cleaner, palmo), a mesh (STL, PLY, OBJ, GLB, DAE; the middle of the wall or its two sides, z is
         its height axis unless --up says otherwise), or a map that `stiffness` wrote (.npz)
-writes  a picture of the scores and the grasps: PNG, PDF or SVG
+writes  a plot of the scores and the grasps: PNG, PDF or SVG
 
 Each grasp is two fingers that push towards each other. Without --force each place gets the force
 that its load needs. Lengths are metres, forces newtons of one finger.
@@ -33,18 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_container_arguments(parser, also=", or map.npz")
     parser.add_argument("--force", type=float, metavar="N", help="of each finger; what is needed by default")
     parser.add_argument("--state", choices=("open", "closed"), default="open", help="open by default")
-    parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in it, 0..1")
-    parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
+    parser.add_argument("--fill", type=float, default=0.0, help="fill level of liquid, 0..1")
+    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
     parser.add_argument("--count", type=int, default=5, help="of grasps, at most")
     parser.add_argument(
         "--confirm", action="store_true", help="check each by nonlinear simulation; seconds for each"
     )
     parser.add_argument(
-        "--several", type=int, metavar="M", help="also share the force among the M best, acting at once"
+        "--several", type=int, metavar="M", help="also distribute the force over the M best, acting at once"
     )
     hand = parser.add_argument_group("hand")
     hand.add_argument("--friction", type=float, default=0.6, help="coefficient of the fingers (0.6)")
-    hand.add_argument("--opening", type=float, default=0.11, help="widest [m] (0.11)")
+    hand.add_argument("--opening", type=float, default=0.11, help="maximum opening [m] (0.11)")
     hand.add_argument(
         "--finger-radius", type=float, default=0.01, help="of the patch that touches [m] (0.01)"
     )
@@ -65,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
 
     check_suffix(None, args.plot)
     begin = time.perf_counter()
-    thing = None
+    container = None
     if Path(args.object).suffix.lower() == ".npz":
         for flag in ("confirm", "several"):
             if getattr(args, flag):
@@ -74,13 +74,13 @@ def run(args: Any) -> dict[str, Any]:
         name = Path(args.object).stem
         plan = plan_map(surface, _task(args, surface.vertices_m.mean(axis=0)), count=args.count)
     else:
-        thing = read_container(args)
-        name = thing.name
-        _check_mass_known(args, thing)
+        container = read_container(args)
+        name = container.name
+        _check_mass_known(args, container)
         task = _task(args, None)
         if args.mass is not None:
-            task = _with_mass(task, args.mass, thing)
-        plan = plan_grasps(thing, task, count=args.count, confirm=args.confirm)
+            task = _with_mass(task, args.mass, container)
+        plan = plan_grasps(container, task, count=args.count, confirm=args.confirm)
     if args.plot:
         from ....grasping.plots import plot_plan
 
@@ -98,11 +98,11 @@ def run(args: Any) -> dict[str, Any]:
         "grasps": [grasp_json(grasp) for grasp in plan.grasps],
         "rejected": [grasp_json(grasp) for grasp in plan.rejected],
         "reason": plan.reason,
-        "notes": list(thing.notes) if thing is not None else [],
+        "notes": list(container.notes) if container is not None else [],
         "plot": str(args.plot) if args.plot else None,
     }
     if args.several:
-        result["several"] = _several(args, thing, plan)
+        result["several"] = _several(args, container, plan)
     result["seconds"] = time.perf_counter() - begin
     _report(args, result)
     return result
@@ -127,31 +127,37 @@ def _task(args: Any, centre_m: Any) -> GraspTask:
     )
 
 
-def _check_mass_known(args: Any, thing: Any) -> None:
+def _check_mass_known(args: Any, container: Any) -> None:
     """Refuse, before computing, a wall whose weight nothing says: a modulus alone has no density."""
     from ....core.errors import InputError
     from ....grasping.force import wall_density_kg_per_m3
 
-    if args.mass is None and wall_density_kg_per_m3(thing) is None:
+    if args.mass is None and wall_density_kg_per_m3(container) is None:
         raise InputError(
             args.object,
-            f"its wall is of material {thing.material.name!r}, of which the density is not known, and so its mass",
+            f"its wall is of material {container.material.name!r}, of which the density is not known, and so its mass",
             remedy="give --mass in kg, or name its --material",
         )
 
 
-def _with_mass(task: GraspTask, mass_kg: float, thing: Any) -> GraspTask:
+def _with_mass(task: GraspTask, mass_kg: float, container: Any) -> GraspTask:
     from dataclasses import replace
 
     from ....grasping.force import Load, object_load
 
     # Any density: only where the centre is matters.
-    centre = object_load(thing, task.fill, wall_kg_per_m3=1000.0).centre_m
+    centre = object_load(container, task.fill, wall_kg_per_m3=1000.0).centre_m
     return replace(task, load=Load(mass_kg, centre))
 
 
 def grasp_json(grasp: Grasp) -> dict[str, Any]:
-    """A grasp as plain numbers."""
+    """A grasp as plain numbers.
+
+    Parameters
+    ----------
+    grasp
+        One grasp of a plan.
+    """
     said = grasp.confirmation
     return {
         "score": grasp.score,
@@ -179,8 +185,8 @@ def grasp_json(grasp: Grasp) -> dict[str, Any]:
     }
 
 
-def _several(args: Any, thing: Any, plan: GraspPlan) -> dict[str, Any]:
-    """The best grasps at once, each with its share of the force, superposed by the coupling matrix."""
+def _several(args: Any, container: Any, plan: GraspPlan) -> dict[str, Any]:
+    """The best grasps at once, the force distributed over them, superposed by the coupling matrix."""
     import numpy as np
 
     from ....core.errors import InputError
@@ -192,7 +198,7 @@ def _several(args: Any, thing: Any, plan: GraspPlan) -> dict[str, Any]:
         )
     chosen = plan.grasps[: args.several]
     coupling = multi_contact(
-        thing, [grasp.vertex for grasp in chosen], closed=args.state == "closed", fill=args.fill
+        container, [grasp.vertex for grasp in chosen], closed=args.state == "closed", fill=args.fill
     )
     force = np.array([grasp.force_N for grasp in chosen]) / len(chosen)
     return {
@@ -221,8 +227,10 @@ def _report(args: Any, result: dict[str, Any]) -> None:
         z = 1e3 * grasp["first_m"][2]
         args.report(f"not at {z:.0f} mm height (score {grasp['score']:.2f}): {grasp['confirmed']['reason']}")
     if "several" in result:
-        most = 1e3 * max(result["several"]["deformation_m"])
-        args.report(f"{len(result['several']['force_N'])} at once, sharing the force: {most:.1f} mm at most")
+        max_mm = 1e3 * max(result["several"]["deformation_m"])
+        args.report(
+            f"{len(result['several']['force_N'])} at once, force distributed: {max_mm:.1f} mm at most"
+        )
     if result["reason"]:
         args.report(f"no grasp: {result['reason']}")
     for note in result["notes"]:

@@ -10,7 +10,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 EPILOG = """\
 Reads an MCAP file with sensor_msgs/LaserScan and nav_msgs/Odometry, or a CSV
 file (t_s, x_m, y_m, yaw_rad, angle_min_rad, angle_step_rad, range_min_m,
-range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM picture.
+range_max_m, r0, r1, ...); writes a map_server YAML file with its PGM image.
 Every scan is laid on the map so far; scans that do not fit are left out and counted.
 
 Example: visuohaptic map build run.mcap --out map.yaml

@@ -11,7 +11,7 @@ from ....core.errors import InputError
 __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
-reads   a map_server YAML file with its picture
+reads   a map_server YAML file with its image
 writes  into the folder: distance_m, cost_s_per_m, reachable, regions, potential_s (PNG with YAML),
         graph.geojson (nodes and the path of every edge), route_graph.geojson (for the Nav2 route server:
         edges are split until every straight line between nodes keeps the radius off the walls), and with --plot navigation.png

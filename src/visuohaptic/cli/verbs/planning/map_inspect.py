@@ -9,7 +9,7 @@ from typing import Any
 __all__ = ["EPILOG", "add_arguments", "run"]
 
 EPILOG = """\
-reads   a map_server YAML file with its picture
+reads   a map_server YAML file with its image
 writes  nothing
 
 example: visuohaptic map inspect office.yaml --radius 0.25

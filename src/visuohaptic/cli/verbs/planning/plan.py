@@ -20,7 +20,7 @@ reads
                a field that is missing or null was not observed, no haptic_tag at all is an unknown object
   --robot      {radius_m, v_max_m_s, v_min_m_s, v_push_m_s, push_force_max_N, setup_time_s}
 writes
-  --plot       the map with objects, way and pushes
+  --plot       the map with objects, path and pushes
 
 An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
 contact_m is where the robot touches the outline, goal_m where the object's centre goes.
@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar=("X", "Y"),
             help=f"{name} in the map frame [m]",
         )
-    parser.add_argument("--plot", type=Path, help="picture to write (PNG)")
+    parser.add_argument("--plot", type=Path, help="plot to write (PNG)")
     parser.add_argument("--compare", action="store_true", help="with plans under other side conditions")
     parser.add_argument(
         "--prove",

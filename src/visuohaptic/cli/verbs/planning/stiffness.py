@@ -5,9 +5,14 @@ from __future__ import annotations
 import argparse
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ._container import add_container_arguments, read_container
+
+if TYPE_CHECKING:
+    from ....core.objects import StiffnessMap
+    from ....deformation.nonlinear.contents import Contents
+    from ....deformation.shapes.mesher import ShellObject
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -29,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
     add_container_arguments(parser)
     parser.add_argument("--out", type=Path, help="map to write: .npz, .vtu or .glb")
-    parser.add_argument("--plot", type=Path, help="picture to write: .png, .pdf or .svg")
+    parser.add_argument("--plot", type=Path, help="plot to write: .png, .pdf or .svg")
     parser.add_argument(
         "--at",
         type=float,
@@ -40,9 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     state = parser.add_argument_group("state")
     state.add_argument("--closed", action="store_true", help="enclosed contents; open by default")
-    state.add_argument(
-        "--fill", type=float, help="share of liquid in what is enclosed, 0..1; implies --closed"
-    )
+    state.add_argument("--fill", type=float, help="fill level of what is enclosed, 0..1; implies --closed")
     parser.add_argument(
         "--no-sigma", action="store_true", help="leave the standard deviation out; half the time"
     )
@@ -53,37 +56,50 @@ def run(args: Any) -> dict[str, Any]:
     import numpy as np
 
     from ....core.errors import InputError
-    from ....deformation.maps.confidence_band import nearest_value, object_map
+    from ....deformation.maps.confidence_band import object_map
     from ....deformation.maps.map_file import check_suffix, plot_map, save_map
     from ....deformation.nonlinear.contents import Contents
 
     check_suffix(args.out, args.plot)
     begin = time.perf_counter()
-    thing = read_container(args)
+    container = read_container(args)
     contents = None
     if args.closed or args.fill is not None:
         contents = Contents(fill=args.fill or 0.0)
-    found = object_map(thing, contents, band=not args.no_sigma)
-    stiffness, sigma = found.stiffness_N_per_m, found.stiffness_sigma_N_per_m
-    use = np.isfinite(stiffness)
-    if not use.any():
+    found = object_map(container, contents, band=not args.no_sigma)
+    if not np.isfinite(found.stiffness_N_per_m).any():
         raise InputError(args.object, "no surface point has a finite stiffness")
     if args.out:
         save_map(args.out, found)
     if args.plot:
-        plot_map(args.plot, found, f"{thing.name}, {thing.material.name}")
-    seconds = time.perf_counter() - begin
-    thickness = float(np.median(np.asarray(thing.mesh.thickness_m)))
-    result: dict[str, Any] = {
+        plot_map(args.plot, found, f"{container.name}, {container.material.name}")
+    result = _described(args, container, found, contents)
+    result["seconds"] = time.perf_counter() - begin
+    result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
+    if args.at:
+        result["at"] = [_at(found, point) for point in args.at]
+    return result
+
+
+def _described(
+    args: Any, container: ShellObject, found: StiffnessMap, contents: Contents | None
+) -> dict[str, Any]:
+    """The object and the range of its stiffness."""
+    import numpy as np
+
+    stiffness, sigma = found.stiffness_N_per_m, found.stiffness_sigma_N_per_m
+    use = np.isfinite(stiffness)
+    thickness_m = float(np.median(np.asarray(container.mesh.thickness_m)))
+    return {
         "object": str(args.object),
-        "name": thing.name,
-        "material": thing.material.name,
-        "youngs_modulus_Pa": thing.material.youngs_modulus_Pa,
-        "poisson_ratio": thing.material.poisson_ratio,
-        "thickness_m": thickness,
-        "thickness_sigma_m": thickness * thing.wall_spread,
-        "height_m": thing.height_m,
-        "volume_m3": thing.volume_m3,
+        "name": container.name,
+        "material": container.material.name,
+        "youngs_modulus_Pa": container.material.youngs_modulus_Pa,
+        "poisson_ratio": container.material.poisson_ratio,
+        "thickness_m": thickness_m,
+        "thickness_sigma_m": thickness_m * container.wall_spread,
+        "height_m": container.height_m,
+        "volume_m3": container.volume_m3,
         "contents": "open" if contents is None else {"closed": True, "fill": contents.fill},
         "vertices": len(found.vertices_m),
         "faces": len(found.faces),
@@ -93,27 +109,29 @@ def run(args: Any) -> dict[str, Any]:
             "max": float(stiffness[use].max()),
         },
         "relative_sigma_median": None if args.no_sigma else float(np.nanmedian(sigma[use] / stiffness[use])),
-        "notes": list(thing.notes),
-        "seconds": seconds,
+        "notes": list(container.notes),
     }
-    result |= {name: str(path) for name, path in (("out", args.out), ("plot", args.plot)) if path}
-    if args.at:
-        result["at"] = []
-        for point in args.at:
-            if not np.isfinite(point).all():
-                raise InputError("--at", f"found {point}, expected finite numbers")
-            value, place = nearest_value(found.vertices_m, found.faces, stiffness, np.array(point))
-            spread, _ = nearest_value(found.vertices_m, found.faces, sigma, np.array(point))
-            result["at"].append(
-                {
-                    "asked_m": list(point),
-                    "point_m": place.tolist(),
-                    "distance_m": float(np.linalg.norm(place - np.array(point))),
-                    "stiffness_N_per_m": _number(value),
-                    "sigma_N_per_m": _number(spread),
-                }
-            )
-    return result
+
+
+def _at(found: StiffnessMap, point_m: list[float]) -> dict[str, Any]:
+    """Stiffness and sigma at the surface point nearest to a point."""
+    import numpy as np
+
+    from ....core.errors import InputError
+    from ....deformation.maps.confidence_band import nearest_value
+
+    if not np.isfinite(point_m).all():
+        raise InputError("--at", f"found {point_m}, expected finite numbers")
+    target_m = np.array(point_m)
+    value, place_m = nearest_value(found.vertices_m, found.faces, found.stiffness_N_per_m, target_m)
+    sigma, _ = nearest_value(found.vertices_m, found.faces, found.stiffness_sigma_N_per_m, target_m)
+    return {
+        "asked_m": list(point_m),
+        "point_m": place_m.tolist(),
+        "distance_m": float(np.linalg.norm(place_m - target_m)),
+        "stiffness_N_per_m": _number(value),
+        "sigma_N_per_m": _number(sigma),
+    }
 
 
 def _number(value: float) -> float | None:

@@ -15,7 +15,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = (
         "reads   data.csv with columns strain, stress_Pa, direction (loading or unloading);\n"
         "        --plate: depth_m, force_N, s_m, delta_m of a plate narrower than the strip\n"
-        "writes  foam.yaml (curve, covariance, working range, tension) and, on request, a picture\n\n"
+        "writes  foam.yaml (curve, covariance, working range, tension) and, on request, a plot\n\n"
         "example visuohaptic calibrate foam press.csv --width 0.02 --height 0.01 --out foam.yaml"
         " --plate plate.csv --plot foam.png"
     )

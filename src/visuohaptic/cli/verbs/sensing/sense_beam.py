@@ -1,4 +1,4 @@
-"""``visuohaptic sense beam``: from pictures, or from template poses, to six axes of force and moment."""
+"""``visuohaptic sense beam``: from images, or from template poses, to six axes of force and moment."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 EPILOG = """\
 reads
   --config   sensor.yaml with kind: beam (beam, templates, frame of the sensor; camera and
-             templates_folder to read from pictures)
+             templates_folder to read from images)
   --source   a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
   --poses    instead of --source, poses.csv: t_s, name, valid, reason, x_m, y_m, z_m, qx, qy, qz, qw and
              the covariance of each template in the camera, rows of a frame together
 writes
-  --out      run.mcap with geometry_msgs/WrenchStamped and diagnostics; from pictures also the templates,
+  --out      run.mcap with geometry_msgs/WrenchStamped and diagnostics; from images also the templates,
              geometry_msgs/PoseWithCovarianceStamped on /template/NAME
   --csv      t_s, valid, reason, fx_N, fy_N, fz_N, mx_Nm, my_Nm, mz_Nm and their sigmas, a row a frame
   --parquet  the same

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--speed",
         type=float,
         metavar="M/S",
-        help="how fast the platform drives; the event 'motion' (the object gives way) needs it",
+        help="how fast the platform drives; the event 'motion' (the object starts to move) needs it",
     )
     parser.add_argument("--view", action="store_true", help="show it live on a page of this machine")
 

@@ -1,4 +1,4 @@
-"""``visuohaptic template check``: will this picture track well?"""
+"""``visuohaptic template check``: will this image track well?"""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: Any) -> dict[str, Any]:
-    """Look at the picture; the mapping is what ``--json`` prints."""
+    """Evaluate the image; the mapping is what ``--json`` prints."""
     from ....core.files import read_image
     from ....tracking.templates.sheet import SheetItem, save_sheet
     from ....tracking.templates.template import Template, template_quality

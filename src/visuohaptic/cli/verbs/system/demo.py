@@ -19,7 +19,7 @@ NEEDS = ("av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage
 
 EPILOG = """\
 parts
-  foam      touch one thing with the camera-read foam and tag it
+  foam      touch one obstacle with the camera-read foam and tag it
   beam      zero the beam sensor and read known loads
   navigate  map the office, find the door blocked, push something aside, arrive
   glass     find what is transparent, and complete it with the probe
@@ -42,7 +42,7 @@ examples
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("part", nargs="?", choices=PARTS, help="tell this part alone")
+    parser.add_argument("part", nargs="?", choices=PARTS, help="run this part alone")
     parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
     parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")

@@ -94,7 +94,15 @@ def run(args: Arguments) -> dict[str, Any]:
 
 
 def examine(library: Library, *, patience_s: float = PATIENCE_S) -> Finding:
-    """Import a library in a process of its own: a crash or an exit there does not end us."""
+    """Import a library in a process of its own: a crash or an exit there does not end us.
+
+    Parameters
+    ----------
+    library
+        Library to try.
+    patience_s
+        Time after which it counts as hanging [s].
+    """
     script = _SCRIPT.format(module=library.module, package=library.package, trial=library.trial)
     command = [sys.executable, "-c", script]
     try:

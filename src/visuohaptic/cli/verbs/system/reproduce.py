@@ -1,4 +1,4 @@
-"""``visuohaptic reproduce``: the dissertation's figures and tables, made again."""
+"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ NEEDS = ("matplotlib",)
 
 EPILOG = """\
 reads   nothing: every experiment draws its own world from a seed
-writes  a folder for each experiment with its data (CSV), pictures (PNG) and result.json (numbers of ours
-        and of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
+writes  a folder for each experiment with its data (CSV), plots (PNG) and result.json (our numbers
+        and those of the dissertation, seed, versions), index.md that shows them all, and experiments.csv
         with what each of them took
 
 What is there and was made by the same version with the same seed is left alone. An experiment
@@ -39,7 +39,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def needs(args: Any) -> set[str]:
-    """Modules beyond the core that the experiments import on their way."""
+    """Modules beyond the core that the experiments import on their way.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
     from ....reproduce.runner import NEEDS as BY_NAME
 
     return {module for name in _wanted(args.names) for module in BY_NAME.get(name, ())}

@@ -30,7 +30,7 @@ writes, for each sensor NAME
   /NAME/diagnostics   diagnostic_msgs/DiagnosticArray: validity, reason, all numbers; stale without images
   /NAME/profile, /NAME/contact, /NAME/event, /NAME/markers of a foam; /NAME/pose of a scene
 
-It ends on Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
+Runs until Ctrl-C or SIGTERM with exit code 0. A router has to run (ros2 run rmw_zenoh_cpp rmw_zenohd)
 unless connect is empty.
 
 example: visuohaptic ros bridge bridge.yaml
@@ -86,10 +86,10 @@ def _signals(bridge: Bridge) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    wanted = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, lambda *_: bridge.stop()) for number in wanted]
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda *_: bridge.stop()) for number in numbers]
     try:
         yield
     finally:
-        for number, handler in zip(wanted, before, strict=True):
+        for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--force", type=float, default=10.0, metavar="N", help="of a finger, at the start (10)"
     )
     parser.add_argument("--state", choices=("open", "closed"), default="open", help="of containers")
-    parser.add_argument("--fill", type=float, default=0.0, help="share of liquid in containers, 0..1")
+    parser.add_argument("--fill", type=float, default=0.0, help="fill level in containers, 0..1")
     parser.add_argument("--seconds", type=float, help="stop after this time")
 
 
@@ -56,7 +56,13 @@ def run(args: Any) -> dict[str, Any]:
 
 
 def wait(args: Any) -> None:
-    """Until ``--seconds`` have passed, or Ctrl-C."""
+    """Until ``--seconds`` have passed, or Ctrl-C.
+
+    Parameters
+    ----------
+    args
+        With ``seconds`` [s], or ``None``.
+    """
     try:
         end_s = float("inf") if args.seconds is None else time.monotonic() + args.seconds
         while (left_s := end_s - time.monotonic()) > 0:

@@ -108,6 +108,15 @@ def calibrate_foam(
     ------
     CalibrationError
         The foam is unsuitable or the data are bad; one line says which and where.
+
+    Examples
+    --------
+    >>> strain = np.linspace(0.0, 0.6, 61)
+    >>> stress_Pa = 4e3 * strain + 3e4 * strain**3  # what a press has measured
+    >>> data = StrainStress(strain, stress_Pa, np.ones(61, dtype=int))
+    >>> found = calibrate_foam(data, width_m=0.02, height_m=0.01)
+    >>> found.residual_spline_Pa < 50.0, round(found.material.loading.max_strain, 2)
+    (True, 0.6)
     """
     strain, stress = data.loading
     refuse_bad_points(data.where, strain, stress)
