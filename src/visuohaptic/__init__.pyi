@@ -41,8 +41,8 @@ from .grasping import GraspTask as GraspTask
 from .grasping import plan_grasps as plan_grasps
 
 # Recognise: what an object is, by touch and by sight
-# (a classifier with fit, predict, save and load belongs here as soon as recognition has one)
 from .recognition import FeatureSet as FeatureSet
+from .recognition import HapticClassifier as HapticClassifier
 from .recognition import VisualPrior as VisualPrior
 
 # Remember: the object database of a robot, and of many
