@@ -57,7 +57,7 @@ def test_a_clockwise_outline_is_turned_round():
     [
         ({"outline_m": np.zeros((0, 2))}, "outline_m"),
         ({"support_m": np.zeros((4, 3))}, "support_m"),
-        ({"load": np.array([1.0, -1.0, 1.0, 1.0])}, "shares >= 0"),
+        ({"load": np.array([1.0, -1.0, 1.0, 1.0])}, "fractions >= 0"),
         ({"contact_friction": np.nan}, "contact_friction"),
     ],
 )
