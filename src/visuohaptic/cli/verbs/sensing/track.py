@@ -106,7 +106,7 @@ def run(args: Any) -> dict[str, Any]:
 def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
     """The picture with the templates' outlines and where they are."""
     from ....report.annotation import FrameNotes, annotated_frame
-    from ....tracking.templates.outline import template_outlines
+    from ....tracking.templates.template_tracker import template_outlines
 
     lines = []
     for pose in poses:
