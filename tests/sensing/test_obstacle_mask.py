@@ -164,9 +164,9 @@ def test_a_free_floor_stays_free_while_the_platform_drives():
 
 
 def test_what_cannot_be_used_is_refused():
-    with pytest.raises(InputError, match="expected at least 2"):
+    with pytest.raises(InputError, match=r"memory_frames: found 1\.0, expected at least 2"):
         MixtureSettings(memory_frames=1.0)
-    with pytest.raises(InputError, match="binning 9"):
+    with pytest.raises(InputError, match="binning: found 9, expected 1 to 8"):
         MixtureSettings(binning=9)
     mixture = FloorMixture()
     mixture.update(np.zeros((8, 8), np.uint8))

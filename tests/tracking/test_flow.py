@@ -138,12 +138,12 @@ def test_bins_keep_the_coordinates_of_the_image():
 
 
 def test_what_cannot_be_used_is_refused():
-    with pytest.raises(InputError, match="window_px 4"):
+    with pytest.raises(InputError, match="window_px: found 4, expected at least 5"):
         FlowSettings(window_px=4)
-    with pytest.raises(InputError, match="points 1"):
+    with pytest.raises(InputError, match="points: found 1, expected at least 4"):
         FlowSettings(points=1)
     tracker = PointTracker()
-    with pytest.raises(InputError, match="pictures of the same size"):
+    with pytest.raises(InputError, match="images of the same size"):
         tracker.update(np.zeros((9, 9), np.uint8), np.zeros((9, 8), np.uint8))
     tracker.update(np.zeros((40, 40), np.uint8), np.zeros((40, 40), np.uint8))
     with pytest.raises(InputError, match=r"expected \(40, 40\) as before"):

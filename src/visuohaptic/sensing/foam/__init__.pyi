@@ -1,5 +1,7 @@
 from .deflection import Deflection as Deflection
+from .deflection import edge_uncertainty_m as edge_uncertainty_m
 from .deflection import measure_deflection as measure_deflection
+from .deflection import with_unexplained as with_unexplained
 from .finger import FingerReading as FingerReading
 from .finger import FingerSensor as FingerSensor
 from .finger import load_foam_sensor as load_foam_sensor

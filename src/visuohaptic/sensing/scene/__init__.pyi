@@ -12,8 +12,12 @@ from .floor_motion import inverse as inverse
 from .object_events import ObjectEvents as ObjectEvents
 from .object_events import ObjectMotion as ObjectMotion
 from .object_events import ObjectMotionSettings as ObjectMotionSettings
+from .object_fit import STANDING as STANDING
 from .object_fit import BodyFit as BodyFit
 from .object_fit import BodyFitter as BodyFitter
+from .object_fit import turn_about_vertical as turn_about_vertical
+from .object_fit import turn_angle as turn_angle
+from .object_fit import upright as upright
 from .object_motion import ObjectTracker as ObjectTracker
 from .obstacle_mask import FloorMixture as FloorMixture
 from .obstacle_mask import MixtureSettings as MixtureSettings
@@ -29,6 +33,8 @@ from .scene_file import read_odometry as read_odometry
 from .scene_record import SCENE_COLUMNS as SCENE_COLUMNS
 from .scene_record import SceneTable as SceneTable
 from .scene_record import write_scene as write_scene
+from .scene_regions import FLOOR as FLOOR
+from .scene_regions import OBJECT as OBJECT
 from .scene_regions import SceneRegions as SceneRegions
 from .scene_regions import SceneSettings as SceneSettings
 from .scene_tracker import SceneReading as SceneReading

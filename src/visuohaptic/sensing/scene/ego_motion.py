@@ -9,13 +9,13 @@ ahead of the platform's centre, so that a turn moves it sideways.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
 from ...core.measurement import Motion, Reason
+from ...core.ranges import POSITIVE, check_ranges
 from ...core.robots import BaseState
 from .floor_motion import chain, chain_covariance
 
@@ -27,18 +27,19 @@ class EgoMotionSettings:
     """How much the sources are trusted."""
 
     foam_ahead_m: float = 0.17  #: origin of frame F in front of the platform's centre
-    acceleration_m_s2: float = 1.0  #: standard deviation of the platform's acceleration
+    #: standard deviation of the platform's acceleration
+    acceleration_m_s2: float = field(default=1.0, metadata=POSITIVE)
     turn_acceleration_rad_s2: float = 4.0
-    odometry_m_s: float = 0.003  #: standard deviation of the odometry's speed
+    #: standard deviation of the odometry's speed
+    odometry_m_s: float = field(default=0.003, metadata=POSITIVE)
     odometry_fraction: float = 0.02  #: and its part that grows with the speed (slip, wheel size)
     side_slip_m_s: float = 0.002  #: speed sideways that wheels let happen
     odometry_rad_s: float = 0.01
-    gyroscope_rad_s: float = 0.005
+    gyroscope_rad_s: float = field(default=0.005, metadata=POSITIVE)
     gate: float = 5.0  #: a source farther off than so many standard deviations is left out
 
     def __post_init__(self) -> None:
-        if not (self.acceleration_m_s2 > 0 and self.odometry_m_s > 0 and self.gyroscope_rad_s > 0):
-            raise InputError("EgoMotionSettings", f"found {self}, expected standard deviations > 0")
+        check_ranges(self)
 
 
 class EgoMotionFilter:

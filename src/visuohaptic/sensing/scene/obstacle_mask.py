@@ -18,7 +18,7 @@ that an obstacle which is being pushed is not taken for a new floor within a few
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -26,6 +26,7 @@ from jaxtyping import Float32, UInt8
 from ...core.camera.plane import PlaneView
 from ...core.errors import InputError
 from ...core.measurement import Reason
+from ...core.ranges import at_least, check_ranges, within
 
 __all__ = ["FloorMixture", "MixtureSettings", "Obstacle", "ObstacleDetector"]
 
@@ -37,10 +38,12 @@ _VOTE = 9
 class MixtureSettings:
     """How the floor is learnt and obstacles are separated from it."""
 
-    rows: int = 300  #: height of the strip at the image's upper border [px]
-    binning: int = 2  #: edge of the squares of pixels that are averaged first
-    modes: int = 3  #: K, most Gaussians of a pixel
-    memory_frames: float = 12.0  #: 1 / alpha once the floor is known
+    #: height of the strip at the image's upper border [px]
+    rows: int = field(default=300, metadata=at_least(8))
+    #: edge of the squares of pixels that are averaged first
+    binning: int = field(default=2, metadata=within(1, 8))
+    modes: int = field(default=3, metadata=within(2, 8))  #: K, Gaussians of a pixel at most
+    memory_frames: float = field(default=12.0, metadata=at_least(2.0))  #: 1 / alpha once the floor is known
     memory_foreground_frames: float = 1500.0  #: 1 / alpha of foreground that covers a part of the strip
     changed_fraction: float = (
         0.7  #: foreground that covers more than this is a new floor: learnt at 1 / alpha
@@ -50,7 +53,7 @@ class MixtureSettings:
     prior: float = 0.01  #: c_T, evidence that a mode needs
     gate_sigmas: float = 3.0  #: distance at which a level still belongs to a mode
     start_sigma: float = 8.0  #: of a new mode [grey levels]
-    smallest_sigma: float = 3.0
+    min_sigma: float = 3.0
     spatial_fraction: float = (
         0.8  #: nor is a sigma smaller than this part of the floor's spread over the strip
     )
@@ -60,18 +63,12 @@ class MixtureSettings:
     edge_sigma_px: float = 2.0  #: standard deviation of the lowest edge of the foreground, in pixels
 
     def __post_init__(self) -> None:
-        if not (self.rows >= 8 and 1 <= self.binning <= 8 and 2 <= self.modes <= 8):
+        check_ranges(self)
+        if self.memory_foreground_frames < self.memory_frames:
             raise InputError(
                 "MixtureSettings",
-                f"found rows {self.rows}, binning {self.binning}, modes {self.modes}; "
-                "expected >= 8, 1..8 and 2..8",
-            )
-        if not (self.memory_frames >= 2 and self.memory_foreground_frames >= self.memory_frames):
-            raise InputError(
-                "MixtureSettings",
-                f"found {self.memory_frames} and {self.memory_foreground_frames} frames, expected at least 2, "
-                "and not less for the foreground",
-                field="memory_frames",
+                f"found {self.memory_foreground_frames}, expected at least the {self.memory_frames} of memory_frames",
+                field="memory_foreground_frames",
             )
 
 
@@ -139,7 +136,7 @@ class FloorMixture:
         # The first frames are averaged evenly: the floor is known after the first one.
         rate = max(1.0 / s.memory_frames, 1.0 / self.frames)
         rate_foreground = rate if self._learning > 0 else 1.0 / s.memory_foreground_frames
-        smallest = min(max(s.smallest_sigma, s.spatial_fraction * self._spread(levels, held)), s.max_sigma)
+        smallest = min(max(s.min_sigma, s.spatial_fraction * self._spread(levels, held)), s.max_sigma)
         variances = np.array([max(s.start_sigma, smallest), smallest, s.max_sigma]) ** 2
         parameters = np.array([s.gate_sigmas**2, s.prior, *variances], np.float32)
         mask = np.zeros((rows, columns), np.uint8)

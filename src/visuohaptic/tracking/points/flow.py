@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from ...core.errors import InputError
+from ...core.ranges import at_least, check_ranges, within
 
 __all__ = ["FlowSettings", "FlowStep", "PointTracker", "location_sigma_px"]
 
@@ -33,12 +34,14 @@ _ASIDE = 1.0
 class FlowSettings:
     """How points are chosen and followed."""
 
-    binning: int = 1  #: edge of the squares of pixels that are averaged first; all else is in these bins
-    window_px: int = 21  #: edge of the window around a point, odd
-    levels: int = 3  #: of the pyramid above the image itself
-    points: int = 120  #: most points per region
-    spacing_px: float = 12.0  #: least distance between points
-    quality: float = 0.005  #: least eigenvalue, as part of the region's largest
+    #: edge of the squares of pixels that are averaged first; all else is in these bins
+    binning: int = field(default=1, metadata=within(1, 8))
+    window_px: int = field(default=21, metadata=at_least(5))  #: edge of the window around a point, odd
+    levels: int = field(default=3, metadata=within(0, 6))  #: of the pyramid above the image itself
+    points: int = field(default=120, metadata=at_least(4))  #: per region, at most
+    spacing_px: float = field(default=12.0, metadata=at_least(1.0))  #: between points, at least
+    #: smallest eigenvalue, as part of the region's largest
+    quality: float = field(default=0.005, metadata=within(0.0, 1.0))
     noise_grey: float = 2.0  #: standard deviation of the image noise
     max_sigma_px: float = 0.3  #: points that are located worse are not stable
     forward_backward_px: float = 0.4  #: largest distance after tracking there and back
@@ -47,18 +50,10 @@ class FlowSettings:
     retry_frames: int = 4  #: a region that had no more points to offer is searched again after so many frames
 
     def __post_init__(self) -> None:
-        if not 1 <= self.binning <= 8:
-            raise InputError("FlowSettings", f"found {self.binning}, expected 1..8", field="binning")
-        if not (self.window_px >= 5 and self.window_px % 2 == 1 and 0 <= self.levels <= 6):
+        check_ranges(self)
+        if self.window_px % 2 == 0:
             raise InputError(
-                "FlowSettings",
-                f"found window_px {self.window_px}, levels {self.levels}; expected odd >= 5, and 0..6",
-            )
-        if not (self.points >= 4 and self.spacing_px >= 1 and 0 < self.quality < 1):
-            raise InputError(
-                "FlowSettings",
-                f"found points {self.points}, spacing_px {self.spacing_px}, quality {self.quality}; "
-                "expected >= 4, >= 1 and between 0 and 1",
+                "FlowSettings", f"found {self.window_px}, expected an odd number", field="window_px"
             )
 
 

@@ -13,7 +13,6 @@ from .esm_template import EsmTemplate as EsmTemplate
 from .esm_template import Level as Level
 from .lost_search import LostPlace as LostPlace
 from .lost_search import LostSearch as LostSearch
-from .outline import template_outlines as template_outlines
 from .sheet import PAPERS_M as PAPERS_M
 from .sheet import PlacedItem as PlacedItem
 from .sheet import SheetItem as SheetItem
@@ -28,6 +27,7 @@ from .template import template_quality as template_quality
 from .template_tracker import TemplatePose as TemplatePose
 from .template_tracker import TemplateTracker as TemplateTracker
 from .template_tracker import TrackerSettings as TrackerSettings
+from .template_tracker import template_outlines as template_outlines
 from .warp import is_proper as is_proper
 from .warp import motion_jacobian as motion_jacobian
 from .warp import velocity_fields as velocity_fields

@@ -35,7 +35,7 @@ from .esm_pyramid import EsmSettings, GaussNewton, Work
 from .esm_template import EsmTemplate
 from .warp import is_proper, motion_jacobian
 
-__all__ = ["Alignment", "EsmSettings", "align"]
+__all__ = ["Alignment", "align"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ lost: first where the template was seen last, then everywhere.
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -30,7 +30,7 @@ from .lost_search import LostPlace, LostSearch
 from .template import Template
 from .warp import is_proper
 
-__all__ = ["TemplatePose", "TemplateTracker", "TrackerSettings"]
+__all__ = ["TemplatePose", "TemplateTracker", "TrackerSettings", "template_outlines"]
 
 _log = logging.getLogger(__name__)
 
@@ -345,6 +345,24 @@ class TemplateTracker(Closing):
         weight = 1.0 / (1.0 + np.exp(min(0.5 * track.advantage, 50.0)))
         apart = pose_difference(current.T_camera_template, other.T_camera_template)
         return current, True, current.covariance + weight * np.outer(apart, apart)
+
+
+def template_outlines(poses: Iterable[TemplatePose]) -> list[Float[np.ndarray, "6 2"]]:
+    """Closed outline in pixels of every template that is seen, with a tick at its first corner.
+
+    Parameters
+    ----------
+    poses
+        Poses of one frame; those that are not valid are left out.
+    """
+    found = []
+    for pose in poses:
+        if pose.valid and pose.alignment is not None:
+            corners = pose.alignment.corners
+            # The tick shows which way is up.
+            tick = corners[0] + 0.25 * (corners.mean(axis=0) - corners[0])
+            found.append(np.vstack([corners, corners[:1], tick]))
+    return found
 
 
 def _no_pose(name: str, t_s: float, reason: Reason, detail: str, alignment: Alignment | None) -> TemplatePose:

@@ -205,7 +205,7 @@ def _summary(
 def _drawn(frame: Frame, wrench: Wrench, templates: Sequence[TemplatePose]) -> np.ndarray:
     """The image with the templates' outlines and six numbers."""
     from ....report.annotation import FrameNotes, annotated_frame
-    from ....tracking.templates.outline import template_outlines
+    from ....tracking.templates.template_tracker import template_outlines
 
     if wrench.valid:
         sigma = wrench.covariance.diagonal() ** 0.5

@@ -108,7 +108,7 @@ def _template_reader(tracker: TemplateTracker) -> SensorReader[tuple[TemplatePos
 def _drawn(frame: Frame, poses: Sequence[TemplatePose]) -> np.ndarray:
     """The image with the templates' outlines and where they are."""
     from ....report.annotation import FrameNotes, annotated_frame
-    from ....tracking.templates.outline import template_outlines
+    from ....tracking.templates.template_tracker import template_outlines
 
     lines = []
     for pose in poses:

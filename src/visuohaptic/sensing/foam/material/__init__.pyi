@@ -15,6 +15,11 @@ from .hysteresis import stop_path as stop_path
 from .material_plots import draw_sensitivity as draw_sensitivity
 from .material_plots import draw_strain_stress as draw_strain_stress
 from .material_plots import save_calibration_plot as save_calibration_plot
+from .press_checks import MAX_RESIDUAL as MAX_RESIDUAL
+from .press_checks import MIN_STRAINS as MIN_STRAINS
+from .press_checks import REQUIRED_RANGE as REQUIRED_RANGE
+from .press_checks import refuse_bad_points as refuse_bad_points
+from .press_checks import refuse_unsuitable as refuse_unsuitable
 from .records import PlateRecord as PlateRecord
 from .records import StrainStress as StrainStress
 from .records import read_plate as read_plate
