@@ -33,7 +33,7 @@ __all__ = [
     "require_members",
 ]
 
-#: A clock has stopped after so many control periods without advancing, five seconds of a loop at 50 Hz, or
+#: A clock has stopped after this many control periods without advancing, five seconds of a loop at 50 Hz, or
 #: after so long by the host's clock [s]: no robot's odometry or camera is that slow, no operator that patient.
 MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
 

@@ -28,9 +28,9 @@ from ..core.objects import (
     HapticTag,
     Material,
     ObjectPart,
+    ObjectState,
     Provenance,
     Sighting,
-    StateModel,
     StiffnessMap,
     VisuoHapticObject,
 )
@@ -115,7 +115,7 @@ def _branches(kind: type) -> tuple[str, ...]:
         return "material", "tag", "parts", "states"
     if kind is ObjectPart:
         return "material", "tag"
-    if kind is StateModel:
+    if kind is ObjectState:
         return ("tag",)
     return tuple(f.name for f in fields(kind)) if kind in (Material, HapticTag) else ()
 
@@ -245,7 +245,7 @@ def _with(obj: VisuoHapticObject, everything: dict[tuple[str, ...], Evidence]) -
     return replace(obj, evidence=tuple(ordered))
 
 
-_EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": StateModel}
+_EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": ObjectState}
 
 
 def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:

@@ -80,12 +80,12 @@ def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float
 
 
 def _known(local: ObjectDatabase, peer_id: str) -> tuple[int, int]:
-    with local._reading() as connection:
+    with local.connections.reading() as connection:
         row = connection.execute(select(peer.c.sent, peer.c.received).where(peer.c.id == peer_id)).first()
     return (0, 0) if row is None else (row.sent, row.received)
 
 
 def _note(local: ObjectDatabase, peer_id: str, sent: int, received: int) -> None:
-    with local._transaction() as connection:
+    with local.connections.writing() as connection:
         connection.execute(peer.delete().where(peer.c.id == peer_id))
         connection.execute(peer.insert(), {"id": peer_id, "sent": sent, "received": received})

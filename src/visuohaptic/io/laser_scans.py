@@ -110,7 +110,7 @@ def _from_csv(path: Path) -> list[OdometryScan]:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is no CSV text ({error})") from error
+        raise InputError(path, f"is not CSV text ({error})") from error
     if not found:
         raise InputError(path, "has no scan")
     return sorted(found, key=lambda pair: pair[0].t_s)
@@ -123,7 +123,7 @@ def _csv_row(path: Path, line: int, row: Sequence[str], fields: int) -> Odometry
         t_s, x, y, yaw, first, step, low, high = (float(text) for text in row[: len(_COLUMNS)])
         ranges = np.array([float(text) if text.strip() else math.nan for text in row[len(_COLUMNS) :]])
     except ValueError as error:
-        raise InputError(path, f"has a field that is no number ({error})", field=f"line {line}") from error
+        raise InputError(path, f"has a field that is not a number ({error})", field=f"line {line}") from error
     if not np.isfinite([x, y, yaw]).all() or (ranges < 0).any():
         raise InputError(path, "found a pose that is not finite or a distance below 0", field=f"line {line}")
     try:

@@ -234,7 +234,7 @@ def calibrate_camera(
                 name,
                 f"found {len(used)} good views, expected at least {limits.min_views}"
                 + (f"; left out: {_listed(removed)}" if removed else ""),
-                remedy="take more pictures of the whole board, sharp and evenly lit",
+                remedy="take more images of the whole board, sharp and evenly lit",
             )
         fit = _fit(used, board, size)
         worst = int(np.argmax(fit.view_rms_px))

@@ -1,4 +1,4 @@
-"""OpenEXR pictures of depth: one channel of a scan-line file as float32.
+"""OpenEXR depth images: one channel of a scan-line file as float32.
 
 OpenCV's wheels are built without OpenEXR. Depth maps need little of the
 format: single-part scan-line files, uncompressed or packed by ZIPS, ZIP or

@@ -1,4 +1,4 @@
-"""Pictures of depth: 16-bit PNG and OpenEXR, with scale, invalid values and the F200's rotated bits."""
+"""Depth images: 16-bit PNG and OpenEXR, with scale, invalid values and the F200's rotated bits."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ DEPTH_SUFFIXES = (".png", ".exr")
 
 @dataclass(frozen=True, slots=True)
 class DepthEncoding:
-    """How the numbers of a picture become metres: ``depth_m = value * scale_m``."""
+    """How the numbers of an image become metres: ``depth_m = value * scale_m``."""
 
     scale_m: float = 0.001  #: metres of one unit of the file
-    bit_rotation: int = 0  #: the file's 16-bit words are rotated left by so many bits (RealSense F200: 3)
+    bit_rotation: int = 0  #: the file's 16-bit words are rotated left by this many bits (RealSense F200: 3)
     invalid: tuple[int, ...] = (0, 65535)  #: values that mean "nothing measured", after the rotation
     min_m: float = 0.05  #: nearer is nothing a depth camera measures
     max_m: float = 20.0  #: farther neither
@@ -58,7 +58,7 @@ def read_depth(
     encoding
         What a pixel's number means.
     size
-        Width and height that the picture must have [px].
+        Width and height that the image must have [px].
 
     Raises
     ------
@@ -96,11 +96,11 @@ def read_depth(
 
 def _png_words(path: Path, data: bytes, size: tuple[int, int] | None) -> UInt16[np.ndarray, "rows columns"]:
     if data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR picture")
+        raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR image")
     width, height = image_size(data, path)
     _check_size(path, width, height, size)
     if len(data) < 26 or (data[24], data[25]) != (16, 0):
-        raise InputError(path, "is no PNG of one 16-bit channel", remedy="depth pictures are 16-bit grey")
+        raise InputError(path, "is not a PNG of one 16-bit channel", remedy="depth images are 16-bit grey")
     words = decode_image(data, path, "unchanged")
     if words.dtype != np.uint16 or words.ndim != 2:
         raise InputError(path, "is a damaged PNG: it cannot be decoded")
