@@ -79,6 +79,7 @@ from .objects import Provenance as Provenance
 from .objects import Sighting as Sighting
 from .objects import StiffnessMap as StiffnessMap
 from .objects import VisuoHapticObject as VisuoHapticObject
+from .ranges import FINITE as FINITE
 from .ranges import NON_NEGATIVE as NON_NEGATIVE
 from .ranges import POSITIVE as POSITIVE
 from .ranges import above as above

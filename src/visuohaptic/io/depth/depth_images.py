@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt16
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, atomic_path, decode_image, image_size, read_bytes
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ._exr import decode_exr
 
 __all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
@@ -22,24 +23,18 @@ DEPTH_SUFFIXES = (".png", ".exr")
 class DepthEncoding:
     """How the numbers of an image become metres: ``depth_m = value * scale_m``."""
 
-    scale_m: float = 0.001  #: metres of one unit of the file
-    bit_rotation: int = 0  #: the file's 16-bit words are rotated left by this many bits (RealSense F200: 3)
+    scale_m: float = field(default=0.001, metadata=POSITIVE)  #: metres of one unit of the file
+    #: the file's 16-bit words are rotated left by this many bits (RealSense F200: 3)
+    bit_rotation: int = field(default=0, metadata=within(0, 15))
     invalid: tuple[int, ...] = (0, 65535)  #: values that mean "nothing measured", after the rotation
-    min_m: float = 0.05  #: nearer is nothing a depth camera measures
+    min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: nearer is nothing a depth camera measures
     max_m: float = 20.0  #: farther neither
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.scale_m) and self.scale_m > 0):
-            raise InputError("DepthEncoding", f"found {self.scale_m}, expected > 0", field="scale_m")
-        if not 0 <= self.bit_rotation < 16:
+        check_ranges(self)
+        if not self.min_m < self.max_m:
             raise InputError(
-                "DepthEncoding", f"found {self.bit_rotation}, expected 0 to 15", field="bit_rotation"
-            )
-        if not 0 <= self.min_m < self.max_m:
-            raise InputError(
-                "DepthEncoding",
-                f"found {self.min_m} and {self.max_m}, expected 0 <= min < max",
-                field="min_m",
+                "DepthEncoding", f"found {self.min_m}, expected less than max_m {self.max_m}", field="min_m"
             )
 
 
