@@ -183,17 +183,17 @@ def require_members(
     for name in members or _members(protocol):
         declared = inspect.getattr_static(protocol, name)
         if isinstance(declared, property):
-            wanted, returned = f"property {name}", _returned(declared.fget)
+            expected, returned = f"property {name}", _returned(declared.fget)
             fault = "" if _has(obj, name) else "without"
         else:
             parameters = list(inspect.signature(declared).parameters.values())[1:]
             arguments = ", ".join(parameter.name for parameter in parameters)
-            wanted, returned = f"method {name}({arguments})", _returned(declared)
+            expected, returned = f"method {name}({arguments})", _returned(declared)
             fault = _method_fault(obj, name, parameters)
         if fault:
             raise InputError(
                 where,
-                f"found {role} of type {type(obj).__name__} {fault} {wanted}, which must return {returned}",
+                f"found {role} of type {type(obj).__name__} {fault} {expected}, which must return {returned}",
                 remedy=f"see {protocol.__module__}.{protocol.__name__}",
             )
 

@@ -25,8 +25,8 @@ from .rows import Stored as Stored
 from .rows import drop_shards as drop_shards
 from .rows import feature_vectors as feature_vectors
 from .rows import fetch as fetch
-from .rows import joined as joined
 from .rows import last_change as last_change
+from .rows import merged_versions as merged_versions
 from .rows import next_change as next_change
 from .rows import row_of as row_of
 from .rows import store_rows as store_rows

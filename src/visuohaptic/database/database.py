@@ -34,8 +34,8 @@ from .rows import (
     drop_shards,
     feature_vectors,
     fetch,
-    joined,
     last_change,
+    merged_versions,
     next_change,
     row_of,
     store_rows,
@@ -134,7 +134,7 @@ class ObjectDatabase(Closing):
 
     def __contains__(self, object_id: object) -> bool:
         with self.connections.reading() as connection:
-            return connection.execute(ALIVE, {"wanted": object_id}).first() is not None
+            return connection.execute(ALIVE, {"requested": object_id}).first() is not None
 
     def get(self, object_id: str) -> VisuoHapticObject:
         """An object with all its arrays, checked against their hash.
@@ -153,7 +153,7 @@ class ObjectDatabase(Closing):
         """
         for _ in range(5):
             with self.connections.reading() as connection:
-                row = connection.execute(ALIVE, {"wanted": object_id}).first()
+                row = connection.execute(ALIVE, {"requested": object_id}).first()
                 if row is None:
                     raise InputError(
                         self.where, f"there is no object {object_id!r}", remedy="list them first"
@@ -366,12 +366,14 @@ class ObjectDatabase(Closing):
             rows, blobs = [], []
             for one, obj in latest.items():
                 old = known.get(one)
-                gone_s = None if deletions is None else deletions.get(one)
+                deleted_s = None if deletions is None else deletions.get(one)
                 if old is not None:
-                    obj, gone_s = joined(old.obj, old.deleted_s, obj, gone_s, asked=deletions is None)
-                merged[one] = obj, gone_s
-                row, arrays = row_of(obj, change, gone_s)
-                if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], gone_s):
+                    obj, deleted_s = merged_versions(
+                        old.obj, old.deleted_s, obj, deleted_s, added_here=deletions is None
+                    )
+                merged[one] = obj, deleted_s
+                row, arrays = row_of(obj, change, deleted_s)
+                if old is not None and (old.row.digest, old.deleted_s) == (row["digest"], deleted_s):
                     continue  # nothing new
                 if old is not None and old.row.arrays_sha256 == row["arrays_sha256"]:
                     row["shard"], row["row_group"] = old.row.shard, old.row.row_group

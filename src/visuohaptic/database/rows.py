@@ -1,4 +1,4 @@
-"""Rows of the object databases: how they are asked for, joined with what is known, and replaced."""
+"""Rows of the object databases: how they are queried, merged with what is stored, and replaced."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ __all__ = [
     "drop_shards",
     "feature_vectors",
     "fetch",
-    "joined",
     "last_change",
+    "merged_versions",
     "next_change",
     "row_of",
     "store_rows",
@@ -41,9 +41,9 @@ class Stored:
 
 
 #: One object that is not deleted.
-ALIVE = select(object_).where(and_(object_.c.id == bindparam("wanted"), object_.c.deleted_s.is_(None)))
+ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
 #: Several objects, deleted ones too.
-MANY = select(object_).where(object_.c.id.in_(bindparam("wanted", expanding=True)))
+MANY = select(object_).where(object_.c.id.in_(bindparam("requested", expanding=True)))
 
 
 def last_change(connection: Connection) -> int:
@@ -154,45 +154,45 @@ def fetch(
     """
     found = {}
     for start in range(0, len(ids), 500):
-        for row in connection.execute(MANY, {"wanted": list(ids[start : start + 500])}):
+        for row in connection.execute(MANY, {"requested": list(ids[start : start + 500])}):
             found[row.id] = Stored(decode(row, connection), row.deleted_s, row)
     return found
 
 
-def joined(
-    mine: VisuoHapticObject,
-    mine_gone_s: float | None,
-    yours: VisuoHapticObject,
-    yours_gone_s: float | None,
+def merged_versions(
+    local: VisuoHapticObject,
+    local_deleted_s: float | None,
+    remote: VisuoHapticObject,
+    remote_deleted_s: float | None,
     *,
-    asked: bool,
+    added_here: bool,
 ) -> tuple[VisuoHapticObject, float | None]:
     """Merge two versions with their deletions: the last deletion holds unless something is known from after
     it.
 
     Parameters
     ----------
-    mine, yours
+    local, remote
         Version of this database, and the other one.
-    mine_gone_s, yours_gone_s
+    local_deleted_s, remote_deleted_s
         When each was deleted, seconds since the epoch; ``None`` if it was not.
-    asked
+    added_here
         Whether somebody adds the object here and now, which undoes a deletion.
 
     Returns
     -------
     object
         The merged version.
-    gone_s
+    deleted_s
         When it was deleted, or ``None``.
     """
-    gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
-    both = merge_objects(mine, yours)
-    if not gone:
+    deletions_s = [t_s for t_s in (local_deleted_s, remote_deleted_s) if t_s is not None]
+    both = merge_objects(local, remote)
+    if not deletions_s:
         return both, None
-    last_s = max(gone)
-    if asked:
-        return yours, None
+    last_s = max(deletions_s)
+    if added_here:
+        return remote, None
     times = [origin.t_s for origin in both.provenance.values()]
     times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
     return both, None if any(t_s > last_s for t_s in times) else last_s

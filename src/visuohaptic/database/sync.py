@@ -54,9 +54,9 @@ def synchronise(
     for start in range(0, len(ids), BATCH):
         found = local.stored(ids[start : start + BATCH])
         offer = {
-            one: (replace(obj, seen=None), gone_s)
-            for one, (obj, gone_s) in found.items()
-            if gone_s is not None or is_shared(obj)
+            one: (replace(obj, seen=None), deleted_s)
+            for one, (obj, deleted_s) in found.items()
+            if deleted_s is not None or is_shared(obj)
         }
         if offer:
             shared.write_merged(offer)

@@ -140,9 +140,9 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
     times: list[float] = []
     poses: list[tuple[float, float, float]] = []
     topics: dict[str, set[str]] = {_SCAN: set(), _ODOMETRY: set()}
-    wanted = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
+    requested = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
     for message in file.messages():
-        if message.datatype not in topics or wanted[message.datatype] not in (None, message.topic):
+        if message.datatype not in topics or requested[message.datatype] not in (None, message.topic):
             continue
         topics[message.datatype].add(message.topic)
         if len(topics[message.datatype]) > 1:
@@ -156,7 +156,7 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
             poses.append(_planar(decoded.pose.pose, f"{path}:{message.topic}"))
     for kind, found in ((_SCAN, scans), (_ODOMETRY, poses)):
         if not found:
-            where = f" on {wanted[kind]}" if wanted[kind] else ""
+            where = f" on {requested[kind]}" if requested[kind] else ""
             raise InputError(path, f"has no {kind}{where}")
     return _joined(path, scans, np.array(times), np.array(poses))
 
