@@ -145,7 +145,7 @@ def test_outlier_view_is_removed_and_named() -> None:
 
 
 def test_poor_sessions_are_refused_with_the_reason() -> None:
-    with pytest.raises(CalibrationError, match=r"found 5 good views, expected at least 8.*more pictures"):
+    with pytest.raises(CalibrationError, match=r"found 5 good views, expected at least 8.*more images"):
         calibrate_camera(corner_views(1, 0.1, 5), CHESS, (640, 480))
     with pytest.raises(CalibrationError, match=r"0 views are tilted.*tilt the board"):
         calibrate_camera(corner_views(1, 0.1, tilt_deg=3.0), CHESS, (640, 480))

@@ -17,7 +17,7 @@ from .hostile import refusal
 READERS = (
     "visuohaptic.core.files:read_image(path)",
     "visuohaptic.tracking:Template.from_file(path, width_m=0.1)",
-    "visuohaptic.io.maps._map_image:read_picture(path)",
+    "visuohaptic.io.maps._map_image:read_map_image(path)",
     "visuohaptic.io.depth.depth_images:read_depth(path, __import__('visuohaptic.io').io.DepthEncoding())",
 )
 

@@ -16,7 +16,7 @@ pytest.importorskip("pyarrow")
 from benchmarks.objects_faults import make_object
 
 from benchmarks import objects_faults
-from visuohaptic.core import DatabaseError, Estimate, Evidence, InputError, Sighting, VisuoHapticObject, codec
+from visuohaptic.core import DatabaseError, Estimate, Evidence, InputError, Sighting, VisuoHapticObject, cards
 from visuohaptic.database import (
     ByteIndex,
     ObjectDatabase,
@@ -40,8 +40,8 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 
 def _text(obj: VisuoHapticObject) -> str:
-    card, arrays = codec.encode(obj)
-    return codec.card_text(card) + codec.arrays_digest(arrays)
+    card, arrays = cards.encode(obj)
+    return cards.card_text(card) + cards.arrays_digest(arrays)
 
 
 def _round_trip(db: ObjectDatabase) -> None:

@@ -21,14 +21,14 @@ from visuohaptic.core import (
     Sighting,
     StiffnessMap,
     VisuoHapticObject,
-    codec,
+    cards,
 )
 from visuohaptic.database import add_evidence, combine, merge_objects, merge_stiffness
 
 
 def _text(obj: VisuoHapticObject) -> str:
-    card, arrays = codec.encode(obj)
-    return codec.card_text(card) + codec.arrays_digest(arrays)
+    card, arrays = cards.encode(obj)
+    return cards.card_text(card) + cards.arrays_digest(arrays)
 
 
 def test_measurement_refines_simulation() -> None:

@@ -188,7 +188,7 @@ def test_a_lost_picture_is_counted_and_the_others_keep_their_pose(tmp_path):
     assert sequence.missing == 1
     np.testing.assert_allclose(frames[1].T_world_camera.matrix, poses[2][1].matrix, atol=1e-8)
     (tmp_path / "s" / "depth" / "000003.png").unlink()  # the last: nobody knows which one it was
-    with pytest.raises(InputError, match=r"2 depth pictures and 4 poses, expected one pose for each"):
+    with pytest.raises(InputError, match=r"2 depth images and 4 poses, expected one pose for each"):
         DepthSequence(tmp_path / "s")
 
 

@@ -93,7 +93,7 @@ def test_csv_comes_back(tmp_path: Path) -> None:
     [
         (lambda t: t.replace("angle_min_rad", "angle"), "expected t_s, x_m"),
         (lambda t: t.replace("0.2,3.0", "0.2,nan", 1), "line 2: found a pose"),
-        (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2: has a field that is no number"),
+        (lambda t: t.replace("0.2,3.0", "0.2,x", 1), "line 2: has a field that is not a number"),
         (lambda t: "\n".join(t.splitlines()[:1]), "has no scan"),
         (lambda t: t[:-200], "fields, expected"),
     ],

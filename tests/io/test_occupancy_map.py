@@ -146,7 +146,7 @@ def test_bad_yaml(tmp_path: Path, fields: dict[str, object], problem: str) -> No
         (b"P5\n100000 100000\n255\n1234", "100000 x 100000"),
         (b"P5\n10 10\n255\n1234", "has 4 bytes of pixels, expected 100"),
         (b"P5\n2 2\n70000\n1234", "maxval: found 70000"),
-        (b"P2\n2 2\n255\n1 2 3 x", "no number"),
+        (b"P2\n2 2\n255\n1 2 3 x", "not a number"),
         (b"P2\n2 2\n255\n1 2 3 256", "maxval is 255"),
         (b"P5\n-2 2\n255\n1234", "expected a positive size"),
         (b"P5\n2", "header"),

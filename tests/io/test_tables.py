@@ -110,7 +110,7 @@ def test_bad_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"line 1: found columns t_s, force_N; missing: valid, reason"):
         read_force_table(tmp_path / "a.csv")
     (tmp_path / "a.parquet").write_bytes(b"PAR1 nothing")
-    with pytest.raises(InputError, match="is no readable Parquet file"):
+    with pytest.raises(InputError, match="is not a readable Parquet file"):
         read_force_table(tmp_path / "a.parquet")
     with pytest.raises(InputError, match="cannot be read"):
         read_force_table(tmp_path / "none.csv")

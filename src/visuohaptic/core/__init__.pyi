@@ -72,13 +72,14 @@ from .objects import Geometry as Geometry
 from .objects import HapticTag as HapticTag
 from .objects import Material as Material
 from .objects import ObjectPart as ObjectPart
+from .objects import ObjectState as ObjectState
 from .objects import Primitive as Primitive
 from .objects import PrimitiveKind as PrimitiveKind
 from .objects import Provenance as Provenance
 from .objects import Sighting as Sighting
-from .objects import StateModel as StateModel
 from .objects import StiffnessMap as StiffnessMap
 from .objects import VisuoHapticObject as VisuoHapticObject
+from .ranges import FINITE as FINITE
 from .ranges import NON_NEGATIVE as NON_NEGATIVE
 from .ranges import POSITIVE as POSITIVE
 from .ranges import above as above

@@ -338,7 +338,7 @@ def _read(path: Path, owned: bool) -> bytes | None:
     if user is not None and any(one.st_uid != user or one.st_mode & 0o022 for one in statuses):
         _log.debug("%s is not loaded: another user could write it", path)
         return None
-    # The name is part of the checksum: an entry that was renamed is not the entry that is asked for.
+    # The name is part of the checksum: an entry that was renamed is not the entry that is requested.
     if content[:32] != _checksum(path.name, content[32:]):
         _log.debug("%s is not loaded: it is damaged", path)
         return None

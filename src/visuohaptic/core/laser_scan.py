@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from .errors import InputError
 from .measurement import Reason
+from .ranges import FINITE, NON_NEGATIVE, POSITIVE, check_ranges
 
 __all__ = ["LaserScan"]
 
@@ -19,13 +20,13 @@ MAX_BEAMS = 100_000
 class LaserScan:
     """Distances in a plane parallel to the floor, in the frame of the scanner (x ahead, y left)."""
 
-    t_s: float  #: time of the scan
+    t_s: float = field(metadata=FINITE)  #: time of the scan [s]
     ranges_m: Float[np.ndarray, "n"]  #: infinite: nothing within range; NaN: no measurement
-    angle_min_rad: float  #: direction of the first beam, counter-clockwise from x
-    angle_step_rad: float  #: from one beam to the next
-    range_min_m: float = 0.05  #: nearer is no measurement
-    range_max_m: float = 30.0
-    sigma_m: float = 0.01  #: standard deviation of a distance
+    angle_min_rad: float = field(metadata=FINITE)  #: direction of the first beam, counter-clockwise from x
+    angle_step_rad: float = field(metadata=FINITE)  #: from one beam to the next, not 0
+    range_min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: nearer is not measured
+    range_max_m: float = field(default=30.0, metadata=POSITIVE)
+    sigma_m: float = field(default=0.01, metadata=POSITIVE)  #: standard deviation of a distance
     valid: bool = True
     reason: Reason = Reason.OK
 
@@ -33,17 +34,15 @@ class LaserScan:
         ranges = np.asarray(self.ranges_m, dtype=np.float64)
         if ranges.ndim != 1 or not 1 <= len(ranges) <= MAX_BEAMS:
             raise InputError("LaserScan", f"found shape {ranges.shape}, expected 1 to {MAX_BEAMS} beams")
-        numbers = (self.t_s, self.angle_min_rad, self.angle_step_rad, self.range_min_m, self.range_max_m)
-        if not (np.isfinite(numbers).all() and np.isfinite(self.sigma_m) and self.sigma_m > 0):
-            raise InputError(
-                "LaserScan", f"found {numbers} and sigma {self.sigma_m}, expected finite, sigma > 0"
-            )
-        if not (0 <= self.range_min_m < self.range_max_m and self.angle_step_rad != 0):
+        check_ranges(self)
+        if self.range_min_m >= self.range_max_m:
             raise InputError(
                 "LaserScan",
-                f"found ranges {self.range_min_m} to {self.range_max_m} m, step {self.angle_step_rad} rad, "
-                "expected 0 <= min < max and a step that is not 0",
+                f"found {self.range_min_m}, expected less than range_max_m {self.range_max_m}",
+                field="range_min_m",
             )
+        if self.angle_step_rad == 0:
+            raise InputError("LaserScan", "found 0, expected a step that is not 0", field="angle_step_rad")
         object.__setattr__(self, "ranges_m", ranges)
 
     @property

@@ -77,7 +77,7 @@ class ErrorBudget:
 class Contact:
     """One contact region of a laminar sensor: the interval where the deflection is positive."""
 
-    s_start_m: float  #: begin of the region along the sensor
+    s_start_m: float  #: start of the region along the sensor
     s_end_m: float  #: end of the region along the sensor
     force_N: float  #: integral of the pressure over the region
     budget: ErrorBudget  #: standard deviations of the force by cause

@@ -22,11 +22,11 @@ __all__ = [
     "HapticTag",
     "Material",
     "ObjectPart",
+    "ObjectState",
     "Primitive",
     "PrimitiveKind",
     "Provenance",
     "Sighting",
-    "StateModel",
     "StiffnessMap",
     "VisuoHapticObject",
 ]
@@ -42,7 +42,7 @@ _MAGNITUDES = (
 )
 #: Noise brings a magnitude below zero by more than this many standard deviations once in 10^9.
 _MAX_NOISE = 6.0
-#: A contour is what a platform touches at once; farther than any building is long are no coordinates of it.
+#: A contour is what a platform touches at once; farther than any building is long cannot be its coordinates.
 _MAX_CONTOUR_M = 1e3
 
 
@@ -228,7 +228,7 @@ class Appearance:
     """What the object looks like."""
 
     colour_rgb: tuple[float, float, float] | None = None  #: mean colour, 0..1
-    template_png: bytes | None = None  #: picture of a planar face
+    template_png: bytes | None = None  #: image of a planar face
     template_size_m: tuple[float, float] | None = None  #: its width and height
 
 
@@ -308,7 +308,7 @@ class ObjectPart:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StateModel:
+class ObjectState:
     """How the object feels in one state, as "open", "closed" or "full"."""
 
     stiffness: StiffnessMap | None = None
@@ -355,7 +355,7 @@ class VisuoHapticObject:
     #: what vision calls it; several objects with different haptic models may share one
     visual_class: str = ""
     parts: Mapping[str, ObjectPart] = field(default_factory=dict)  #: by name
-    states: Mapping[str, StateModel] = field(default_factory=dict)  #: haptic models by state
+    states: Mapping[str, ObjectState] = field(default_factory=dict)  #: haptic models by state
     features: Mapping[str, FeatureVector] = field(default_factory=dict)  #: by kind
     evidence: tuple[Evidence, ...] = ()  #: what the estimates above were combined from
     seen: Sighting | None = None  #: last known position, knowledge of one robot alone

@@ -24,7 +24,7 @@ import numpy as np
 
 from .errors import InputError, brief
 
-__all__ = ["NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_ranges", "within"]
+__all__ = ["FINITE", "NON_NEGATIVE", "POSITIVE", "above", "at_least", "check_ranges", "within"]
 
 _KEY = "visuohaptic range"
 
@@ -85,6 +85,7 @@ def within(low: float, high: float) -> Mapping[str, Any]:
     return {_KEY: _Range(low, high, False)}
 
 
+FINITE = at_least(-math.inf)
 POSITIVE = above(0.0)
 NON_NEGATIVE = at_least(0.0)
 

@@ -33,7 +33,7 @@ __all__ = [
     "require_members",
 ]
 
-#: A clock has stopped after so many control periods without advancing, five seconds of a loop at 50 Hz, or
+#: A clock has stopped after this many control periods without advancing, five seconds of a loop at 50 Hz, or
 #: after so long by the host's clock [s]: no robot's odometry or camera is that slow, no operator that patient.
 MAX_STILL_PERIODS, MAX_STILL_S = 250, 5.0
 
@@ -233,17 +233,17 @@ def require_members(
     for name in members or _members(protocol):
         declared = inspect.getattr_static(protocol, name)
         if isinstance(declared, property):
-            wanted, returned = f"property {name}", _returned(declared.fget)
+            expected, returned = f"property {name}", _returned(declared.fget)
             fault = "" if _has(obj, name) else "without"
         else:
             parameters = list(inspect.signature(declared).parameters.values())[1:]
             arguments = ", ".join(parameter.name for parameter in parameters)
-            wanted, returned = f"method {name}({arguments})", _returned(declared)
+            expected, returned = f"method {name}({arguments})", _returned(declared)
             fault = _method_fault(obj, name, parameters)
         if fault:
             raise InputError(
                 where,
-                f"found {role} of type {type(obj).__name__} {fault} {wanted}, which must return {returned}",
+                f"found {role} of type {type(obj).__name__} {fault} {expected}, which must return {returned}",
                 remedy=f"see {protocol.__module__}.{protocol.__name__}",
             )
 

@@ -1,3 +1,6 @@
+from .array_store import ArrayStore as ArrayStore
+from .connection import Connections as Connections
+from .connection import connect as connect
 from .connection import connect_file as connect_file
 from .connection import connect_server as connect_server
 from .connection import shown_url as shown_url
@@ -20,7 +23,12 @@ from .rows import ALIVE as ALIVE
 from .rows import MANY as MANY
 from .rows import Stored as Stored
 from .rows import drop_shards as drop_shards
-from .rows import joined as joined
+from .rows import feature_vectors as feature_vectors
+from .rows import fetch as fetch
+from .rows import last_change as last_change
+from .rows import merged_versions as merged_versions
+from .rows import next_change as next_change
+from .rows import row_of as row_of
 from .rows import store_rows as store_rows
 from .schema import VERSION as VERSION
 from .schema import counter as counter

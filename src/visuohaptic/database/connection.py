@@ -3,24 +3,63 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError
+from sqlalchemy.exc import ArgumentError, DBAPIError
 
-from ..core.errors import InputError, MissingExtraError
+from ..core.errors import DatabaseError, InputError, MissingExtraError
 
-__all__ = ["connect_file", "connect_server", "shown_url"]
+__all__ = ["Connections", "connect", "connect_file", "connect_server", "shown_url"]
 
 #: How long a writer waits for the others [s].
 _WAIT_S = 60.0
 _SERVER = re.compile(r"^postgres(ql)?(\+psycopg)?://")
+_NOT_STORED = "; what was being written is not stored"
 #: Parameters of an address that messages may show.
 _HARMLESS = frozenset(
     {"user", "host", "port", "dbname", "sslmode", "connect_timeout", "application_name", "options"}
 )
+
+
+def connect(location: Path | str, *, create: bool) -> tuple[Engine, str, Path | None]:
+    """Engine of a database in a folder or on a server.
+
+    Parameters
+    ----------
+    location
+        Folder, or URL such as ``postgresql://host/name``.
+    create
+        Whether a folder is created when it is not there.
+
+    Returns
+    -------
+    engine
+        Its engine.
+    where
+        The location without its secrets, for messages.
+    shards
+        Folder of the arrays; ``None`` on a server.
+
+    Raises
+    ------
+    InputError
+        There is no database and ``create`` is off, or the location cannot be used.
+    """
+    if "://" in str(location):
+        return connect_server(str(location)), shown_url(str(location)), None
+    folder = Path(location)
+    if not create and not (folder / "objects.sqlite").is_file():
+        raise InputError(folder, "is not a database of objects", remedy="add or import an object first")
+    try:
+        (folder / "shards").mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(folder, f"cannot be created ({error.strerror})") from error
+    return connect_file(folder / "objects.sqlite"), str(location), folder / "shards"
 
 
 def connect_file(path: Path) -> Engine:
@@ -107,3 +146,49 @@ def shown_url(location: str) -> str:
             name + sign + (value if name in _HARMLESS or not value else "***") for name, sign, value in parts
         )
     )
+
+
+class Connections:
+    """Connections to one database, for reading or for one transaction; errors of the driver in our words.
+
+    Parameters
+    ----------
+    engine
+        Engine of :func:`connect_file` or :func:`connect_server`.
+    where
+        The database, for messages.
+    """
+
+    def __init__(self, engine: Engine, where: str) -> None:
+        self._engine = engine
+        self._where = where
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A connection to read from."""
+        with self._guarded(""), self._engine.connect() as connection:
+            yield connection
+
+    @contextmanager
+    def writing(self) -> Iterator[Connection]:
+        """A connection with a transaction, committed at the end; other writers wait."""
+        engine = self._engine.execution_options(writes=True)
+        with self._guarded(_NOT_STORED), engine.connect() as connection, connection.begin():
+            yield connection
+
+    @contextmanager
+    def _guarded(self, loss: str) -> Iterator[None]:
+        """Errors of the libraries below in our words, with what was lost by them."""
+        try:
+            yield
+        except DBAPIError as error:
+            said = " ".join(str(error.orig).split())
+            raise DatabaseError(f"{self._where}: {said}{loss}") from error
+        except FileNotFoundError:
+            raise
+        except OSError as error:
+            raise DatabaseError(f"{self._where}: {error.strerror or error}{loss}") from error

@@ -28,9 +28,9 @@ from ..core.objects import (
     HapticTag,
     Material,
     ObjectPart,
+    ObjectState,
     Provenance,
     Sighting,
-    StateModel,
     StiffnessMap,
     VisuoHapticObject,
 )
@@ -115,7 +115,7 @@ def _branches(kind: type) -> tuple[str, ...]:
         return "material", "tag", "parts", "states"
     if kind is ObjectPart:
         return "material", "tag"
-    if kind is StateModel:
+    if kind is ObjectState:
         return ("tag",)
     return tuple(f.name for f in fields(kind)) if kind in (Material, HapticTag) else ()
 
@@ -167,15 +167,15 @@ def merge_objects(one: VisuoHapticObject, other: VisuoHapticObject) -> VisuoHapt
     }
     changes: dict[str, Any] = {"seen": _last(one.seen, other.seen)}
     for f in fields(VisuoHapticObject):
-        mine, yours = getattr(one, f.name), getattr(other, f.name)
+        local, remote = getattr(one, f.name), getattr(other, f.name)
         if f.name in ("id", "evidence", "provenance", "seen"):
             continue
         if f.name not in _MAPPINGS:
-            changes[f.name] = _newer(mine, yours, one, other, f.name, origins)
+            changes[f.name] = _newer(local, remote, one, other, f.name, origins)
             continue
         changes[f.name] = {
-            entry: _newer(mine.get(entry), yours.get(entry), one, other, f"{f.name}.{entry}", origins)
-            for entry in sorted({*mine, *yours})
+            entry: _newer(local.get(entry), remote.get(entry), one, other, f"{f.name}.{entry}", origins)
+            for entry in sorted({*local, *remote})
         }
     changes["provenance"] = origins
     return _with(replace(one, **changes), everything)
@@ -245,7 +245,7 @@ def _with(obj: VisuoHapticObject, everything: dict[tuple[str, ...], Evidence]) -
     return replace(obj, evidence=tuple(ordered))
 
 
-_EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": StateModel}
+_EMPTY: dict[str, type] = {"material": Material, "tag": HapticTag, "parts": ObjectPart, "states": ObjectState}
 
 
 def _put(item: Any, steps: list[str], estimate: Estimate, place: str) -> Any:
@@ -277,8 +277,8 @@ def _holds_estimate(kind: type, name: str) -> bool:
 
 
 def _newer(
-    mine: Any,
-    yours: Any,
+    local: Any,
+    remote: Any,
     one: VisuoHapticObject,
     other: VisuoHapticObject,
     place: str,
@@ -286,20 +286,20 @@ def _newer(
 ) -> Any:
     """What is there, what is newer, or what a fixed order of the contents picks; notes where it came from."""
     if one is other:
-        if _absent(mine):
-            return mine
+        if _absent(local):
+            return local
         origin = one.provenance.get(place) or one.provenance.get(place.partition(".")[0])
         if origin is not None:
             origins[place] = origin
-        return mine
-    there = [(value, obj) for value, obj in ((mine, one), (yours, other)) if not _absent(value)]
+        return local
+    there = [(value, obj) for value, obj in ((local, one), (remote, other)) if not _absent(value)]
     if not there:
-        return mine
+        return local
     ranked = []
     for value, obj in there:
         origin = obj.provenance.get(place) or obj.provenance.get(place.partition(".")[0])
         # The contents are only compared where the times cannot tell: that takes their hash.
-        contents = cards.order_of(value) if len(there) > 1 and mine is not yours else ""
+        contents = cards.order_of(value) if len(there) > 1 and local is not remote else ""
         ranked.append((_time(origin), contents, repr(origin), value, origin))
     *_, value, origin = max(ranked, key=lambda entry: entry[:3])
     if origin is not None:

@@ -1,18 +1,34 @@
-"""Rows of the object databases: how they are asked for, joined with what is known, and replaced."""
+"""Rows of the object databases: how they are queried, merged with what is stored, and replaced."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from sqlalchemy import Connection, and_, bindparam, select
 
+from ..core import cards
+from ..core.errors import InputError
 from ..core.objects import VisuoHapticObject
 from .merge import merge_objects
-from .schema import feature, object_, shard
+from .schema import counter, feature, object_, shard
 
-__all__ = ["ALIVE", "MANY", "Stored", "drop_shards", "joined", "store_rows"]
+__all__ = [
+    "ALIVE",
+    "MANY",
+    "Stored",
+    "drop_shards",
+    "feature_vectors",
+    "fetch",
+    "last_change",
+    "merged_versions",
+    "next_change",
+    "row_of",
+    "store_rows",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,45 +41,158 @@ class Stored:
 
 
 #: One object that is not deleted.
-ALIVE = select(object_).where(and_(object_.c.id == bindparam("wanted"), object_.c.deleted_s.is_(None)))
+ALIVE = select(object_).where(and_(object_.c.id == bindparam("requested"), object_.c.deleted_s.is_(None)))
 #: Several objects, deleted ones too.
-MANY = select(object_).where(object_.c.id.in_(bindparam("wanted", expanding=True)))
+MANY = select(object_).where(object_.c.id.in_(bindparam("requested", expanding=True)))
 
 
-def joined(
-    mine: VisuoHapticObject,
-    mine_gone_s: float | None,
-    yours: VisuoHapticObject,
-    yours_gone_s: float | None,
+def last_change(connection: Connection) -> int:
+    """Number of the last write.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    """
+    return int(connection.scalar(select(counter.c.value)) or 0)
+
+
+def next_change(connection: Connection) -> int:
+    """Number of a new write.
+
+    Parameters
+    ----------
+    connection
+        Connection with an open transaction.
+    """
+    return int(
+        connection.scalar(counter.update().values(value=counter.c.value + 1).returning(counter.c.value))
+    )
+
+
+def row_of(
+    obj: VisuoHapticObject, change: int, deleted_s: float | None
+) -> tuple[dict[str, Any], cards.Arrays]:
+    """Row and arrays of an object; in which shard these are is not set.
+
+    Parameters
+    ----------
+    obj
+        The object.
+    change
+        Number of the write.
+    deleted_s
+        When it was deleted, seconds since the epoch; ``None`` if it was not.
+    """
+    card, arrays = cards.encode(obj)
+    text, arrays_sha256 = cards.card_text(card), cards.arrays_digest(arrays) if arrays else ""
+    row = {
+        "id": obj.id,
+        "name": obj.name,
+        "visual_class": obj.visual_class,
+        "change": change,
+        "card": text,
+        "arrays_sha256": arrays_sha256,
+        "deleted_s": deleted_s,
+        "shard": None,
+        "row_group": None,
+        "digest": cards.digest_of(text, arrays_sha256),
+    }
+    return row, arrays
+
+
+def feature_vectors(
+    connection: Connection, kind: str, since: int, where: str
+) -> tuple[Sequence[str], Float[np.ndarray, "m n"]]:
+    """Ids and feature vectors of one kind, by id.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    kind
+        Kind of the features.
+    since
+        Only vectors written after the change of this number.
+    where
+        The database, for messages.
+
+    Raises
+    ------
+    InputError
+        The vectors differ in length.
+    """
+    rows = connection.execute(
+        select(feature.c.object_id, feature.c.data)
+        .where(feature.c.kind == kind, feature.c.change > since)
+        .order_by(feature.c.object_id)
+    ).all()
+    lengths = {len(row.data) for row in rows}
+    if len(lengths) > 1:
+        raise InputError(
+            where,
+            f"found features {kind!r} of {sorted(n // 8 for n in lengths)} numbers, expected one length",
+        )
+    ids = [row.object_id for row in rows]
+    flat = np.frombuffer(b"".join(row.data for row in rows), "<f8")
+    return ids, flat.reshape(len(ids), -1) if ids else flat.reshape(0, 0)
+
+
+def fetch(
+    connection: Connection, ids: Sequence[str], decode: Callable[[Any, Connection], VisuoHapticObject]
+) -> dict[str, Stored]:
+    """Stored objects by id, deleted ones too; unknown ids are left out.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    ids
+        Ids of the objects.
+    decode
+        Reads the object of a row.
+    """
+    found = {}
+    for start in range(0, len(ids), 500):
+        for row in connection.execute(MANY, {"requested": list(ids[start : start + 500])}):
+            found[row.id] = Stored(decode(row, connection), row.deleted_s, row)
+    return found
+
+
+def merged_versions(
+    local: VisuoHapticObject,
+    local_deleted_s: float | None,
+    remote: VisuoHapticObject,
+    remote_deleted_s: float | None,
     *,
-    asked: bool,
+    added_here: bool,
 ) -> tuple[VisuoHapticObject, float | None]:
     """Merge two versions with their deletions: the last deletion holds unless something is known from after
     it.
 
     Parameters
     ----------
-    mine, yours
+    local, remote
         Version of this database, and the other one.
-    mine_gone_s, yours_gone_s
+    local_deleted_s, remote_deleted_s
         When each was deleted, seconds since the epoch; ``None`` if it was not.
-    asked
+    added_here
         Whether somebody adds the object here and now, which undoes a deletion.
 
     Returns
     -------
     object
         The merged version.
-    gone_s
+    deleted_s
         When it was deleted, or ``None``.
     """
-    gone = [t_s for t_s in (mine_gone_s, yours_gone_s) if t_s is not None]
-    both = merge_objects(mine, yours)
-    if not gone:
+    deletions_s = [t_s for t_s in (local_deleted_s, remote_deleted_s) if t_s is not None]
+    both = merge_objects(local, remote)
+    if not deletions_s:
         return both, None
-    last_s = max(gone)
-    if asked:
-        return yours, None
+    last_s = max(deletions_s)
+    if added_here:
+        return remote, None
     times = [origin.t_s for origin in both.provenance.values()]
     times += [one.provenance.t_s for one in both.evidence] + ([both.seen.t_s] if both.seen else [])
     return both, None if any(t_s > last_s for t_s in times) else last_s

@@ -54,9 +54,9 @@ def synchronise(
     for start in range(0, len(ids), BATCH):
         found = local.stored(ids[start : start + BATCH])
         offer = {
-            one: (replace(obj, seen=None), gone_s)
-            for one, (obj, gone_s) in found.items()
-            if gone_s is not None or is_shared(obj)
+            one: (replace(obj, seen=None), deleted_s)
+            for one, (obj, deleted_s) in found.items()
+            if deleted_s is not None or is_shared(obj)
         }
         if offer:
             shared.write_merged(offer)
@@ -80,12 +80,12 @@ def _told(pair: tuple[VisuoHapticObject, float | None]) -> tuple[str, str, float
 
 
 def _known(local: ObjectDatabase, peer_id: str) -> tuple[int, int]:
-    with local._reading() as connection:
+    with local.connections.reading() as connection:
         row = connection.execute(select(peer.c.sent, peer.c.received).where(peer.c.id == peer_id)).first()
     return (0, 0) if row is None else (row.sent, row.received)
 
 
 def _note(local: ObjectDatabase, peer_id: str, sent: int, received: int) -> None:
-    with local._transaction() as connection:
+    with local.connections.writing() as connection:
         connection.execute(peer.delete().where(peer.c.id == peer_id))
         connection.execute(peer.insert(), {"id": peer_id, "sent": sent, "received": received})

@@ -29,9 +29,9 @@ from .ros.mcap_records import McapMessage as McapMessage
 from .ros.mcap_records import Topic as Topic
 from .sinks.mcap_out import MeasurementWriter as MeasurementWriter
 from .sinks.measurement_sink import MeasurementSink as MeasurementSink
-from .sinks.tables import ForceTable as ForceTable
+from .sinks.table_reader import ForceTable as ForceTable
+from .sinks.table_reader import read_force_table as read_force_table
+from .sinks.table_reader import read_wrench_table as read_wrench_table
 from .sinks.tables import TableWriter as TableWriter
-from .sinks.tables import read_force_table as read_force_table
-from .sinks.tables import read_wrench_table as read_wrench_table
 from .source import RecordedSource as RecordedSource
 from .source import indices_from_times as indices_from_times

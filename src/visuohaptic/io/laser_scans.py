@@ -110,7 +110,7 @@ def _from_csv(path: Path) -> list[OdometryScan]:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is no CSV text ({error})") from error
+        raise InputError(path, f"is not CSV text ({error})") from error
     if not found:
         raise InputError(path, "has no scan")
     return sorted(found, key=lambda pair: pair[0].t_s)
@@ -123,7 +123,7 @@ def _csv_row(path: Path, line: int, row: Sequence[str], fields: int) -> Odometry
         t_s, x, y, yaw, first, step, low, high = (float(text) for text in row[: len(_COLUMNS)])
         ranges = np.array([float(text) if text.strip() else math.nan for text in row[len(_COLUMNS) :]])
     except ValueError as error:
-        raise InputError(path, f"has a field that is no number ({error})", field=f"line {line}") from error
+        raise InputError(path, f"has a field that is not a number ({error})", field=f"line {line}") from error
     if not np.isfinite([x, y, yaw]).all() or (ranges < 0).any():
         raise InputError(path, "found a pose that is not finite or a distance below 0", field=f"line {line}")
     try:
@@ -140,9 +140,9 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
     times: list[float] = []
     poses: list[tuple[float, float, float]] = []
     topics: dict[str, set[str]] = {_SCAN: set(), _ODOMETRY: set()}
-    wanted = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
+    requested = {_SCAN: scan_topic, _ODOMETRY: odometry_topic}
     for message in file.messages():
-        if message.datatype not in topics or wanted[message.datatype] not in (None, message.topic):
+        if message.datatype not in topics or requested[message.datatype] not in (None, message.topic):
             continue
         topics[message.datatype].add(message.topic)
         if len(topics[message.datatype]) > 1:
@@ -156,7 +156,7 @@ def _from_mcap(path: Path, scan_topic: str | None, odometry_topic: str | None) -
             poses.append(_planar(decoded.pose.pose, f"{path}:{message.topic}"))
     for kind, found in ((_SCAN, scans), (_ODOMETRY, poses)):
         if not found:
-            where = f" on {wanted[kind]}" if wanted[kind] else ""
+            where = f" on {requested[kind]}" if requested[kind] else ""
             raise InputError(path, f"has no {kind}{where}")
     return _joined(path, scans, np.array(times), np.array(poses))
 

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from ..errors import CalibrationError, InputError
 from ..geometry import so3_exp
+from ..ranges import POSITIVE, at_least, check_ranges
 from .model import Camera
 
 __all__ = ["Board", "BoardView", "CalibrationLimits", "CameraCalibration", "calibrate_camera", "detect_board"]
@@ -28,17 +29,14 @@ class Board:
     must be seen whole.
     """
 
-    columns: int  #: squares along the board's x axis
-    rows: int  #: squares along its y axis
-    square_m: float  #: edge of a square, measured on the print
+    columns: int = field(metadata=at_least(3))  #: squares along the board's x axis
+    rows: int = field(metadata=at_least(3))  #: squares along its y axis
+    square_m: float = field(metadata=POSITIVE)  #: edge of a square, measured on the print
     marker_m: float | None = None  #: edge of a marker
     dictionary: str = "DICT_4X4_250"  #: OpenCV's name
 
     def __post_init__(self) -> None:
-        if self.columns < 3 or self.rows < 3:
-            raise InputError("Board", f"found {self.columns} x {self.rows} squares, expected at least 3 x 3")
-        if not (np.isfinite(self.square_m) and self.square_m > 0):
-            raise InputError("Board", f"found {self.square_m}, expected > 0", field="square_m")
+        check_ranges(self)
         if self.marker_m is not None and not 0 < self.marker_m < self.square_m:
             raise InputError(
                 "Board", f"found {self.marker_m}, expected 0 < marker < {self.square_m}", field="marker_m"
@@ -234,7 +232,7 @@ def calibrate_camera(
                 name,
                 f"found {len(used)} good views, expected at least {limits.min_views}"
                 + (f"; left out: {_listed(removed)}" if removed else ""),
-                remedy="take more pictures of the whole board, sharp and evenly lit",
+                remedy="take more images of the whole board, sharp and evenly lit",
             )
         fit = _fit(used, board, size)
         worst = int(np.argmax(fit.view_rms_px))

@@ -27,7 +27,7 @@ def image_size(head: bytes, where: object) -> tuple[int, int]:
     Raises
     ------
     InputError
-        The bytes are not the begin of such a file, or the size is not positive or above ``MAX_PIXELS``.
+        The bytes are not the start of such a file, or the size is not positive or above ``MAX_PIXELS``.
     """
     try:
         width, height = _size(head, where)

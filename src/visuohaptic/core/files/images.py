@@ -135,7 +135,7 @@ def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
         elif kind == b"IDAT":
             packed.append(body)
         elif kind == b"acTL":
-            raise InputError(where, "is an animated PNG, expected a single picture")
+            raise InputError(where, "is an animated PNG, expected a single image")
         ended = kind == b"IEND"
         place += 12 + length
     if not ended:
@@ -144,7 +144,7 @@ def _check_png(where: object, data: bytes, check_pixels: bool) -> None:
     if not check_pixels:
         return
     if data[place:].strip(b"\0 \r\n"):
-        raise InputError(where, f"has {len(data) - place} bytes behind the end of its picture")
+        raise InputError(where, f"has {len(data) - place} bytes behind the end of its image")
     _check_png_pixels(where, packed, limit, interlaced=header[12] != 0)
 
 
@@ -168,7 +168,7 @@ def _check_png_pixels(where: object, packed: list[memoryview], limit: int, *, in
 
 
 def _png_bytes(where: object, header: bytes) -> int:
-    """Bytes of the unpacked pixels; of an interlaced picture an upper bound."""
+    """Bytes of the unpacked pixels; of an interlaced image an upper bound."""
     if len(header) != 13:
         raise InputError(where, "is damaged: its header has a wrong length")
     width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", header)
@@ -197,7 +197,7 @@ def _check_bmp(where: object, data: bytes, width: int, height: int) -> None:
 
 
 def _check_jpeg(where: object, data: bytes) -> None:
-    """An end-of-image marker behind the begin of the pixels; cameras append to it what they like."""
+    """An end-of-image marker behind the start of the pixels; cameras append to it what they like."""
     place = 2
     while place + 4 <= len(data) and data[place] == 0xFF and data[place + 1] != 0xDA:
         fill = data[place + 1] == 0xFF

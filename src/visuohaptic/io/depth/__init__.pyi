@@ -5,7 +5,7 @@ from .depth_images import write_depth as write_depth
 from .depth_import import LAYOUTS as LAYOUTS
 from .depth_import import ImportedSequence as ImportedSequence
 from .depth_import import import_sequence as import_sequence
-from .depth_live import DepthPicture as DepthPicture
+from .depth_live import DepthColorImage as DepthColorImage
 from .depth_live import LiveDepthSource as LiveDepthSource
 from .depth_live import OrbbecSource as OrbbecSource
 from .depth_live import RealSenseSource as RealSenseSource

@@ -1,4 +1,4 @@
-"""OpenEXR pictures of depth: one channel of a scan-line file as float32.
+"""OpenEXR depth images: one channel of a scan-line file as float32.
 
 OpenCV's wheels are built without OpenEXR. Depth maps need little of the
 format: single-part scan-line files, uncompressed or packed by ZIPS, ZIP or
@@ -118,10 +118,10 @@ def _channels(packed: bytes, where: str) -> tuple[tuple[str, np.dtype], ...]:
 
 def _read_rows(data: bytes, header: _Header, where: str) -> Float[np.ndarray, "rows columns"]:
     names = [name for name, _ in header.channels]
-    wanted = next((name for name in _DEPTH_CHANNELS if name in names), None)
-    if wanted is None:
+    chosen = next((name for name in _DEPTH_CHANNELS if name in names), None)
+    if chosen is None:
         raise InputError(where, f"has channels {', '.join(names) or 'none'}, expected one of Z, Y, R")
-    at = names.index(wanted)
+    at = names.index(chosen)
     kind = header.channels[at][1]
     offset = header.width * sum(dtype.itemsize for _, dtype in header.channels[:at])
     row_bytes = header.width * sum(dtype.itemsize for _, dtype in header.channels)

@@ -1,8 +1,8 @@
-"""Pictures of depth: 16-bit PNG and OpenEXR, with scale, invalid values and the F200's rotated bits."""
+"""Depth images: 16-bit PNG and OpenEXR, with scale, invalid values and the F200's rotated bits."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt16
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, atomic_path, decode_image, image_size, read_bytes
+from ...core.ranges import NON_NEGATIVE, POSITIVE, check_ranges, within
 from ._exr import decode_exr
 
 __all__ = ["DEPTH_SUFFIXES", "DepthEncoding", "read_depth", "write_depth"]
@@ -20,26 +21,20 @@ DEPTH_SUFFIXES = (".png", ".exr")
 
 @dataclass(frozen=True, slots=True)
 class DepthEncoding:
-    """How the numbers of a picture become metres: ``depth_m = value * scale_m``."""
+    """How the numbers of an image become metres: ``depth_m = value * scale_m``."""
 
-    scale_m: float = 0.001  #: metres of one unit of the file
-    bit_rotation: int = 0  #: the file's 16-bit words are rotated left by so many bits (RealSense F200: 3)
+    scale_m: float = field(default=0.001, metadata=POSITIVE)  #: metres of one unit of the file
+    #: the file's 16-bit words are rotated left by this many bits (RealSense F200: 3)
+    bit_rotation: int = field(default=0, metadata=within(0, 15))
     invalid: tuple[int, ...] = (0, 65535)  #: values that mean "nothing measured", after the rotation
-    min_m: float = 0.05  #: nearer is nothing a depth camera measures
+    min_m: float = field(default=0.05, metadata=NON_NEGATIVE)  #: nearer is nothing a depth camera measures
     max_m: float = 20.0  #: farther neither
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.scale_m) and self.scale_m > 0):
-            raise InputError("DepthEncoding", f"found {self.scale_m}, expected > 0", field="scale_m")
-        if not 0 <= self.bit_rotation < 16:
+        check_ranges(self)
+        if not self.min_m < self.max_m:
             raise InputError(
-                "DepthEncoding", f"found {self.bit_rotation}, expected 0 to 15", field="bit_rotation"
-            )
-        if not 0 <= self.min_m < self.max_m:
-            raise InputError(
-                "DepthEncoding",
-                f"found {self.min_m} and {self.max_m}, expected 0 <= min < max",
-                field="min_m",
+                "DepthEncoding", f"found {self.min_m}, expected less than max_m {self.max_m}", field="min_m"
             )
 
 
@@ -58,7 +53,7 @@ def read_depth(
     encoding
         What a pixel's number means.
     size
-        Width and height that the picture must have [px].
+        Width and height that the image must have [px].
 
     Raises
     ------
@@ -96,11 +91,11 @@ def read_depth(
 
 def _png_words(path: Path, data: bytes, size: tuple[int, int] | None) -> UInt16[np.ndarray, "rows columns"]:
     if data[:8] != b"\x89PNG\r\n\x1a\n":
-        raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR picture")
+        raise InputError(path, f"begins with {data[:8]!r}, expected a PNG or OpenEXR image")
     width, height = image_size(data, path)
     _check_size(path, width, height, size)
     if len(data) < 26 or (data[24], data[25]) != (16, 0):
-        raise InputError(path, "is no PNG of one 16-bit channel", remedy="depth pictures are 16-bit grey")
+        raise InputError(path, "is not a PNG of one 16-bit channel", remedy="depth images are 16-bit grey")
     words = decode_image(data, path, "unchanged")
     if words.dtype != np.uint16 or words.ndim != 2:
         raise InputError(path, "is a damaged PNG: it cannot be decoded")

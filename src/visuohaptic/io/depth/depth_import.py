@@ -10,7 +10,7 @@
     ``camera_intrinsics.yaml``, ``N-<kind>-depth-img.exr`` in metres: single
     views without poses, every one of a scene of its own.
 ``plain``
-    Pictures of depth beside a ``camera.yaml`` and a file of poses that are named.
+    Depth images beside a ``camera.yaml`` and a file of poses that are named.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from ...core.camera.pose import Pose
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, image_size, load_yaml_model, read_bytes, save_yaml
 from .depth_images import DEPTH_SUFFIXES, DepthEncoding, read_depth, write_depth
-from .depth_sequence import _matched, _pictures
+from .depth_sequence import _image_files, _matched
 from .poses import StampedPose, read_poses, write_poses
 
 __all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
@@ -40,7 +40,7 @@ __all__ = ["LAYOUTS", "ImportedSequence", "import_sequence"]
 _log = logging.getLogger(__name__)
 
 LAYOUTS = ("arm", "apc", "cleargrasp", "plain")
-#: Time between two pictures that have none [s].
+#: Time between two images that have none [s].
 _PERIOD_S = 1.0 / 30.0
 _NUMBER = re.compile(r"(\d+)")
 
@@ -52,7 +52,7 @@ class ImportedSequence:
     folder: Path
     layout: str
     frames: int
-    skipped: list[str] = field(default_factory=list)  #: one line for each picture left out
+    skipped: list[str] = field(default_factory=list)  #: one line for each image left out
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class _Layout:
     sensor: str
     camera: Camera
     encoding: DepthEncoding
-    pictures: list[tuple[Path, Path | None, StampedPose]]  #: depth, colour, pose
+    images: list[tuple[Path, Path | None, StampedPose]]  #: depth, colour, pose
 
 
 class _CameraJson(BaseModel):
@@ -105,8 +105,8 @@ def import_sequence(
 ) -> ImportedSequence:
     """Write a sequence folder from a foreign one.
 
-    Depth is written as plain 16-bit PNG; colour is copied. Pictures that
-    cannot be read or have no pose are left out and told.
+    Depth is written as plain 16-bit PNG; colour is copied. Images that
+    cannot be read or have no pose are left out and reported.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def import_sequence(
     """
     source, target = Path(source), Path(target)
     if not source.is_dir():
-        raise InputError(source, "is no folder")
+        raise InputError(source, "is not a folder")
     if target.exists() and any(target.iterdir() if target.is_dir() else [target]):
         raise InputError(target, "is not empty", remedy="name a new folder")
     chosen = _layout_of(source, camera) if layout == "auto" else layout
@@ -175,18 +175,18 @@ def _arm(source: Path) -> _Layout:
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (ValueError, ValidationError, RecursionError) as error:
-        raise InputError(path, f"is no camera.json: {str(error).splitlines()[0]}") from error
+        raise InputError(path, f"is not a valid camera.json: {str(error).splitlines()[0]}") from error
     table = source / "base_T_cam.txt"
     poses = read_poses(table)
     numbers = np.loadtxt(table, usecols=0, dtype=np.float64, ndmin=1)
     by_number = {int(number): pose for number, pose in zip(numbers, poses, strict=True)}
-    pictures = []
-    for path in _pictures(source / "depth", set(DEPTH_SUFFIXES)):
+    images = []
+    for path in _image_files(source / "depth", set(DEPTH_SUFFIXES)):
         match = _NUMBER.search(path.stem)
         pose = by_number.get(int(match[1])) if match else None
         pose = pose or StampedPose(np.nan, None, f"{table.name} has no pose of it")
-        pictures.append((path, _beside(source / "color", path.stem), pose))
-    return _Layout(info.camera, info.to_camera(), DepthEncoding(info.depth_unit_m), pictures)
+        images.append((path, _beside(source / "color", path.stem), pose))
+    return _Layout(info.camera, info.to_camera(), DepthEncoding(info.depth_unit_m), images)
 
 
 def _beside(folder: Path, stem: str) -> Path | None:
@@ -227,8 +227,8 @@ def _apc(source: Path) -> _Layout:
     if intrinsic is None or intrinsic.shape != (3, 3):
         raise InputError(path, "has no 3 x 3 color camera intrinsic matrix")
     camera: Camera | None = None
-    pictures: list[tuple[Path, Path | None, StampedPose]] = []
-    for depth in _pictures(source, {".png"}):
+    images: list[tuple[Path, Path | None, StampedPose]] = []
+    for depth in _image_files(source, {".png"}):
         if not depth.name.endswith(".depth.png"):
             continue
         name = depth.name.removesuffix(".depth.png")
@@ -240,10 +240,10 @@ def _apc(source: Path) -> _Layout:
             stamped = StampedPose(np.nan, None, f"{path.name} has no pose of {name}")
         else:
             stamped = _pose_of_text(matrix, name)
-        pictures.append((depth, color if color.is_file() else None, stamped))
+        images.append((depth, color if color.is_file() else None, stamped))
     if camera is None:
         raise InputError(source, "has no frame-NNNNNN.depth.png")
-    return _Layout("Intel RealSense F200", camera, DepthEncoding(1e-4, bit_rotation=3), pictures)
+    return _Layout("Intel RealSense F200", camera, DepthEncoding(1e-4, bit_rotation=3), images)
 
 
 def _pose_of_text(matrix: Float[np.ndarray, "4 4"], name: str) -> StampedPose:
@@ -253,8 +253,8 @@ def _pose_of_text(matrix: Float[np.ndarray, "4 4"], name: str) -> StampedPose:
     return StampedPose(np.nan, found.pose, found.problem)
 
 
-def _camera_of(picture: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
-    width, height = image_size(read_bytes(picture, MAX_IMAGE_BYTES), picture)
+def _camera_of(image: Path, intrinsic: Float[np.ndarray, "3 3"]) -> Camera:
+    width, height = image_size(read_bytes(image, MAX_IMAGE_BYTES), image)
     return Camera(width, height, intrinsic, name="color")
 
 
@@ -264,12 +264,12 @@ def _cleargrasp(source: Path, kind: str) -> _Layout:
     info = load_yaml_model(source / "camera_intrinsics.yaml", _ClearGraspYaml)
     matrix = np.array([[info.fx, 0, info.cx], [0, info.fy, info.cy], [0, 0, 1.0]])
     camera = Camera(info.xres, info.yres, matrix, name=info.camera_name)
-    pictures: list[tuple[Path, Path | None, StampedPose]] = []
-    for path in _pictures(source, {".exr"}):
+    images: list[tuple[Path, Path | None, StampedPose]] = []
+    for path in _image_files(source, {".exr"}):
         if f"-{kind}-depth-img" in path.stem:
             color = path.with_name(path.stem.replace("depth-img", "rgb-img") + ".jpg")
-            pictures.append((path, color if color.is_file() else None, StampedPose(np.nan, Pose.identity())))
-    return _Layout(info.camera_name, camera, DepthEncoding(1.0), pictures)
+            images.append((path, color if color.is_file() else None, StampedPose(np.nan, Pose.identity())))
+    return _Layout(info.camera_name, camera, DepthEncoding(1.0), images)
 
 
 def _plain(
@@ -282,16 +282,16 @@ def _plain(
     if camera is None or poses is None or depth_scale_m is None:
         raise InputError(source, "a plain folder needs camera, poses and depth_scale_m")
     folder = source / "depth" if (source / "depth").is_dir() else source
-    paths = _pictures(folder, set(DEPTH_SUFFIXES))
+    paths = _image_files(folder, set(DEPTH_SUFFIXES))
     stamped = _matched(source, paths, read_poses(poses)) if paths else []
     colors = [_beside(source / "color", path.stem) for path in paths]
-    pictures = list(zip(paths, colors, stamped, strict=True))
-    return _Layout("unknown", Camera.load(camera), DepthEncoding(depth_scale_m, bit_rotation), pictures)
+    images = list(zip(paths, colors, stamped, strict=True))
+    return _Layout("unknown", Camera.load(camera), DepthEncoding(depth_scale_m, bit_rotation), images)
 
 
 def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
-    if not found.pictures:
-        raise InputError(target, f"the source has no depth pictures of the layout {layout!r}")
+    if not found.images:
+        raise InputError(target, f"the source has no depth images of the layout {layout!r}")
     # 0.1 mm reaches 6.5 m in 16 bit; what is coarser stays as it is.
     scale_m = 1e-4 if found.encoding.scale_m == 1.0 else found.encoding.scale_m
     skipped: list[str] = []
@@ -307,7 +307,7 @@ def _write(found: _Layout, target: Path, layout: str) -> ImportedSequence:
         time_s = stamped.t_s if np.isfinite(stamped.t_s) else index * _PERIOD_S
         poses.append((time_s, stamped.pose))
     if not poses:
-        raise InputError(target, f"not one picture of the source can be used; the first: {skipped[0]}")
+        raise InputError(target, f"not one image of the source can be used; the first: {skipped[0]}")
     found.camera.save(target / "camera.yaml")
     write_poses(target / "poses.txt", poses)
     description = {"sensor": found.sensor, "depth_scale_m": scale_m, "camera": "camera.yaml"}
@@ -319,13 +319,13 @@ def _readable(
     found: _Layout, skipped: list[str]
 ) -> Iterator[tuple[Float[np.ndarray, "rows columns"], Path | None, StampedPose]]:
     size = (found.camera.width, found.camera.height)
-    for path, color, stamped in found.pictures:
+    for path, color, stamped in found.images:
         try:
             if stamped.pose is None:
                 raise InputError(path, stamped.problem)
             depth_m = read_depth(path, found.encoding, size=size)
         except InputError as error:
-            _log.warning("picture left out: %s", error)
+            _log.warning("image left out: %s", error)
             skipped.append(str(error))
             continue
         yield depth_m, color, stamped

@@ -1,6 +1,6 @@
 """Live depth cameras: RealSense and Orbbec by their makers' packages, where these are installed.
 
-Both deliver the depth registered to the colour picture, so that one camera
+Both deliver the depth registered to the colour image, so that one camera
 model holds for both. Neither knows where it is: poses come from a tracker.
 """
 
@@ -22,11 +22,11 @@ from ...core.errors import DeviceError, InputError, MissingExtraError
 from ...core.resources import Closing
 from .depth_sequence import DepthFrame
 
-__all__ = ["DepthPicture", "LiveDepthSource", "OrbbecSource", "RealSenseSource"]
+__all__ = ["DepthColorImage", "LiveDepthSource", "OrbbecSource", "RealSenseSource"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthPicture:
+class DepthColorImage:
     """Depth and colour of one moment."""
 
     depth_m: Float32[np.ndarray, "rows columns"]  #: along the optical axis [m]; NaN: not measured
@@ -40,31 +40,31 @@ class DepthPicture:
         Parameters
         ----------
         T_world_camera
-            Pose of the camera when the picture was taken.
+            Pose of the camera when the image was taken.
         camera
-            Model of the camera, of the picture's size.
+            Model of the camera, of the image's size.
         """
         return DepthFrame(self.t_s, self.depth_m, self.color, T_world_camera, camera, self.index)
 
 
 class LiveDepthSource(Closing):
-    """Frames of a live depth camera; implements :class:`visuohaptic.core.robots.FrameSource` with its colour pictures.
+    """Frames of a live depth camera; implements :class:`visuohaptic.core.robots.FrameSource` with its colour images.
 
     Parameters
     ----------
     width, height
-        Of the pictures [px].
+        Of the images [px].
     rate_Hz
-        Pictures per second.
+        Images per second.
     timeout_s
-        A picture is waited for this long [s].
+        An image is waited for this long [s].
 
     Raises
     ------
     MissingExtraError
         The maker's package is not installed.
     DeviceError
-        There is no such camera, or it does not offer these pictures.
+        There is no such camera, or it does not offer these images.
     """
 
     #: Module of the maker's package, and the extra that has it.
@@ -97,8 +97,8 @@ class LiveDepthSource(Closing):
         """Open the device; its model."""
 
     @abstractmethod
-    def _wait(self) -> DepthPicture | None:
-        """The next picture; None without one in time, or without depth or colour."""
+    def _wait(self) -> DepthColorImage | None:
+        """The next image; None without one in time, or without depth or colour."""
 
     @abstractmethod
     def _stop(self) -> None:
@@ -106,7 +106,7 @@ class LiveDepthSource(Closing):
 
     @property
     def camera(self) -> Camera:
-        """The model of the pictures."""
+        """The model of the images."""
         return self._camera
 
     @property
@@ -114,8 +114,8 @@ class LiveDepthSource(Closing):
         """``None``: a live camera has no end."""
         return None
 
-    def read(self) -> DepthPicture:
-        """Wait for the next picture.
+    def read(self) -> DepthColorImage:
+        """Wait for the next image.
 
         Raises
         ------
@@ -134,7 +134,7 @@ class LiveDepthSource(Closing):
         return found
 
     def __iter__(self) -> Iterator[Frame]:
-        """Colour pictures until the source is closed."""
+        """Colour images until the source is closed."""
         while self._open:
             found = self.read()
             yield Frame(found.color, found.t_s, found.index)
@@ -162,12 +162,12 @@ class RealSenseSource(LiveDepthSource):
         found = profile.get_stream(rs.stream.color).as_video_stream_profile().get_intrinsics()
         return _pinhole(found.width, found.height, found.fx, found.fy, found.ppx, found.ppy)
 
-    def _wait(self) -> DepthPicture | None:
+    def _wait(self) -> DepthColorImage | None:
         frames = self._align.process(self._pipeline.wait_for_frames(self._timeout_ms))
         depth, color = frames.get_depth_frame(), frames.get_color_frame()
         if not depth or not color:
             return None
-        return DepthPicture(
+        return DepthColorImage(
             _metres(np.asanyarray(depth.get_data()), self._scale_m),
             np.array(color.get_data(), dtype=np.uint8),
             1e-3 * float(depth.get_timestamp()),
@@ -200,7 +200,7 @@ class OrbbecSource(LiveDepthSource):
         found = self._pipeline.get_camera_param().rgb_intrinsic
         return _pinhole(found.width, found.height, found.fx, found.fy, found.cx, found.cy)
 
-    def _wait(self) -> DepthPicture | None:
+    def _wait(self) -> DepthColorImage | None:
         frames = self._pipeline.wait_for_frames(self._timeout_ms)
         if frames is None:
             return None
@@ -213,7 +213,7 @@ class OrbbecSource(LiveDepthSource):
         # The maker's scale is in millimetres.
         scale_m = np.float32(1e-3 * depth.get_depth_scale())
         rgb = np.frombuffer(color.get_data(), np.uint8).reshape(color.get_height(), color.get_width(), 3)
-        return DepthPicture(
+        return DepthColorImage(
             _metres(np.frombuffer(depth.get_data(), np.uint16).reshape(shape), scale_m),
             np.ascontiguousarray(rgb[..., ::-1]),
             # Some models have no clock of their own and tell 0.

@@ -1,4 +1,4 @@
-"""A folder of depth pictures with the camera's poses.
+"""A folder of depth images with the camera's poses.
 
 =================  ====================================================================
 ``sequence.yaml``  ``sensor``, ``depth_scale_m``, ``camera: camera.yaml``; see
@@ -76,8 +76,8 @@ class SequenceFile(BaseModel):
     sensor: Annotated[str, Field(max_length=200)] = "unknown"
     depth_scale_m: Annotated[FiniteFloat, Field(gt=0)]  #: metres of one unit
     camera: str = "camera.yaml"
-    depth: str = "depth"  #: folder of the depth pictures
-    color: str = "color"  #: folder of the colour pictures
+    depth: str = "depth"  #: folder of the depth images
+    color: str = "color"  #: folder of the colour images
     poses: str = "poses.txt"  #: TUM text, 4 x 4 text or MCAP
     poses_topic: str | None = None  #: of an MCAP file
     bit_rotation: Annotated[int, Field(ge=0, lt=16)] = 0  #: RealSense F200: 3
@@ -122,16 +122,16 @@ class DepthSequence:
         self.encoding = DepthEncoding(
             info.depth_scale_m, info.bit_rotation, tuple(info.invalid), info.min_depth_m, info.max_depth_m
         )
-        self._paths = _pictures(self._inside(info.depth, "depth"), set(DEPTH_SUFFIXES))
+        self._paths = _image_files(self._inside(info.depth, "depth"), set(DEPTH_SUFFIXES))
         if not self._paths:
-            raise InputError(self.folder / info.depth, "has no depth pictures (.png, .exr)")
+            raise InputError(self.folder / info.depth, "has no depth images (.png, .exr)")
         colors = self._inside(info.color, "color")
-        self._colors = {path.stem: path for path in _pictures(colors, _COLOR_SUFFIXES)}
+        self._colors = {path.stem: path for path in _image_files(colors, _COLOR_SUFFIXES)}
         self._color_list = list(self._colors.values())
         poses = read_poses(self._inside(info.poses, "poses"), info.poses_topic)
-        #: Time and pose of each picture; a pose that is missing says why.
+        #: Time and pose of each image; a pose that is missing says why.
         self.stamped: list[StampedPose] = _matched(self.folder, self._paths, poses)
-        #: Pictures that have a pose and are not there, where the names tell.
+        #: Images that have a pose and are not there, where the names tell.
         self.missing = 0 if _timed(self._paths) else len(poses) - len(self._paths)
         self._check_steps()
         self.skipped: Counter[str] = Counter()  #: frames left out, by cause
@@ -179,7 +179,7 @@ class DepthSequence:
 
     @property
     def times_s(self) -> Float[np.ndarray, "n"]:
-        """Time of every picture [s]; the number of the frame where the poses have no times."""
+        """Time of every image [s]; the number of the frame where the poses have no times."""
         return np.array(
             [stamped.t_s if np.isfinite(stamped.t_s) else k for k, stamped in enumerate(self.stamped)],
             dtype=np.float64,
@@ -243,7 +243,7 @@ def _natural(path: Path) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in parts]
 
 
-def _pictures(folder: Path, suffixes: set[str]) -> list[Path]:
+def _image_files(folder: Path, suffixes: set[str]) -> list[Path]:
     if not folder.is_dir():
         return []
     found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.name[0] != "."]
@@ -257,7 +257,7 @@ def _timed(paths: list[Path]) -> list[float]:
 
 
 def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[StampedPose]:
-    """The pose of each picture: by time in its name, by count, or by its number where pictures are lost."""
+    """The pose of each image: by time in its name, by count, or by its number where images are lost."""
     timed = sorted((stamped for stamped in poses if np.isfinite(stamped.t_s)), key=lambda s: s.t_s)
     if (seconds := _timed(paths)) and timed:
         return [StampedPose(time_s, *interpolate_pose(timed, time_s)) for time_s in seconds]
@@ -265,10 +265,10 @@ def _matched(folder: Path, paths: list[Path], poses: list[StampedPose]) -> list[
         return poses
     numbers = [int(match[1]) for path in paths if (match := _NUMBER.search(path.stem))]
     if len(numbers) == len(paths) and max(numbers) - min(numbers) + 1 == len(poses) > len(paths):
-        _log.warning("%s: %d of %d depth pictures are missing", folder, len(poses) - len(paths), len(poses))
+        _log.warning("%s: %d of %d depth images are missing", folder, len(poses) - len(paths), len(poses))
         return [poses[number - min(numbers)] for number in numbers]
     raise InputError(
         folder,
-        f"has {len(paths)} depth pictures and {len(poses)} poses, expected one pose for each picture",
-        remedy="or name the pictures by their time in seconds",
+        f"has {len(paths)} depth images and {len(poses)} poses, expected one pose for each image",
+        remedy="or name the images by their time in seconds",
     )

@@ -24,7 +24,7 @@ def write_sequence(
 ) -> int:
     """Write a sequence folder that :class:`.DepthSequence` reads; tells the number of frames.
 
-    Pictures are written as the frames come, the description last: a folder whose writer was stopped is no sequence.
+    Images are written as the frames come, the description last: a folder whose writer was stopped is no sequence.
 
     Parameters
     ----------

@@ -119,12 +119,12 @@ def _matrix(matrix: Float[np.ndarray, "rows 4"], where: str) -> StampedPose:
     if not np.isfinite(matrix).all():
         return StampedPose(np.nan, None, f"{where} is not finite")
     if len(matrix) == 4 and not np.allclose(matrix[3], [0, 0, 0, 1], atol=1e-6):
-        return StampedPose(np.nan, None, f"{where} is no rigid motion: its last row is not 0 0 0 1")
+        return StampedPose(np.nan, None, f"{where} is not a rigid motion: its last row is not 0 0 0 1")
     rotation = matrix[:3, :3]
     left, _, right = np.linalg.svd(rotation)
     nearest = left @ right
     if np.abs(nearest - rotation).max() > _ROUNDING or np.linalg.det(nearest) < 0:
-        return StampedPose(np.nan, None, f"{where} is no rigid motion: its rotation is not orthonormal")
+        return StampedPose(np.nan, None, f"{where} is not a rigid motion: its rotation is not orthonormal")
     return StampedPose(np.nan, Pose(nearest, matrix[:3, 3]))
 
 

@@ -93,16 +93,18 @@ class UvcBackend:
         self._offset_s = None
 
     def _set_mode(self) -> None:
-        asked = self._settings
+        requested = self._settings
         modes = [
             mode
             for mode in self._capture.available_modes
-            if asked.width in (None, mode.width) and asked.height in (None, mode.height)
+            if requested.width in (None, mode.width) and requested.height in (None, mode.height)
         ]
         if not modes:
             listed = ", ".join(f"{m.width} x {m.height} @ {m.fps}" for m in self._capture.available_modes)
-            raise DeviceError(f"the camera has no mode {asked.width} x {asked.height}; it has {listed}")
-        rate = asked.rate_Hz or 30.0
+            raise DeviceError(
+                f"the camera has no mode {requested.width} x {requested.height}; it has {listed}"
+            )
+        rate = requested.rate_Hz or 30.0
         self._capture.frame_mode = min(modes, key=lambda m: (abs(m.fps - rate), -m.width * m.height))
 
     def _set_controls(self) -> None:
@@ -153,22 +155,25 @@ class OpenCvBackend:
         if not capture.isOpened():
             capture.release()
             raise DeviceError(f"no camera camera:{self._number}; found: {_listed(find())}")
-        asked = self._settings
+        requested = self._settings
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
-        wanted = [
-            (cv2.CAP_PROP_FRAME_WIDTH, asked.width, "width"),
-            (cv2.CAP_PROP_FRAME_HEIGHT, asked.height, "height"),
-            (cv2.CAP_PROP_FPS, asked.rate_Hz, "rate"),
+        properties = [
+            (cv2.CAP_PROP_FRAME_WIDTH, requested.width, "width"),
+            (cv2.CAP_PROP_FRAME_HEIGHT, requested.height, "height"),
+            (cv2.CAP_PROP_FPS, requested.rate_Hz, "rate"),
         ]
-        if asked.exposure_s is not None:
+        if requested.exposure_s is not None:
             # 1 is manual and the unit 0.1 ms in Video4Linux, which OpenCV passes through.
-            wanted += [
+            properties += [
                 (cv2.CAP_PROP_AUTO_EXPOSURE, 1, "manual exposure"),
-                (cv2.CAP_PROP_EXPOSURE, asked.exposure_s * 1e4, "exposure"),
+                (cv2.CAP_PROP_EXPOSURE, requested.exposure_s * 1e4, "exposure"),
             ]
-        if asked.focus is not None:
-            wanted += [(cv2.CAP_PROP_AUTOFOCUS, 0, "fixed focus"), (cv2.CAP_PROP_FOCUS, asked.focus, "focus")]
-        for key, value, name in wanted:
+        if requested.focus is not None:
+            properties += [
+                (cv2.CAP_PROP_AUTOFOCUS, 0, "fixed focus"),
+                (cv2.CAP_PROP_FOCUS, requested.focus, "focus"),
+            ]
+        for key, value, name in properties:
             if value is not None and not capture.set(key, float(value)):
                 _log.warning("camera:%d does not take %s %s", self._number, re.sub("_", " ", name), value)
         self._capture = capture

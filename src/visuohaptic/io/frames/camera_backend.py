@@ -1,4 +1,4 @@
-"""What a driver of a live camera offers, and what it is asked for."""
+"""What a driver of a live camera offers, and the settings it takes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["CameraBackend", "CameraSettings", "FoundCamera", "time_s"]
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings:
-    """What is asked of a live camera; ``None`` leaves a property as it is."""
+    """Settings of a live camera; ``None`` leaves a property as it is."""
 
     width: int | None = None  #: [px]
     height: int | None = None  #: [px]

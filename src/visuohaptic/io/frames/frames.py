@@ -44,7 +44,7 @@ def open_source(
     start_s, stop_s
         Part of a recording, counted from its first frame [s]; not for live cameras.
     rate_Hz
-        Rate of an image folder without times; rate that is asked of a live camera.
+        Rate of an image folder without times; requested rate of a live camera.
     grey
         Deliver grey images, which is faster where colour is not needed.
 

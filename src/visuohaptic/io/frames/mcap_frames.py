@@ -62,7 +62,7 @@ class McapSource(RecordedSource):
     Raises
     ------
     InputError
-        The file is no MCAP, or has no such topic of images.
+        The file is not MCAP, or has no such topic of images.
     """
 
     def __init__(

@@ -87,7 +87,7 @@ class VideoSource(RecordedSource):
             container = av.open(str(self._path), "r")
         except (av.error.FFmpegError, OSError, ValueError) as error:
             raise InputError(
-                self._path, f"is no readable video ({error})", remedy="a cut MP4 has lost its index"
+                self._path, f"is not a readable video ({error})", remedy="a cut MP4 has lost its index"
             ) from error
         if not container.streams.video:
             container.close()

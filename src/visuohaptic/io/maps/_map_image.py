@@ -1,4 +1,4 @@
-"""Pictures of maps: grey levels as whole numbers, and every damaged file refused.
+"""Images of maps: grey levels as whole numbers, and every damaged file refused.
 
 A decoder for photographs fills what is missing with grey; a map must not be
 filled. PGM is read here, PNG, BMP and JPEG by the gate of images.
@@ -15,7 +15,7 @@ from jaxtyping import Bool, Int8, UInt
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, MAX_PIXELS, decode_image, image_size, read_bytes
 
-__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "Picture", "cells_from_picture", "read_picture"]
+__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "MapImage", "cells_from_image", "read_map_image"]
 
 UNKNOWN, FREE, OCCUPIED = -1, 0, 100
 
@@ -26,15 +26,15 @@ _NETPBM = {b"P2": 1, b"P5": 1, b"P3": 3, b"P6": 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Picture:
-    """Brightness of a picture; row 0 is at the bottom."""
+class MapImage:
+    """Brightness of an image; row 0 is at the bottom."""
 
     level: UInt[np.ndarray, "rows columns"]  #: sum over the colour channels
     top: int  #: level of white
     opaque: Bool[np.ndarray, "rows columns"] | None  #: None: everywhere
 
 
-def read_picture(path: Path) -> Picture:
+def read_map_image(path: Path) -> MapImage:
     """Read a PGM, PPM, PNG, BMP or JPEG file.
 
     Parameters
@@ -49,27 +49,27 @@ def read_picture(path: Path) -> Picture:
     """
     data = read_bytes(path, MAX_IMAGE_BYTES)
     width, height = image_size(data, path)
-    picture = _read_netpbm(path, data) if data[:2] in _NETPBM else _read_other(path, data)
-    if picture.level.shape != (height, width):
-        found = picture.level.shape
+    image = _read_netpbm(path, data) if data[:2] in _NETPBM else _read_other(path, data)
+    if image.level.shape != (height, width):
+        found = image.level.shape
         raise InputError(path, f"is damaged: {found[1]} x {found[0]}, header {width} x {height}")
-    opaque = None if picture.opaque is None else picture.opaque[::-1]
-    return Picture(picture.level[::-1], picture.top, opaque)
+    opaque = None if image.opaque is None else image.opaque[::-1]
+    return MapImage(image.level[::-1], image.top, opaque)
 
 
-def cells_from_picture(
-    picture: Picture, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
+def cells_from_image(
+    image: MapImage, mode: str, negate: bool, occupied_thresh: float, free_thresh: float
 ) -> Int8[np.ndarray, "rows columns"]:
     """Occupancy by the rules of Nav2's map_server; what is not opaque is unknown.
 
     Nav2 averages the transparency of a trinary map into its grey level, by which
-    the unknown cells of a picture with an opaque alpha channel become free;
+    the unknown cells of an image with an opaque alpha channel become free;
     here the alpha channel means the same in every mode. ``negate`` has no
     meaning in mode raw.
 
     Parameters
     ----------
-    picture
+    image
         Brightness, row 0 at the bottom.
     mode
         ``trinary``, ``scale`` or ``raw``.
@@ -83,8 +83,8 @@ def cells_from_picture(
     array
         -1 unknown, 0 free .. 100 occupied, shape (rows, columns).
     """
-    # A picture has few levels and many pixels: the rules are worked out once per level.
-    shade = np.arange(picture.top + 1) / picture.top
+    # An image has few levels and many pixels: the rules are worked out once per level.
+    shade = np.arange(image.top + 1) / image.top
     if mode == "raw":
         value = np.rint(shade * 255)
         table = np.where(value <= OCCUPIED, value, UNKNOWN)
@@ -97,13 +97,13 @@ def cells_from_picture(
             table = np.full(shade.shape, float(UNKNOWN))
         table = np.where(occupancy < free_thresh, FREE, table)
         table = np.where(occupancy > occupied_thresh, OCCUPIED, table)
-    cells = table.astype(np.int8)[picture.level]
-    if picture.opaque is not None:
-        cells[~picture.opaque] = UNKNOWN
+    cells = table.astype(np.int8)[image.level]
+    if image.opaque is not None:
+        cells[~image.opaque] = UNKNOWN
     return cells
 
 
-def _read_netpbm(path: Path, data: bytes) -> Picture:
+def _read_netpbm(path: Path, data: bytes) -> MapImage:
     """PGM or PPM, text (P2, P3) or binary (P5, P6), 8 or 16 bit, with comments."""
     kind = data[:2]
     (width, height, top), place = _netpbm_header(path, data)
@@ -111,7 +111,7 @@ def _read_netpbm(path: Path, data: bytes) -> Picture:
     if kind in (b"P5", b"P6"):
         dtype = np.dtype(np.uint8) if top < 256 else np.dtype(">u2")
         found, expected = len(data) - place - 1, count * dtype.itemsize
-        # A line end behind the pixels does no harm; more means that the header is of another picture.
+        # A line end behind the pixels does no harm; more means that the header is of another image.
         if found < expected or data[place + 1 + expected :].strip():
             raise InputError(path, f"has {found} bytes of pixels, expected {expected}")
         values = np.frombuffer(data, dtype=dtype, count=count, offset=place + 1)
@@ -121,8 +121,8 @@ def _read_netpbm(path: Path, data: bytes) -> Picture:
         raise InputError(path, f"has pixels up to {values.max()}, its maxval is {top}")
     values = values.astype(np.uint8 if top < 256 else np.uint16)
     if _NETPBM[kind] == 1:
-        return Picture(values.reshape(height, width), top, None)
-    return Picture(values.reshape(height, width, 3).sum(axis=2, dtype=np.uint32), 3 * top, None)
+        return MapImage(values.reshape(height, width), top, None)
+    return MapImage(values.reshape(height, width, 3).sum(axis=2, dtype=np.uint32), 3 * top, None)
 
 
 def _netpbm_header(path: Path, data: bytes) -> tuple[tuple[int, int, int], int]:
@@ -169,7 +169,7 @@ def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.nda
         try:
             numbers = np.array(words, dtype=np.int64) if words else np.zeros(0, dtype=np.int64)
         except (ValueError, OverflowError) as error:
-            raise InputError(path, "has a pixel that is no number") from error
+            raise InputError(path, "has a pixel that is not a number") from error
         if done + len(numbers) > count:
             raise InputError(path, f"has more than {count} pixels, the size in its header")
         if len(numbers) and (numbers.min() < 0 or numbers.max() > 65535):
@@ -183,7 +183,7 @@ def _text_pixels(path: Path, data: bytes, place: int, count: int) -> UInt[np.nda
     return values
 
 
-def _read_other(path: Path, data: bytes) -> Picture:
+def _read_other(path: Path, data: bytes) -> MapImage:
     if data[:8] != b"\x89PNG\r\n\x1a\n" and data[:2] not in (b"BM", b"\xff\xd8"):
         raise InputError(path, f"begins with {data[:4]!r}, expected a PGM, PNG, BMP or JPEG image")
     image = decode_image(data, path, "unchanged")
@@ -191,7 +191,7 @@ def _read_other(path: Path, data: bytes) -> Picture:
         raise InputError(path, "is not an image of 8 or 16 bit")
     white = int(np.iinfo(image.dtype).max)
     if image.ndim == 2:
-        return Picture(image, white, None)
+        return MapImage(image, white, None)
     opaque = image[..., -1] == white if image.shape[2] in (2, 4) else None
     colours = image[..., :3] if image.shape[2] >= 3 else image[..., :1]
-    return Picture(colours.sum(axis=2, dtype=np.uint32), white * colours.shape[2], opaque)
+    return MapImage(colours.sum(axis=2, dtype=np.uint32), white * colours.shape[2], opaque)

@@ -1,4 +1,4 @@
-"""The files of ROS's map_server: a YAML file and a picture."""
+"""The files of ROS's map_server: a YAML file and an image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, FiniteFloat
 
 from ...core.errors import InputError
 from ...core.files import atomic_path, load_yaml_model, save_yaml
-from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_picture, read_picture
+from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_image
 
 _log = logging.getLogger(__name__)
 
@@ -55,8 +55,8 @@ def load(path: Path) -> tuple[Int8[np.ndarray, "rows columns"], float, tuple[flo
             f"found {info.free_thresh}, expected less than occupied_thresh {info.occupied_thresh}",
             field="free_thresh",
         )
-    picture = read_picture(_image_beside(path, info.image))
-    cells = cells_from_picture(picture, info.mode, info.negate, info.occupied_thresh, info.free_thresh)
+    image = read_map_image(_image_beside(path, info.image))
+    cells = cells_from_image(image, info.mode, info.negate, info.occupied_thresh, info.free_thresh)
     x, y, yaw = info.origin
     return cells, info.resolution, (x, y, yaw)
 
@@ -66,7 +66,7 @@ def _image_beside(path: Path, name: str) -> Path:
     folder = path.parent
     named = Path(name.strip().replace("\\", "/"))
     if named.is_absolute():
-        # A map file must not read any file of the computer; its picture usually moved along with it.
+        # A map file must not read any file of the computer; its image usually moved along with it.
         named = Path(named.name)
     target = folder / named
     try:
@@ -100,7 +100,7 @@ def save(
     resolution_m: float,
     origin: tuple[float, float, float],
 ) -> None:
-    """Write YAML and PGM, the picture first: a YAML file never names a picture that is not there."""
+    """Write YAML and PGM, the image first: a YAML file never names an image that is not there."""
     if path.suffix not in (".yaml", ".yml"):
         raise InputError(path, "expected a name that ends in .yaml")
     trinary = bool(np.isin(cells, (UNKNOWN, FREE, OCCUPIED)).all())
@@ -110,14 +110,14 @@ def save(
     else:
         pixels = np.where(cells == UNKNOWN, 255, cells).astype(np.uint8)
     rows, columns = cells.shape
-    picture = path.with_suffix(".pgm")
-    with atomic_path(picture) as temporary, temporary.open("wb") as stream:
+    image = path.with_suffix(".pgm")
+    with atomic_path(image) as temporary, temporary.open("wb") as stream:
         stream.write(f"P5\n{columns} {rows}\n255\n".encode())
         stream.write(np.ascontiguousarray(pixels[::-1]).tobytes())
     save_yaml(
         path,
         {
-            "image": picture.name,
+            "image": image.name,
             "mode": "trinary" if trinary else "raw",
             "resolution": float(resolution_m),
             "origin": [float(value) for value in origin],

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, Int8
 from ...core.errors import InputError
 from ...core.files import MAX_PIXELS
 from ...core.geometry import rotation_2d
-from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_picture, read_picture
+from ._map_image import FREE, OCCUPIED, UNKNOWN, cells_from_image, read_map_image
 
 __all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyMap"]
 
@@ -208,8 +208,8 @@ class OccupancyMap:
         InputError
             The image is missing, of another kind, too large or damaged.
         """
-        picture = read_picture(Path(path))
-        cells = cells_from_picture(picture, "trinary", negate, occupied_thresh, free_thresh)
+        image = read_map_image(Path(path))
+        cells = cells_from_image(image, "trinary", negate, occupied_thresh, free_thresh)
         return cls(cells, resolution_m, origin)
 
     @classmethod

@@ -85,12 +85,12 @@ def missing_lines(data: bytes) -> str:
     head = data[: max(end, 0)].decode("ascii", "replace").splitlines()
     if not any(line.split()[:2] == ["format", "ascii"] for line in head):
         return ""
-    wanted = sum(int(words[2]) for line in head if _is_element(words := line.split()))
+    expected = sum(int(words[2]) for line in head if _is_element(words := line.split()))
     # As many ends of lines as lines, the header's last one included; the very last may lack its own.
     there = data.count(b"\n", end) - (1 if data.endswith(b"\n") else 0)
     if b"\n" not in data[end:]:
         there = data.count(b"\r", end) - (1 if data.endswith(b"\r") else 0)
-    return f"says {wanted} lines of elements, the file has {there}" if there < wanted else ""
+    return f"says {expected} lines of elements, the file has {there}" if there < expected else ""
 
 
 def _ply(data: bytes) -> str:
@@ -101,22 +101,22 @@ def _ply(data: bytes) -> str:
     if not any(line.split()[:2] == ["format", "ascii"] for line in head):
         return ""
     counts = {words[1]: int(words[2]) for line in head if _is_element(words := line.split())}
-    wanted = counts.get("vertex", 0)
+    expected = counts.get("vertex", 0)
     lines = data[end:].decode("ascii", "replace").splitlines()[1:]
     if found := missing_lines(data):
         return found
-    for number, line in enumerate(lines[:wanted], 1):
+    for number, line in enumerate(lines[:expected], 1):
         words = line.split()
         if len(words) < 3 or not all(_is_number(word) for word in words[:3]):
             return f"vertex {number} is {_shown(words)}, expected three numbers"
-    for number, line in enumerate(lines[wanted : wanted + counts.get("face", 0)], 1):
+    for number, line in enumerate(lines[expected : expected + counts.get("face", 0)], 1):
         words = line.split()
         if not words or not all(word.lstrip("-").isdigit() for word in words[:4]):
             return f"face {number} is {_shown(words)}, expected a count and vertex numbers"
         corners = [int(word) for word in words[1 : 1 + int(words[0])]]
-        bad = [corner for corner in corners if not 0 <= corner < wanted]
+        bad = [corner for corner in corners if not 0 <= corner < expected]
         if bad:
-            return f"face {number} names vertex {bad[0]}, expected 0 to {wanted - 1}"
+            return f"face {number} names vertex {bad[0]}, expected 0 to {expected - 1}"
         if len(corners) < 3:
             return f"face {number} has {len(corners)} corners, expected at least 3"
     return ""

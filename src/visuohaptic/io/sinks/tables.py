@@ -1,32 +1,22 @@
-"""Measurements as tables: CSV, and Parquet with the profiles."""
+"""Measurements as tables, written row by row: CSV, and Parquet with the profiles."""
 
 from __future__ import annotations
 
 import csv
 import logging
-import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError, MissingExtraError
 from ...core.files import keep_unfinished
-from ...core.measurement import ForceProfile, Reason, Wrench
+from ...core.measurement import ForceProfile, Wrench
 from ...core.resources import Closing
 
-__all__ = [
-    "FORCE_COLUMNS",
-    "WRENCH_COLUMNS",
-    "ForceTable",
-    "TableWriter",
-    "read_force_table",
-    "read_wrench_table",
-]
+__all__ = ["FORCE_COLUMNS", "WRENCH_COLUMNS", "TableWriter"]
 
 _log = logging.getLogger(__name__)
 
@@ -42,37 +32,19 @@ FORCE_COLUMNS = (
     "model_N",
     "zero_N",
 )
-_AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
+AXES = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 WRENCH_COLUMNS = (
     "t_s",
     "valid",
     "reason",
-    *_AXES,
-    *(axis.replace("_", "_sigma_") for axis in _AXES),
+    *AXES,
+    *(axis.replace("_", "_sigma_") for axis in AXES),
 )
 #: List columns of a force table, in Parquet only.
-_PROFILE_COLUMNS = ("s_m", "delta_m", "delta_sigma_m", "pressure_Pa")
+PROFILE_COLUMNS = ("s_m", "delta_m", "delta_sigma_m", "pressure_Pa")
 
 #: Rows that are collected before they are written to Parquet.
 _GROUP = 500
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ForceTable:
-    """Columns of a force table with n rows."""
-
-    t_s: Float[np.ndarray, "n"]
-    valid: Bool[np.ndarray, "n"]
-    reason: tuple[Reason, ...]
-    force_N: Float[np.ndarray, "n"]
-    force_sigma_N: Float[np.ndarray, "n"]
-    contacts: Int[np.ndarray, "n"]
-    image_N: Float[np.ndarray, "n"]
-    calibration_N: Float[np.ndarray, "n"]
-    model_N: Float[np.ndarray, "n"]
-    zero_N: Float[np.ndarray, "n"]
-    #: profiles by row (Parquet only): s_m, delta_m, delta_sigma_m, pressure_Pa
-    profiles: tuple[dict[str, Float[np.ndarray, "K"]], ...] = ()
 
 
 def _force_row(profile: ForceProfile) -> list[Any]:
@@ -157,9 +129,7 @@ class TableWriter(Closing):
         try:
             if self._parquet is not None:
                 if isinstance(measured, ForceProfile):
-                    row += [
-                        np.asarray(getattr(measured, name), dtype=np.float64) for name in _PROFILE_COLUMNS
-                    ]
+                    row += [np.asarray(getattr(measured, name), dtype=np.float64) for name in PROFILE_COLUMNS]
                 self._parquet.add(row)
             elif self._stream is not None:
                 # ``repr`` of a float is the shortest text that reads back as the same number.
@@ -177,7 +147,7 @@ class TableWriter(Closing):
         try:
             keep_unfinished(self.part, self.path)
             if self.path.suffix == ".parquet":
-                lists = _PROFILE_COLUMNS if kind is ForceProfile else ()
+                lists = PROFILE_COLUMNS if kind is ForceProfile else ()
                 self._parquet = _ParquetRows(self.part, self._columns, lists)
             else:
                 self._stream = self.part.open("x", newline="", encoding="utf-8")
@@ -225,7 +195,7 @@ class _ParquetRows:
     """Rows collected into groups."""
 
     def __init__(self, path: Path, columns: Sequence[str], lists: Sequence[str]) -> None:
-        pa, pq = _arrow()
+        pa, pq = arrow()
         kinds = {"valid": pa.bool_(), "reason": pa.string(), "contacts": pa.int32()}
         fields = [
             pa.field(name, kinds.get(name, pa.float64()), metadata={"unit": _unit(name)}) for name in columns
@@ -255,152 +225,11 @@ class _ParquetRows:
         self._writer.close()
 
 
-def _arrow() -> tuple[Any, Any]:
+def arrow() -> tuple[Any, Any]:
+    """The modules ``pyarrow`` and ``pyarrow.parquet``."""
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
         raise MissingExtraError("pyarrow", "recording", "Parquet") from error
     return pa, pq
-
-
-def read_force_table(path: Path | str) -> ForceTable:
-    """Read a table of force profiles back, CSV or Parquet.
-
-    Parameters
-    ----------
-    path
-        CSV or Parquet file.
-
-    Raises
-    ------
-    InputError
-        With the line of the first bad field.
-    """
-    columns = _read(Path(path), FORCE_COLUMNS)
-    profiles: tuple[dict[str, np.ndarray], ...] = ()
-    if all(name in columns for name in _PROFILE_COLUMNS):
-        rows = zip(*(columns[name] for name in _PROFILE_COLUMNS), strict=True)
-        profiles = tuple(dict(zip(_PROFILE_COLUMNS, (np.array(v) for v in row), strict=True)) for row in rows)
-    numbers = {
-        name: np.array(columns[name], dtype=np.float64)
-        for name in FORCE_COLUMNS
-        if name not in ("valid", "reason", "contacts")
-    }
-    return ForceTable(
-        valid=np.array(columns["valid"], dtype=bool),
-        reason=tuple(columns["reason"]),
-        contacts=np.array(columns["contacts"], dtype=np.int64),
-        profiles=profiles,
-        **numbers,
-    )
-
-
-def read_wrench_table(path: Path | str) -> tuple[Wrench, ...]:
-    """Read a table of wrenches back; the covariance has the variances only.
-
-    Parameters
-    ----------
-    path
-        CSV or Parquet file.
-
-    Raises
-    ------
-    InputError
-        With the line of the first bad field.
-    """
-    columns = _read(Path(path), WRENCH_COLUMNS)
-    values = np.array([columns[name] for name in WRENCH_COLUMNS[3:]], dtype=np.float64).T.reshape(-1, 12)
-    return tuple(
-        Wrench(t_s, valid, reason, row[:3], row[3:6], np.diag(row[6:] ** 2))
-        for t_s, valid, reason, row in zip(
-            columns["t_s"], columns["valid"], columns["reason"], values, strict=True
-        )
-    )
-
-
-def _read(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
-    if path.suffix == ".parquet":
-        return _read_parquet(path, expected)
-    columns: dict[str, list[Any]] = {name: [] for name in expected}
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = csv.reader(stream)
-            found = next(rows, [])
-            _check_columns(path, found, expected)
-            places = {name: found.index(name) for name in expected}
-            for row in rows:
-                if not row:
-                    continue
-                if len(row) != len(found):
-                    raise InputError(
-                        path,
-                        f"found {len(row)} fields, expected {len(found)}",
-                        field=f"line {rows.line_num}",
-                    )
-                for name, place in places.items():
-                    where = f"line {rows.line_num}, {name}"
-                    columns[name].append(_value(path, where, name, row[place]))
-    except OSError as error:
-        raise InputError(path, f"cannot be read ({error.strerror})") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is no CSV text ({error})") from error
-    return columns
-
-
-def _check_columns(path: Path, found: Sequence[str], expected: Sequence[str]) -> None:
-    missing = [name for name in expected if name not in found]
-    if missing:
-        raise InputError(
-            path,
-            f"found columns {', '.join(found) or 'none'}; missing: {', '.join(missing)}",
-            field="line 1" if path.suffix != ".parquet" else "",
-        )
-
-
-def _value(path: Path, where: str, name: str, text: str) -> Any:
-    try:
-        if name == "reason":
-            return Reason(text)
-        if name == "valid":
-            return {"0": False, "1": True, "false": False, "true": True}[text.strip().lower()]
-        if name == "contacts":
-            return int(text)
-        value = float(text)
-    except (ValueError, KeyError) as error:
-        kinds = {
-            "reason": f"one of {', '.join(Reason)}",
-            "valid": "true or false",
-            "contacts": "a whole number",
-        }
-        raise InputError(
-            path, f"found {text!r}, expected {kinds.get(name, 'a number')}", field=where
-        ) from error
-    if name == "t_s" and not math.isfinite(value):
-        raise InputError(path, f"found {text!r}, expected a finite time", field=where)
-    return value
-
-
-def _read_parquet(path: Path, expected: Sequence[str]) -> dict[str, list[Any]]:
-    pa, pq = _arrow()
-    try:
-        table = pq.read_table(str(path))
-    except (OSError, pa.ArrowException) as error:
-        raise InputError(path, f"is no readable Parquet file ({error})") from error
-    _check_columns(path, table.column_names, expected)
-    for name in expected:
-        kind = table.schema.field(name).type
-        good = (
-            pa.types.is_boolean(kind)
-            if name == "valid"
-            else pa.types.is_string(kind)
-            if name == "reason"
-            else pa.types.is_integer(kind) or pa.types.is_floating(kind)
-        )
-        if not good or table.column(name).null_count:
-            raise InputError(path, f"found {kind} with {table.column(name).null_count} nulls", field=name)
-    columns: dict[str, list[Any]] = {name: table.column(name).to_pylist() for name in table.column_names}
-    columns["reason"] = [
-        _value(path, f"row {row}, reason", "reason", text) for row, text in enumerate(columns["reason"])
-    ]
-    return columns

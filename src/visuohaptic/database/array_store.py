@@ -1,0 +1,128 @@
+"""Arrays of objects: in a folder of shards beside the database, or in rows of a server."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import logging
+import uuid
+from collections.abc import Sequence
+from typing import Any
+
+from sqlalchemy import Connection, select
+
+from ..core import cards
+from ..core.errors import DatabaseError
+from .schema import shard
+from .shards import ShardFolder, pack, unpack
+
+__all__ = ["ArrayStore"]
+
+_log = logging.getLogger(__name__)
+
+
+class ArrayStore:
+    """Where the arrays of objects are.
+
+    Parameters
+    ----------
+    folder
+        Folder of shards; ``None``: the shards are rows of the database.
+    """
+
+    def __init__(self, folder: ShardFolder | None) -> None:
+        self.folder = folder
+        self._tidy_due = folder is not None
+
+    def close(self) -> None:
+        """Close all files."""
+        if self.folder is not None:
+            self.folder.close()
+
+    def write(self, connection: Connection, blobs: Sequence[tuple[dict[str, Any], cards.Arrays]]) -> None:
+        """Write arrays into shards, before the rows that name them.
+
+        Parameters
+        ----------
+        connection
+            Connection with an open transaction.
+        blobs
+            Of each object its row, in which shard and place are noted, and its arrays.
+        """
+        if not blobs:
+            return
+        # On a server one object is one shard: reading it should not carry the others over the net.
+        groups = [blobs] if self.folder is not None else [[blob] for blob in blobs]
+        for group in groups:
+            data = None
+            if self.folder is not None:
+                name, sha256, size = self.folder.write([arrays for _, arrays in group])
+            else:
+                buffer = io.BytesIO()
+                pack([arrays for _, arrays in group], buffer)
+                data = buffer.getvalue()
+                name, sha256, size = uuid.uuid4().hex, hashlib.sha256(data).hexdigest(), len(data)
+            connection.execute(shard.insert(), {"name": name, "sha256": sha256, "bytes": size, "data": data})
+            for number, (row, _) in enumerate(group):
+                row["shard"], row["row_group"] = name, number
+
+    def read(self, connection: Connection, row: Any, where: str) -> cards.Arrays:
+        """Arrays of an object, compared with their hash.
+
+        Parameters
+        ----------
+        connection
+            Open connection of the database.
+        row
+            Row of the object.
+        where
+            Database and object, for messages.
+
+        Raises
+        ------
+        DatabaseError
+            The arrays do not have their hash.
+        FileNotFoundError
+            The shard is gone: another process has replaced it.
+        InputError
+            The shard is damaged.
+        """
+        if row.shard is None:
+            return {}
+        if self.folder is not None:
+            arrays = self.folder.read(row.shard, row.row_group)
+        else:
+            import pyarrow.parquet as pq
+
+            data = connection.scalar(select(shard.c.data).where(shard.c.name == row.shard))
+            arrays = unpack(pq.ParquetFile(io.BytesIO(data or b"")), row.row_group, where)
+        if cards.arrays_digest(arrays) != row.arrays_sha256:
+            raise DatabaseError(f"{where}: its arrays do not have the hash they were stored with")
+        return arrays
+
+    def remove(self, names: Sequence[str]) -> None:
+        """Remove the files of shards that no object names any more.
+
+        Parameters
+        ----------
+        names
+            Names of the shards.
+        """
+        if self.folder is not None:
+            self.folder.remove(names)
+
+    def tidy(self, connection: Connection, where: str) -> None:
+        """Once, and while no one else writes, remove what killed writers have left.
+
+        Parameters
+        ----------
+        connection
+            Connection with an open transaction.
+        where
+            The database, for the log.
+        """
+        if self._tidy_due and self.folder is not None:
+            known = set(connection.execute(select(shard.c.name)).scalars())
+            if removed := self.folder.tidy(known):
+                _log.info("%s: removed %d files of interrupted writers", where, removed)
+        self._tidy_due = False
