@@ -310,7 +310,7 @@ def test_rims_and_band_of_a_cut_bottle():
     assert len(loops) == 2
     heights = sorted(float(visible.welded().vertices_m[loop, 2].mean()) for loop in loops)
     np.testing.assert_allclose(heights, hole, atol=1e-6)
-    band = support_band(visible, region, most=200)
+    band = support_band(visible, region, max_points=200)
     assert 100 < len(band.points_m) <= 200
     # The region is a tenth smaller than the hole: 5 % of its height at both rims.
     assert band.gap_m == pytest.approx(0.05 * (hole[1] - hole[0]), abs=0.002)

@@ -97,7 +97,7 @@ def test_bad_input():
     with pytest.raises(InputError, match="expected an outline, mass and floor friction > 0"):
         FloorObject("x", box(0, 0, 1), 0.0, 0.3)
     world = FloorWorld(rooms(2, 2, []), [], (1, 1, 0))
-    with pytest.raises(InputError, match="has no thing 'cat', there are: none"):
+    with pytest.raises(InputError, match="found no object 'cat', expected one of: none"):
         world.footprint_m("cat")
     with pytest.raises(InputError, match="expected finite numbers"):
         world.base.drive(math.nan, 0.0)

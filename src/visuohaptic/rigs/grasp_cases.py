@@ -18,7 +18,7 @@ class Case:
     name: str
     thing: str
     force_N: float
-    low: float  #: the place's height, as a share of the object's
+    low: float  #: the place's height, as a fraction of the object's
     high: float
     side: str  #: "x", "y": narrow or flat side; "" is any
     good: bool

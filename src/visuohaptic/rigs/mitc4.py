@@ -15,7 +15,7 @@ from ..deformation.shells.shell_material import IsotropicMaterial
 
 __all__ = ["mitc4_factor", "mitc4_stiffness", "mitc4_tube_stiffness"]
 
-#: Stiffness against drilling, as a share of the plate's; small, for a freedom that bilinear quads lack.
+#: Stiffness against drilling, as a fraction of the plate's; small, for a freedom that bilinear quads lack.
 DRILLING = 1e-3
 
 

@@ -1,4 +1,4 @@
-"""The beam sensor that carries the opener, made of its pictures: built, calibrated with weights, zeroed, read.
+"""The beam sensor that carries the opener, made of its images: built, calibrated with weights, zeroed, read.
 
 Nothing of the true wrench reaches the task but through what a camera sees of the bending rod: prints are
 rendered, tracked, and read with the compliance that a calibration found. The rod is not quite that of its
@@ -34,11 +34,11 @@ __all__ = ["OpenerSensor"]
 
 #: Largest weight on each axis of the sensor in the calibration [N, Nm]: within the travel of the springs.
 WEIGHTS = (15.0, 15.0, 40.0, 0.5, 2.0, 1.5)
-#: Pictures of each weight; the first ones show how the tracker finds the rod again.
+#: Images of each weight; the first ones show how the tracker finds the rod again.
 HELD_FRAMES, FOUND_FRAMES = 4, 2
 #: What is wrong with a rod and its springs: length [m], and relative.
 LENGTH_SIGMA_M, DIAMETER_SIGMA, YOUNGS_SIGMA, SPRING_SIGMA = 2e-4, 0.003, 0.01, 0.05
-#: A wrench below this is none: the picture of rest, with noise of its own, is taken [N, Nm].
+#: A wrench below this is none: the image of rest, with noise of its own, is taken [N, Nm].
 NOTHING = 1e-4
 ZERO_FRAMES = 20
 
@@ -49,11 +49,11 @@ class OpenerSensor:
     Parameters
     ----------
     seed
-        Of what differs from the data sheet, and of the noise of the calibration's pictures.
+        Of what differs from the data sheet, and of the noise of the calibration's images.
     camera
         Bolted to the base of the sensor, 0.3 m above the rod; by default that of Sec. 3.6.1.
     kind
-        What is stuck to the rod: AprilTags or pictures.
+        What is stuck to the rod: AprilTags or images.
     """
 
     def __init__(
@@ -125,7 +125,7 @@ class OpenerSensor:
         return feel
 
     def _exact(self, wrench: Float[np.ndarray, "6"]) -> Float32[np.ndarray, "rows columns"]:
-        """Picture of the rod under a wrench at its tip, axes of the sensor; before light and noise."""
+        """Image of the rod under a wrench at its tip, axes of the sensor; before light and noise."""
         if np.abs(wrench).max() <= NOTHING:
             return self._rest
         return self._renderer.exact(self._virtual.rig.rod.bend(wrench[:3], wrench[3:]))

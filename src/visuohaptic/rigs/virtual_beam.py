@@ -48,7 +48,7 @@ class VirtualBeam:
     camera: Camera = field(default_factory=lambda: Camera.simple(1600, 896, 1800.0))
     effects: CameraEffects = _INDOOR
     kind: Literal["tags", "pictures"] = "tags"
-    size_m: float = 0.04  #: of a picture, or of the black border of a tag
+    size_m: float = 0.04  #: of an image, or of the black border of a tag
     #: ``moving``: a hand holds the camera; ``steady``: it is bolted to the base
     view: Literal["moving", "steady"] = "moving"
     beam: Beam = field(default_factory=Beam)  #: what the sensor believes
@@ -137,7 +137,7 @@ class VirtualBeam:
                 path = folder / "templates" / f"{name}.png"
                 done, data = cv2.imencode(".png", collage(k))
                 if not done:
-                    raise InputError(path, "the picture cannot be written as PNG")
+                    raise InputError(path, "the image cannot be written as PNG")
                 with atomic_path(path) as temporary:
                     temporary.write_bytes(data.tobytes())
             widths = {f"{name}.png": self.size_m for name in self.names}

@@ -104,7 +104,7 @@ def open_virtual_cap(
     settings
         Of the task.
     sensor
-        Reads the wrench from pictures of the bending rod; by default it is the truth with noise.
+        Reads the wrench from images of the bending rod; by default it is the truth with noise.
     """
     cell = virtual_opener(seed, sight, beam=None if sensor is None else sensor.rod)
 

@@ -35,7 +35,7 @@ class MapScore:
     free_iou: float
     flags_right: int  #: contacts whose movable flag is right
     contacts: int
-    mixed: int  #: movable things that were touched and stand in the layer of the fixed ones
+    mixed: int  #: movable objects that were touched and stand in the layer of the fixed ones
 
     @property
     def iou(self) -> float:
@@ -49,7 +49,7 @@ class RoomTrial:
 
     room: TouchRoom
     mapping: TouchMapping
-    touched: tuple[tuple[str, float, float], ...]  #: of each contact: thing, and where it was then
+    touched: tuple[tuple[str, float, float], ...]  #: of each contact: object, and where it was then
     score: MapScore
 
 
@@ -89,7 +89,7 @@ def map_virtual_room(
     touched: list[tuple[str, float, float]] = []
 
     def note(contact: HapticContact, so_far: HapticMap) -> None:
-        # The thing whose surface is nearest to where the foam is.
+        # The object whose surface is nearest to where the foam is.
         cx, cy, _ = world.platform_pose()
         name = world.last_touched
         touched.append((name, *world.places.get(name, (cx, cy))))

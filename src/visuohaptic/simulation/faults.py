@@ -116,7 +116,7 @@ class FaultyFrames(Closing):
 
     @property
     def camera(self) -> Camera | None:
-        """The model that everybody believes in; a bump doesn't change it."""
+        """The model that everybody believes in; a bump does not change it."""
         return self.source.camera
 
     @property
@@ -131,7 +131,7 @@ class FaultyFrames(Closing):
                 self._start_s = frame.t_s
             if frame.t_s - self._start_s >= self.faults.end_at_s:
                 return
-            # One draw for each fault and frame: a switched-on fault doesn't move another's dice.
+            # One draw for each fault and frame: a switched-on fault does not move another's dice.
             dropped, twice, late = self._rng.random(3) < (
                 self.faults.drop,
                 self.faults.duplicate,
@@ -182,7 +182,7 @@ class PoseFaults:
     freeze_s: float = math.inf
     slip_at_s: float = math.inf  #: the wheels slip then: odometry counts on, the platform stays behind
     slip_s: float = 1.0
-    slip_fraction: float = 0.5  #: of the told speed that is lost
+    slip_fraction: float = 0.5  #: of the commanded speed that is lost
 
 
 class FaultyBase:

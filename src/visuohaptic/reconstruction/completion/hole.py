@@ -24,11 +24,11 @@ __all__ = ["HoleRegion", "SupportBand", "boundary_loops", "load_hole_regions", "
 _RIM_REACH = 0.5
 #: What lies deeper in the region, in parts of its size, was read in the glass and is no surface.
 _DEEPEST = 0.1
-#: Share of the half space that a point of the outline sees at least.
+#: Fraction of the half space that a point of the outline sees at least.
 _MIN_SIGHT = 0.2
 #: Cosine between a normal and the way to the middle of the region from which on a surface faces the region.
 _FACING = 0.3
-#: Separate parts of the surface with a smaller share of the area near the region are crumbs.
+#: Separate parts of the surface with a smaller fraction of the area near the region are spurious components.
 _MIN_PART = 0.03
 
 
@@ -86,7 +86,7 @@ class SupportBand:
 
 
 def support_band(
-    mesh: SurfaceMesh, region: HoleRegion, *, most: int = 320, band_m: float | None = None
+    mesh: SurfaceMesh, region: HoleRegion, *, max_points: int = 320, band_m: float | None = None
 ) -> SupportBand:
     """Points of the visual surface around a hole, evenly spread.
 
@@ -96,7 +96,7 @@ def support_band(
         Visual surface, triangles counter-clockwise from outside.
     region
         Where the surface is missing.
-    most
+    max_points
         Maximum number of points.
     band_m
         Width of the band behind each rim [m]; a quarter of the region by default.
@@ -136,8 +136,8 @@ def support_band(
     normals = part.face_normals
     # Many samples, thinned to even spacing: a mesh's own vertices may crowd.
     rng = np.random.default_rng(0)
-    points, face = part.sampled(max(8 * most, 400), rng)
-    chosen = _spread(points, most)
+    points, face = part.sampled(max(8 * max_points, 400), rng)
+    chosen = _spread(points, max_points)
     return SupportBand(points[chosen], normals[face[chosen]], gap, margin)
 
 
@@ -176,17 +176,17 @@ def _gaps(outline: SurfaceMesh, region: HoleRegion) -> list[float]:
     return [gap for gap in (*rims, *parts) if gap < max_m]
 
 
-def _spread(points: Float[np.ndarray, "n 3"], most: int) -> Int[np.ndarray, "k"]:
-    """About ``most`` of the points, one for each cell of a grid whose step is searched for."""
+def _spread(points: Float[np.ndarray, "n 3"], max_points: int) -> Int[np.ndarray, "k"]:
+    """At most ``max_points`` of the points, one for each cell of a grid whose step is searched for."""
     low, high = 0.0, float(np.ptp(points, axis=0).max())
     best = np.arange(len(points))
-    if len(points) <= most:
+    if len(points) <= max_points:
         return best
     for _ in range(20):
         step = 0.5 * (low + high)
         keys = np.floor((points - points.min(axis=0)) / step).astype(np.int64)
         _, first = np.unique(keys @ np.array([1 << 40, 1 << 20, 1]), return_index=True)
-        if len(first) > most:
+        if len(first) > max_points:
             low = step
         else:
             high, best = step, np.sort(first)

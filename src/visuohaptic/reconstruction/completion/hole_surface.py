@@ -97,7 +97,7 @@ def supported_part(mesh: SurfaceMesh, supports_m: Float[np.ndarray, "s 3"], near
         return mesh
     gaps, near = cKDTree(mesh.vertices_m).query(supports_m)
     kept = np.bincount(labels[near[gaps < near_m]], minlength=count)
-    # A crumb that one support brushes is no part of the object.
+    # A spurious component that one support brushes is no part of the object.
     good = kept >= max(1, 0.02 * kept.sum())
     if not good.any():
         good = np.bincount(labels, minlength=count) == np.bincount(labels).max()

@@ -28,7 +28,7 @@ _OUTWARDS = 0.3
 _UNDER = 0.3
 #: How far the region is drawn out, and how far from it inner sides are sought, in its sizes.
 _DRAWN_OUT, _REACH = 0.5, 1.0
-#: Share of the half space that what is seen directly sees at least.
+#: Fraction of the half space that what is seen directly sees at least.
 _MIN_SIGHT = 0.2
 #: Walls compared with each place: the nearest ones in angle and height.
 _WALLS = 16

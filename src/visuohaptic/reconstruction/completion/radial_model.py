@@ -5,7 +5,7 @@ In cylinder coordinates (rho, theta, z)
     log rho = p(z) + e0(theta) + w(z) (e1(theta) - e0(theta)) + g(theta, z)
 
 with the profile ``p``, the cross-sections ``e0`` and ``e1`` of the bands below
-and above the hole (:mod:`.symmetry`), the share ``w`` of the upper one, which
+and above the hole (:mod:`.symmetry`), the fraction ``w`` of the upper one, which
 is 0 and 1 in the bands and unknown between them, and what the cross-sections
 leave over, ``g``. ``p`` and ``g`` are processes with Matern's covariance over the
 height; ``w`` is a Brownian bridge around a straight line. Walls are smooth and
@@ -20,7 +20,7 @@ the variance v of the process, an estimate r of a wall f is off by
     E (r - f)^2 = (r - m)^2 + v
 
 where the first part ranks the places and the second is what no model knows.
-``v`` is scaled by how far each contact is off what all the others foretell.
+``v`` is scaled by how far each contact is off what all the others predict.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ __all__ = ["RadialModel", "RadialProfile", "WallSeen", "fit_radial_model", "wall
 #: Correlation lengths in sizes of the region, and deviations of p, that are compared in both orders.
 _LENGTHS, _DEVIATIONS = (0.15, 0.3, 0.6), (0.01, 0.02, 0.05, 0.1, 0.2)
 #: Processes less likely than this part of the likeliest are left out, and all after so many.
-_LEAST_LIKELY, _MAX = 0.03, 6
+_MIN_LIKELIHOOD_RATIO, _MAX_PROFILES = 0.03, 6
 #: Deviation of the unknown mean of log rho, and of a bin of the visible band.
 _MEAN, _BAND = 0.3, 0.003
 #: Bins of each band: heights and angles. Where the rim leads says much of the wall behind it.
@@ -49,8 +49,8 @@ _HEIGHTS, _ANGLES = 10, 8
 _OVER_HEIGHT, _OVER_ANGLE_RAD = 0.3, 0.35
 #: Scale of the variance before contacts tell (on 48 bottles the processes were too rough by this), in contacts.
 _SCALE, _SCALE_WEIGHT = 0.2, 8.0
-#: Squared standardised misses above this count as this: one contact with something else must not rule.
-_LARGEST_MISS = 9.0
+#: Squared standardised residuals above this count as this: one contact with something else must not rule.
+_MAX_SQUARED_RESIDUAL = 9.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +113,7 @@ class RadialModel:
         cross = _solved(self.lower, _besides_p(self.prior, self.size_m, here, known).T)
         predicted = self.middle + self.prior.section(theta, z_m) + self.whitened @ cross
         leading = cross.T @ self.picked
-        at = _share(self.prior, z_m)
+        at = _upper_fraction(self.prior, z_m)
         own = _MEAN**2 + self.prior.residual**2 + at * (1 - at) * _difference(self.prior, theta) ** 2
         own = own - (cross**2).sum(axis=0)
         gap = (z_m[:, None] - self.z_m) / self.size_m
@@ -222,13 +222,13 @@ def fit_radial_model(
             found.extend(_given(shape, picked, whitened, order, length))
     found.sort(key=lambda one: -one[0])
     best = found[0][0]
-    kept = [one for one in found[:_MAX] if one[0] >= best + np.log(_LEAST_LIKELY)]
+    kept = [one for one in found[:_MAX_PROFILES] if one[0] >= best + np.log(_MIN_LIKELIHOOD_RATIO)]
     total = sum(np.exp(one[0] - best) for one in kept)
     profiles = []
     for likelihood, make in kept:
         profile = make()
-        told = _misses(profile, picked, whitened, each).sum()
-        scale = float((_SCALE_WEIGHT * _SCALE + told) / (_SCALE_WEIGHT + count))
+        squares = _squared_residuals(profile, picked, whitened, each).sum()
+        scale = float((_SCALE_WEIGHT * _SCALE + squares) / (_SCALE_WEIGHT + count))
         fraction = float(np.exp(likelihood - best) / total)
         profiles.append(replace(profile, fraction=fraction, scale=scale))
     return RadialModel(prior, size_m, theta, row, z_m, middle, lower, whitened, picked, tuple(profiles))
@@ -265,20 +265,20 @@ def _given(
     return found
 
 
-def _misses(
+def _squared_residuals(
     profile: RadialProfile,
     picked: Float[np.ndarray, "k q"],
     whitened: Float[np.ndarray, "k"],
     each: Float[np.ndarray, "k n"],
 ) -> Float[np.ndarray, "n"]:
-    """Squared standardised distance of each contact from what all others foretell.
+    """Squared standardised distance of each contact from what all others predict.
 
     y_i - mean_without_i = (K^-1 y)_i / (K^-1)_ii, with variance 1 / (K^-1)_ii.
     """
     through = picked.T @ each
     inverse = (each**2).sum(axis=0) - ((profile.root.T @ through) ** 2).sum(axis=0)
     off = each.T @ (whitened - picked @ profile.mean)
-    found: np.ndarray = np.minimum(off**2 / np.maximum(inverse, 1e-12), _LARGEST_MISS)
+    found: np.ndarray = np.minimum(off**2 / np.maximum(inverse, 1e-12), _MAX_SQUARED_RESIDUAL)
     return found
 
 
@@ -309,7 +309,7 @@ def _besides_p(prior: ShapePrior, size_m: float, here: _Places, there: _Places) 
     found = np.exp((turned - 1) / _OVER_ANGLE_RAD**2) * near[row[:, None], row2]
     found += _MEAN**2
     if len(prior.heights_m) > 1:
-        at, at2 = _share(prior, z_m)[:, None], _share(prior, z2_m)
+        at, at2 = _upper_fraction(prior, z_m)[:, None], _upper_fraction(prior, z2_m)
         bridge = np.minimum(at, at2) * (1 - np.maximum(at, at2))
         found += bridge[row[:, None], row2] * np.outer(_difference(prior, theta), _difference(prior, theta2))
     return found
@@ -321,8 +321,8 @@ def _polar(points_m: Float[np.ndarray, "n 3"], prior: ShapePrior) -> tuple[np.nd
     return np.arctan2(offset[:, 1], offset[:, 0]), np.maximum(np.hypot(offset[:, 0], offset[:, 1]), 1e-6)
 
 
-def _share(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:
-    """Expected share of the upper cross-section."""
+def _upper_fraction(prior: ShapePrior, z_m: np.ndarray) -> np.ndarray:
+    """Expected fraction of the upper cross-section."""
     low, high = prior.heights_m[0], prior.heights_m[-1]
     found: np.ndarray = np.clip((z_m - low) / max(high - low, 1e-9), 0.0, 1.0)
     return found

@@ -107,7 +107,7 @@ class Completion:
         self.region = region
         self._pose = T_visual_haptic
         self.band = support_band(
-            self.visual, region, most=self.settings.max_supports, band_m=self.settings.band_m
+            self.visual, region, max_points=self.settings.max_supports, band_m=self.settings.band_m
         )
         self.touches: list[Touch] = []  #: in the frame of the visible surface
         size_m = region.size_m

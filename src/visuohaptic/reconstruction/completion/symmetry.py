@@ -1,4 +1,4 @@
-"""What the visible parts say about the hidden one: upright objects with a kindred cross-section.
+"""What the visible parts say about the hidden one: upright objects with a similar cross-section.
 
 In cylinder coordinates (rho, theta, z) about the height axis a container is
 often ``log rho = log R(z) + e(theta, z)``, where the cross-section ``e`` hardly
@@ -55,7 +55,7 @@ class ShapePrior:
     def mirrored(self, point_m: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], float]:
         """A touched point on the other side of the mirror plane, and its deviation [m].
 
-        It doesn't ask whether the cross-section keeps its shape over the height, as :meth:`ring` does.
+        It does not ask whether the cross-section keeps its shape over the height, as :meth:`ring` does.
 
         Parameters
         ----------

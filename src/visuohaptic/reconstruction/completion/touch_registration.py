@@ -1,7 +1,7 @@
 """The haptic frame fitted to the visual one by touches of what both know: the visible surface.
 
-Point-to-plane ICP of few contacts, held to the told calibration as firmly as it deserves: what the touched parts
-leave open, as the turn of a round bottle about its axis, stays as it was told.
+Point-to-plane ICP of few contacts, with the given calibration as a prior: what the touched parts
+leave open, as the turn of a round bottle about its axis, keeps its prior.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ _SAMPLES = 20_000
 def register_touches(
     contacts_haptic_m: Float[np.ndarray, "n 3"],
     surface: SurfaceMesh,
-    told: Pose | None = None,
+    prior: Pose | None = None,
     *,
     contact_sigma_m: float = 0.001,
     sigma_m: float = 0.02,
     sigma_rad: float = math.radians(5.0),
     rounds: int = 30,
 ) -> tuple[Pose, float]:
-    """``T_visual_haptic`` that lays contacts on a visible surface, and the rms distance that is left [m].
+    """``T_visual_haptic`` that lays contacts on a visible surface, and the root mean square residual [m].
 
     Parameters
     ----------
@@ -40,21 +40,21 @@ def register_touches(
         Contacts on parts of the object that are seen, in the haptic frame [m]; few others are borne.
     surface
         The visible surface.
-    told
+    prior
         ``T_visual_haptic`` as it was calibrated before; identity by default.
     contact_sigma_m
         Standard deviation of contacts and surface along the normal [m].
     sigma_m, sigma_rad
-        Standard deviation of the told pose, per axis, about the middle of the contacts [m], [rad].
+        Standard deviation of the prior, per axis, about the middle of the contacts [m], [rad].
     rounds
-        Steps of the fit at most.
+        Maximum number of steps of the fit.
 
     Raises
     ------
     InputError
         Contacts that are not finite, or fewer than six.
     CalibrationError
-        Half of the contacts are farther from the surface than the told pose may be off.
+        Half of the contacts are farther from the surface than the prior may be off.
     """
     from scipy.spatial import cKDTree
 
@@ -65,11 +65,11 @@ def register_touches(
         )
     if not np.isfinite(contacts).all():
         raise InputError("register_touches", "contacts must be finite")
-    told = told or Pose.identity()
+    prior = prior or Pose.identity()
     points, face = surface.sampled(_SAMPLES, np.random.default_rng(0))
     normals = surface.face_normals[face]
     tree = cKDTree(points)
-    placed = told.apply(contacts)
+    placed = prior.apply(contacts)
     middle = placed.mean(axis=0)
     reach_m = 3 * (sigma_m + sigma_rad * float(np.linalg.norm(placed - middle, axis=1).max()))
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
@@ -83,7 +83,7 @@ def register_touches(
             raise CalibrationError(
                 "register_touches",
                 f"half of the contacts are over {reach_m:.3g} m from the surface",
-                remedy="check frames and units, or give the told pose a larger deviation",
+                remedy="check frames and units, or give the prior pose a larger deviation",
             )
         normal = normals[near]
         distance = ((moved - points[near]) * normal).sum(axis=1)
@@ -98,7 +98,7 @@ def register_touches(
         if np.linalg.norm(step[3:]) < 1e-7 and np.linalg.norm(step[:3]) < 1e-6:
             break
     about = Pose(np.eye(3), middle) @ correction @ Pose(np.eye(3), -middle)
-    moved = (about @ told).apply(contacts)
+    moved = (about @ prior).apply(contacts)
     _, near = tree.query(moved)
     distance = ((moved - points[near]) * normals[near]).sum(axis=1)
-    return about @ told, float(np.sqrt(np.mean(distance**2)))
+    return about @ prior, float(np.sqrt(np.mean(distance**2)))

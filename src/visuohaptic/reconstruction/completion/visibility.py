@@ -26,7 +26,7 @@ def open_sight(
     points_m: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n"]:
-    """Share of the half space before each point that is seen past the mesh and the region, weighted by cosine.
+    """Fraction of the half space before each point that is seen past the mesh and the region, weighted by cosine.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def _brick_case(corner, steps, size, camera, depth, low, high, holes, band):
 def fuse_brick(distance, weight, color, use_color, start, stop, corner, steps, view):
     """Project the voxels ``start`` to ``stop`` and average what they see.
 
-    ``view``: intrinsics, depth, picture, half width of the band, weight of the view, greatest weight.
+    ``view``: intrinsics, depth, image, half width of the band, weight of the view, greatest weight.
     """
     camera, depth, image, band, gain, cap = view
     fx, fy, cx, cy = camera

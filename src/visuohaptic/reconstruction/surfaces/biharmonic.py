@@ -61,7 +61,7 @@ class BiharmonicMesh:
         )
         area = np.asarray(mass.diagonal())
         area = np.maximum(area, 1e-9 * area.max())
-        self.area: Float[np.ndarray, "v"] = area / area.sum()  #: share of each vertex
+        self.area: Float[np.ndarray, "v"] = area / area.sum()  #: fraction of each vertex
         # Shifted so that it can be factored: the constant part is taken out of every column.
         shifted = (stiffness / area.sum() + diags(1e-7 * self.area)).tocsc()
         options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}

@@ -1,4 +1,4 @@
-"""What a view should show, told from other views of the same camera (Alt 2016, 5.2.1)."""
+"""What a view should show, predicted from other views of the same camera (Alt 2016, 5.2.1)."""
 
 from __future__ import annotations
 

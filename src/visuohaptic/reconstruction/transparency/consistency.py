@@ -47,7 +47,7 @@ class ConsistencySettings:
     width: float = 2.5  #: sigmas within which depths agree
     margin_m: float = 0.01  #: space before a surface of which its ray says nothing [m]
     edge_px: int = 3  #: margin around edges and shadows in which missing depths mean nothing [px]
-    max_wrong: float = 0.3  #: frames with a larger share of contradicted rays are left out
+    max_wrong: float = 0.3  #: frames with a larger fraction of contradicted rays are left out
     false_alarms: float = 0.01  #: expected voxels of a search that chance alone makes transparent
     #: Margin around expected edges and the unknown in which depths mean nothing; that of the camera's edges by
     #: default [px].
@@ -268,7 +268,7 @@ class ConsistencyDetector:
         return self._clean + bricks[:nx, :ny, :nz]
 
     def score(self) -> Float[np.ndarray, "x y z"]:
-        """Share of bad rays of each voxel, 0-1; 0 where no ray says anything."""
+        """Fraction of bad rays of each voxel, 0-1; 0 where no ray says anything."""
         bad, rays = self._counts()
         found: Float[np.ndarray, "x y z"] = bad / np.maximum(rays, 1).astype(np.float32)
         return found
@@ -279,7 +279,7 @@ class ConsistencyDetector:
         return bad, bad + self.clean()
 
     def chance_rate(self) -> float:
-        """Share of bad rays in the whole volume, with half a bad one imagined."""
+        """Fraction of bad rays in the whole volume, with half a bad one imagined."""
         bad, rays = (float(part.sum()) for part in self._counts())
         return (bad + 0.5) / (rays + 1.0)
 
@@ -300,7 +300,7 @@ class ConsistencyDetector:
         if not strong.any():
             return strong, strong
         fraction = edge_fraction(bad[strong], rays[strong], log_odds[strong])
-        # A single ray tells nothing of how far a part reaches.
+        # A single ray is no evidence of how far a part reaches.
         weak = (bad >= fraction * rays) & (bad >= 2)
         return strong & weak, weak
 

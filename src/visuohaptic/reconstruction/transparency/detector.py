@@ -42,9 +42,11 @@ class TransparencySettings:
         None  #: margin taken off reliable regions; that of the camera's edges by default [px]
     )
     theta: float = 0.9  #: probability below which nothing counts
-    max_wrong: float = 0.15  #: frames with a larger share of wrong among reliable pixels are left out
+    max_wrong: float = 0.15  #: frames with a larger fraction of wrong among reliable pixels are left out
     jump_m: float = 0.15  #: a longer step is an error of the tracker [m]
-    of_peak: float = 0.5  #: transparent voxels have this share of the 99.9th percentile of the summed scores
+    of_peak: float = (
+        0.5  #: transparent voxels have this fraction of the 99.9th percentile of the summed scores
+    )
     min_sum: float = 3.0  #: and at least this sum
     min_voxels: int = 50  #: smallest cluster
 

@@ -2,7 +2,7 @@
 
 Small errors of the tracker contradict the model at every slanted surface, which
 the detector would take for glass. Each view is aligned point to plane with the
-mean of its neighbours, robustly, and held to its own told pose as firmly as the
+mean of its neighbours, robustly, and held to its own reported pose as firmly as the
 tracker deserves it.
 """
 
@@ -48,16 +48,18 @@ def refine_poses(
     noise
         Of the camera; its tracking part is not used here.
     sigma_m, sigma_rad
-        Standard deviation of the told poses, per axis [m], [rad].
+        Standard deviation of the reported poses, per axis [m], [rad].
     sweeps
         Rounds over the sequence.
     step_px
         Every so many pixels give a point.
     """
-    told = [frame.T_world_camera for frame in frames]
-    poses = list(told)
+    measured = [frame.T_world_camera for frame in frames]
+    poses = list(measured)
     model_noise = noise.with_tracking(0.01)
-    around = [nearest_on_both_sides(signed_baselines(told, i), _RANKS, index=i) for i in range(len(told))]
+    around = [
+        nearest_on_both_sides(signed_baselines(measured, i), _RANKS, index=i) for i in range(len(measured))
+    ]
     for _ in range(sweeps if len(frames) >= 4 else 0):
         for i, frame in enumerate(frames):
             near = around[i]
@@ -66,22 +68,22 @@ def refine_poses(
                 continue
             model = background_model(others, poses[i], model_noise, min_views=3, erosion_px=1)
             target = np.where(model.reliability > 0.7, model.mean_m, np.nan)
-            prior = poses[i].inverse() @ told[i]
+            prior = poses[i].inverse() @ measured[i]
             motion = alignment_step(
                 ideal_depth(frame), target, frame.camera.matrix, prior, noise, sigma_m, sigma_rad, step_px
             )
             poses[i] = poses[i] @ motion
-    poses = _anchored(poses, told)
+    poses = _anchored(poses, measured)
     return [replace(frame, T_world_camera=pose) for frame, pose in zip(frames, poses, strict=True)]
 
 
-def _anchored(poses: Sequence[Pose], told: Sequence[Pose]) -> list[Pose]:
-    """Fitted poses, laid as one body on the told ones.
+def _anchored(poses: Sequence[Pose], measured: Sequence[Pose]) -> list[Pose]:
+    """Fitted poses, moved as one body onto the measured ones.
 
     Views say where they are to each other, not to the world. The expected surface is the nearest of
     what falls into a pixel, a part of a pixel too near: without this all views would back off together.
     """
-    away = [there @ here.inverse() for here, there in zip(poses, told, strict=True)]
+    away = [there @ here.inverse() for here, there in zip(poses, measured, strict=True)]
     turn = np.mean([so3_log(pose.rotation) for pose in away], axis=0)
     back = Pose.from_rotation_vector(turn, np.mean([pose.translation_m for pose in away], axis=0))
     return [back @ pose for pose in poses]
@@ -100,7 +102,7 @@ def alignment_step(
     """Motion ``T_target_view`` that lays a depth image on an expected one, by robust Gauss-Newton steps.
 
     Points are matched along their pixel's ray and measured along the normal of
-    the expected surface; ``prior`` is the told motion.
+    the expected surface; ``prior`` is the measured motion.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def alignment_step(
         noise.sigma_m(q[:, 2]) if noise.tracking_m < 0.002 else noise.with_tracking(0.002).sigma_m(q[:, 2])
     )
     vector = np.zeros(6)
-    told = np.concatenate([so3_log(prior.rotation), prior.translation_m])
+    measured = np.concatenate([so3_log(prior.rotation), prior.translation_m])
     stiffness = np.repeat([1 / sigma_rad**2, 1 / sigma_m**2], 3)
     for _ in range(3):
         motion = Pose.from_rotation_vector(vector[:3], vector[3:])
@@ -152,7 +154,7 @@ def alignment_step(
         weight[np.abs(residual) > 12] = 0.0
         jacobian = np.concatenate([np.cross(moved, n), n], axis=1) / spread[:, None]
         normal = (jacobian * weight[:, None]).T @ jacobian + np.diag(stiffness)
-        right_side = -(jacobian * weight[:, None]).T @ residual - stiffness * (vector - told)
+        right_side = -(jacobian * weight[:, None]).T @ residual - stiffness * (vector - measured)
         step = np.linalg.solve(normal, right_side)
         turned = Pose.from_rotation_vector(step[:3], step[3:]) @ motion
         vector = np.concatenate([so3_log(turned.rotation), turned.translation_m])

@@ -1,11 +1,11 @@
 """Is more than chance in a voxel: a test of its bad rays against the rate of bad rays in the whole volume.
 
-With b bad ones of the n rays that say anything about a voxel, and q the share of bad rays everywhere, Chernoff's bound
+With b bad ones of the n rays that say anything about a voxel, and q the fraction of bad rays everywhere, Chernoff's bound
 P(B >= b) <= exp(-n D), D = s ln(s / q) + (1 - s) ln((1 - s) / (1 - q)), s = b / n > q, holds for any n. The log-odds
 n D against chance must reach ln(V / alpha) for V voxels searched, by which the expected number of false voxels is at
 most alpha (Bonferroni). Few views cannot reach more than n ln(1 / q), so that it is known when they are too few.
 
-How far a part reaches is another question: beside glass a part of the rays passes it. With p the share of bad rays
+How far a part reaches is another question: beside glass a part of the rays passes it. With p the fraction of bad rays
 where it was found, a voxel belongs to it when p is likelier than p / 2, the rate where every second ray misses it.
 """
 
@@ -37,7 +37,7 @@ class SearchReport:
     views: int  #: given
     compared: int  #: views of which rays were compared with others
     rays: int  #: median number of rays that say anything of a voxel, of the voxels that any ray passes
-    bad_rate: float  #: share of bad rays in the volume, NaN without rays
+    bad_rate: float  #: fraction of bad rays in the volume, NaN without rays
     evidence: float  #: largest evidence of a voxel; log-odds [nat], of ``published`` the summed score
     reachable: float  #: evidence of a voxel of the median number of rays were all of them bad
     threshold: float  #: evidence that a voxel needs
@@ -85,14 +85,14 @@ def search_threshold(voxels: int, false_alarms: float) -> float:
 def chance_log_odds(
     bad: Shaped[np.ndarray, "*n"], rays: Shaped[np.ndarray, "*n"], rate: float
 ) -> Float[np.ndarray, "*n"]:
-    """n D of Chernoff's bound [nat]; 0 where the share of bad rays is not above the rate.
+    """n D of Chernoff's bound [nat]; 0 where the fraction of bad rays is not above the rate.
 
     Parameters
     ----------
     bad, rays
         Bad rays, and all that say anything.
     rate
-        Share of bad rays by chance, 0-1 exclusive.
+        Fraction of bad rays by chance, 0-1 exclusive.
     """
     n = np.maximum(rays, 1).astype(np.float32)
     fraction = np.minimum(bad / n, np.float32(1))
@@ -106,7 +106,7 @@ def chance_log_odds(
 def edge_fraction(
     bad: Shaped[np.ndarray, "n"], rays: Shaped[np.ndarray, "n"], log_odds: Float[np.ndarray, "n"]
 ) -> float:
-    """Share of bad rays at which a voxel is as likely inside the glass as halfway out of it.
+    """Fraction of bad rays at which a voxel is as likely inside the glass as halfway out of it.
 
     The rate p inside is that of the voxels with at least half of the largest evidence, drawn to what real cameras do
     by a Beta prior of ``_GLASS_RAYS`` rays: few rays that were chosen for being bad say little of p.

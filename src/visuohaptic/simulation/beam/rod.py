@@ -1,7 +1,7 @@
 """A bending rod of spring steel on a guided spring: the truth for tests of the beam sensor.
 
 The rod is a chain of rigid links; the moment at each joint turns it by its
-share of the curvature, and the equilibrium is found by repetition. It bends as
+fraction of the curvature, and the equilibrium is found by repetition. It bends as
 far as it likes, twists, stretches and shears. None of this is shared with the
 estimator in ``sensing``, which integrates a differential equation.
 """

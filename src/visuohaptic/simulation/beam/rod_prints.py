@@ -1,4 +1,4 @@
-"""Pictures to stick on the simulated rod: an AprilTag, a collage, or any image."""
+"""Images to stick on the simulated rod: an AprilTag, a collage, or any image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Print:
     """Ink on paper, finer than a camera sees it."""
 
     levels: Float32[np.ndarray, "R C"]  #: grey levels
-    width_m: float  #: of the whole picture, C columns
+    width_m: float  #: of the whole image, C columns
 
     @property
     def pixel_m(self) -> float:

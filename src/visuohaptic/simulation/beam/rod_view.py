@@ -1,4 +1,4 @@
-"""The camera's picture of the beam sensor: prints on a bending rod above a table.
+"""The camera's image of the beam sensor: prints on a bending rod above a table.
 
 Every print is a plane of its own. A pixel is the mean of ``fine`` x ``fine`` rays, each
 traced through the lens to the print; the lens's blur, the light and the noise come on top
@@ -235,7 +235,7 @@ def hand_held(rig: RodRig, t_s: float, *, shift_m: float = 0.01, turn_rad: float
     swing = np.sin(2 * np.pi * t_s / periods_s + np.arange(6))
     turn = turn_rad * swing[:3] * [1.0, 1.0, 1.5]
     view = rig.T_camera_sensor
-    # About the point that the camera looks at, so that the prints stay in the picture.
+    # About the point that the camera looks at, so that the prints stay in the image.
     middle = view.apply(np.array([0.5 * rig.rod.length_m, 0.0, 0.0]))
     moved = Pose.from_rotation_vector(turn, middle + shift_m * swing[3:])
     return moved @ Pose(np.eye(3), -middle) @ view

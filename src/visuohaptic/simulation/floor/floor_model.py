@@ -16,13 +16,13 @@ from ...io.maps.occupancy_map import OccupancyMap
 __all__ = ["FloorObject", "FloorRobot", "floor_mjcf"]
 
 GRAVITY_M_S2 = 9.81
-#: Height of the rim's equator and of the things' outlines: they meet there (m).
+#: Height of the rim's equator and of the objects' outlines: they meet there (m).
 PUSH_HEIGHT_M = 0.04
 #: Outlines are rounded by this, feet are spheres of that radius (m).
 EDGE_M, FOOT_M = 0.006, 0.004
-#: Time constant of the contact with the rim (s): 10 N press it in by 3 mm with a thing of 3 kg.
+#: Time constant of the contact with the rim (s): 10 N press it in by 3 mm with an object of 3 kg.
 FOAM_S = 0.03
-#: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts a thing in MuJoCo's
+#: Time constant of the feet (s): they sink in by 4 mm, so that sliding, which lifts an object in MuJoCo's
 #: convex contacts, does not let it hop.
 SINK_S = 0.02
 #: Walls are as hard as furniture is: friction of outlines against them and each other.
@@ -40,7 +40,7 @@ class FloorObject:
     contact_friction: float = 0.3  #: with the robot's rim
     centre_offset_m: tuple[float, float] = (0.0, 0.0)  #: of mass, from the outline's centroid
     round_m: float = (
-        0.0  #: radius of a round thing, about the centroid; its footprint is not used for contact
+        0.0  #: radius of a round object, about the centroid; its footprint is not used for contact
     )
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""A round platform drives against a thing on feet: MuJoCo's answer to "where does it go?"."""
+"""A round platform drives against an object on feet: MuJoCo's answer to "where does it go?"."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["FloorBody", "FloorPush", "FloorTrace"]
 
 GRAVITY_M_S2 = 9.81
 FOOT_M = 0.004
-#: How far the springs of the feet give way under the thing's weight (m), and what a foot weighs (kg).
+#: How far the springs of the feet deform under the object's weight (m), and what a foot weighs (kg).
 #: Rigid feet, more than three, would share the load as the solver likes; springs share it as springs do.
 SAG_M, FOOT_KG = 5e-4, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FloorBody:
-    """A rigid thing on explicit feet, in a frame whose origin is on the floor below its reference point.
+    """A rigid object on explicit feet, in a frame whose origin is on the floor below its reference point.
 
     The platform is a sphere whose equator meets the outline at one height, and
     the outline is a ring of capsules: such pairs have closed formulas for
@@ -135,7 +135,7 @@ class FloorPush:
 
     @property
     def object_m(self) -> Float[np.ndarray, "3"]:
-        """x, y, yaw of the thing."""
+        """x, y, yaw of the object."""
         w, x, y, z = self._data.qpos[6:10]
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         return np.array([self._data.qpos[3], self._data.qpos[4], yaw])
@@ -221,7 +221,7 @@ def _mjcf(
         for w in range(len(walls_m)):
             pairs += f'<pair geom1="wall{w}" geom2="part{i}" condim="3" friction="0.3 0.3 0 0 0"/>'
     stiffness = thing.mass_kg * GRAVITY_M_S2 / (len(thing.feet_m) * SAG_M)
-    # Critical damping of the thing on all its feet.
+    # Critical damping of the object on all its feet.
     damping = 2.0 * math.sqrt(stiffness * thing.mass_kg / len(thing.feet_m))
     feet = ""
     for i, (x, y) in enumerate(thing.feet_m):

@@ -1,6 +1,6 @@
-"""A floor with the walls of a map, things that slide on it, and a round robot that drives among them.
+"""A floor with the walls of a map, objects that slide on it, and a round robot that drives among them.
 
-MuJoCo moves the things; it knows nothing of the planners. The robot moves as
+MuJoCo moves the objects; it knows nothing of the planners. The robot moves as
 its wheels are told until something pushes back harder than its drive: then it
 stands. What is not near the robot rests, so that no physics is computed while
 it drives through free space.
@@ -46,7 +46,7 @@ class FloorWorld:
     Parameters
     ----------
     map
-        Its occupied cells are walls; things must not be among them.
+        Its occupied cells are walls; objects must not be among them.
     items
         What may be pushed, each on feet at its corners or, round ones, on a ring of them. They slide and turn, but do not tip.
     start_m
@@ -94,7 +94,7 @@ class FloorWorld:
         self.touch: FloorTouch | None = None
         #: simulated time in which the rim touched a wall (s), and physics steps that were computed
         self.wall_s, self.steps = 0.0, 0
-        # Things sink into their feet.
+        # Objects sink into their feet.
         for _ in range(50):
             mujoco.mj_step(self._model, self._data)
             self._hold(np.zeros(3))
@@ -159,10 +159,10 @@ class FloorWorld:
             if item.id == id:
                 return index
         names = ", ".join(item.id for item in self.items) or "none"
-        raise InputError("FloorWorld", f"has no thing '{id}', there are: {names}")
+        raise InputError("FloorWorld", f"found no object '{id}', expected one of: {names}")
 
     def _gap(self) -> float:
-        """Distance from the rim to the nearest wall or thing, or less."""
+        """Distance from the rim to the nearest wall or object, or less."""
         x, y = float(self._pose[0]), float(self._pose[1])
         gap = math.inf
         for index, reach in enumerate(self._reach):

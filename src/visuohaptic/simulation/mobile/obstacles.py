@@ -1,4 +1,4 @@
-"""Things that a platform meets on the floor: boxes, cylinders, tables, walls, hinged doors."""
+"""Objects that a platform meets on the floor: boxes, cylinders, tables, walls, hinged doors."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class SimulatedObstacle:
     texture: float = 20.0
     seed: int = 0
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
-    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour image; ``None`` = grey
 
     def __post_init__(self) -> None:
         sizes = (self.length_m, self.width_m, self.height_m, self.mass_kg)

@@ -26,7 +26,7 @@ class OdometryErrors:
 class DriftingBase:
     """A ``robots.MobileBase`` whose state drifts away from the truth; commands go through.
 
-    Both agree at the begin.
+    Both agree at the start.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class ApproachPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Office:
-    """Map and things to meet in it."""
+    """Map and objects to meet in it."""
 
     cells: Int8[np.ndarray, "rows columns"]
     resolution_m: float

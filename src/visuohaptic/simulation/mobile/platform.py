@@ -27,7 +27,7 @@ class PlatformConfig:
     max_acceleration_m_s2: float = 0.5
     max_turn_acceleration_rad_s2: float = 2.0
     max_force_N: float = 40.0  #: of the drive
-    kinematic: bool = False  #: moves as told, whatever pushes back
+    kinematic: bool = False  #: moves as commanded, whatever pushes back
     strip: FoamStripGeometry = field(default_factory=lambda: FoamStripGeometry(spacing_m=0.001))
     floor_below_m: float = 0.05  #: height of the foam's visible edge above the floor
 
@@ -62,7 +62,7 @@ class PlatformConfig:
 
 
 class DrivenWorld(Protocol):
-    """What a simulated world tells of its platform."""
+    """State of the platform in a simulated world."""
 
     config: PlatformConfig
 

@@ -1,4 +1,4 @@
-"""The push world: MuJoCo moves platform and obstacles, the foam strip is the only thing between them."""
+"""The push world: MuJoCo moves platform and obstacles, the foam strip is the only object between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The foam's reading straight from the strip's equilibrium: no picture is drawn, for long campaigns.
+"""The foam's reading straight from the strip's equilibrium: no image is drawn, for long campaigns.
 
 What the camera and the contour tracker would add is put in as noise: white
 along the strip and from frame to frame on the contour, a few per cent on the
@@ -60,7 +60,7 @@ class _Setup:
 
 
 class QuickFrames(BlankFrames):
-    """A ``robots.FrameSource`` without pictures; every frame lets the world's time pass.
+    """A ``robots.FrameSource`` without images; every frame lets the world's time pass.
 
     Parameters
     ----------

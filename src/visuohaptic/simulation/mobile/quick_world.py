@@ -1,6 +1,6 @@
 """A light push world for long campaigns: no masses, no MuJoCo, the strip's equilibrium once per frame.
 
-Platform and obstacles move quasi-statically: a movable thing slides along the
+Platform and obstacles move quasi-statically: a movable object slides along the
 foam's force once that is larger than its friction, and never turns. For the
 truth of a push take :class:`~visuohaptic.simulation.mobile.push_world.FoamPushWorld`, which
 costs twenty times more.
@@ -127,7 +127,7 @@ class QuickWorld:
         return self.truth
 
     def _press(self, dt_s: float) -> None:
-        """Balance of foam and friction; what is pushed too hard gives way along the push."""
+        """Balance of foam and friction; what is pushed too hard deforms along the push."""
         near = self._near()
         sliding: set[str] = set()
         heading = self.pose[2]
@@ -170,7 +170,7 @@ class QuickWorld:
                 for outline in o.outlines:
                     placed = outline.moved(px, py, o.yaw_rad)
                     cut = placed.moved(-c * fx - s * fy, s * fx - c * fy, -heading)
-                    # What lies behind the strip's back or past its ends can't be touched.
+                    # What lies behind the strip's back or past its ends cannot be touched.
                     if _reach_in_band(cut.polygon_m(), half) > 0.0:
                         found.append((o, cut))
         return found
@@ -180,12 +180,12 @@ class QuickWorld:
         self.places[name] = (px + float(way_m[0]), py + float(way_m[1]))
 
     def _overlaps(self, o: SimulatedObstacle, pose: tuple[float, float, float]) -> bool:
-        """Whether the hull, a rectangle, and a thing share some of the floor."""
+        """Whether the hull, a rectangle, and an object share some of the floor."""
         (x, y, heading), (px, py) = pose, self.places[o.name]
         (back, front), v = self._hull_m, 0.5 * self.config.width_m
         c, s = math.cos(heading), math.sin(heading)
         mid, half = 0.5 * (front + back), 0.5 * (front - back)
-        # The thing's centre in the axes of the hull, from the hull's middle.
+        # The object's centre in the axes of the hull, from the hull's middle.
         dx, dy = px - x - c * mid, py - y - s * mid
         a, b = c * dx + s * dy, c * dy - s * dx
         if o.kind is ObstacleKind.CYLINDER:

@@ -17,7 +17,7 @@ WALL_M = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchRoom:
-    """The room, its things, and what is true of any place in it."""
+    """The room, its objects, and what is true of any place in it."""
 
     size_m: tuple[float, float]  #: free space between the walls, corner at (0, 0)
     obstacles: tuple[SimulatedObstacle, ...]

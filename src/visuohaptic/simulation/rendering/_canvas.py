@@ -1,4 +1,4 @@
-"""The picture in the making: coverage, textured planes, layers."""
+"""The image in the making: coverage, textured planes, layers."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Plane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
-    """Share of each pixel that a polygon covers, in a window whose first pixel is (x0, y0)."""
+    """Fraction of each pixel that a polygon covers, in a window whose first pixel is (x0, y0)."""
 
     x0: int
     y0: int
@@ -122,7 +122,7 @@ Hole = tuple[np.ndarray, float, Parts]
 
 
 class Canvas:
-    """Float picture of a camera onto which layers are painted from far to near.
+    """Float image of a camera onto which layers are painted from far to near.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""An AprilTag printed on the finger, drawn into a picture that is already rendered."""
+"""An AprilTag printed on the finger, drawn into an image that is already rendered."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FINE = 4
 
 @dataclass(frozen=True, slots=True)
 class FingerTag:
-    """A tag of family 36h11 on the top of the finger, upright in the picture of the camera behind it."""
+    """A tag of family 36h11 on the top of the finger, upright in the image of the camera behind it."""
 
     tag_id: int = 0
     size_m: float = 0.02  #: side of the black square

@@ -20,7 +20,7 @@ class Surface:
     grey: float  #: mean grey level, 0..255
     texture: float = 0.0  #: standard deviation of its texture [grey levels]
     material: str = "plain"  #: kind of texture, a name of ``textures.MATERIALS``
-    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour image; ``None`` = grey
     seed: int = 0  #: of the texture
 
     def __post_init__(self) -> None:
@@ -58,7 +58,7 @@ class Look:
     face_contrast: float = 0.0  #: relative difference of light between faces of an object
     shadow: float = 0.0  #: darkening of the floor close to objects and sensor, 0..1
     shadow_reach_m: float = 0.02  #: how far that darkening reaches
-    colour: bool = False  #: pictures in blue, green, red instead of grey
+    colour: bool = False  #: images in blue, green, red instead of grey
 
     @classmethod
     def photo(cls, *, colour: bool = False, stripe: bool = False) -> Look:

@@ -1,4 +1,4 @@
-"""Frames without a picture: the clock of a simulated world that is felt and not drawn."""
+"""Frames without an image: the clock of a simulated world that is felt and not drawn."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class CameraEffects:
     gradient_y: float = 0.0  #: relative change of light from the top to the bottom border
     light: Callable[[float], float] | None = None  #: relative light over time [s]; 0 is darkness
     exposure_s: float = 0.0  #: duration of exposure, centred on the row's time; 0 = no motion blur
-    exposure_samples: int = 4  #: pictures averaged over the exposure
+    exposure_samples: int = 4  #: images averaged over the exposure
     jpeg_quality: int | None = None  #: 1..100; ``None`` = not compressed
 
     def __post_init__(self) -> None:

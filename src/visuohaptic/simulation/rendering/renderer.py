@@ -1,8 +1,8 @@
-"""The sensor camera's picture of a :class:`FoamScene`, with exact sub-pixel truth.
+"""The sensor camera's image of a :class:`FoamScene`, with exact sub-pixel truth.
 
 Layers are drawn from far to near: floor, objects (whole prisms), foam and robot body
 less the parts of objects that lean over them, occluders. Each layer covers a
-pixel by its exact share behind pixel and lens: the layer's polygon convolved with the pixel's
+pixel by its exact fraction behind pixel and lens: the layer's polygon convolved with the pixel's
 square and a Gaussian. Where two layers share a border the nearer one is drawn over a farther one that
 goes on below it, so that no third surface shines through. Textures are blurred in their own plane.
 """
@@ -323,7 +323,7 @@ class SceneRenderer:
             return
         outline = occluder.outline_at(float(times[len(times) // 2]))
         if occluder.height_m is None:
-            # Fixed to the picture: its texture is cast to the sensor plane, only the outline matters.
+            # Fixed to the image: its texture is cast to the sensor plane, only the outline matters.
             polygon, height = outline, 0.0
         else:
             height = occluder.height_m

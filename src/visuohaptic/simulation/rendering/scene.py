@@ -31,7 +31,7 @@ class SceneObject:
     texture: float = 0.0  #: amplitude of its surface texture in grey levels
     seed: int = 0  #: of the texture
     material: str = "cardboard"  #: kind of texture, a name of ``textures.MATERIALS``
-    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour picture; ``None`` = grey
+    bgr: tuple[float, float, float] | None = None  #: mean colour in a colour image; ``None`` = grey
     solid: Solid | None = None  #: drawn in place of the upright prism, which still hides the sensor
 
 

@@ -11,7 +11,7 @@ from .scene import FoamScene
 
 __all__ = ["shade_floor"]
 
-#: The shadow is soft: it is computed on a picture this many times smaller.
+#: The shadow is soft: it is computed on an image this many times smaller.
 _REDUCTION = 8
 
 

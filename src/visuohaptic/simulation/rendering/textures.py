@@ -136,7 +136,7 @@ _MAKERS = {
 
 @lru_cache(maxsize=32)
 def texture_tile(material: str, seed: int = 0, size: int = 1024) -> UInt8[np.ndarray, "size size"]:
-    """Tile of a material; the same name, seed and size give the same picture.
+    """Tile of a material; the same name, seed and size give the same image.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ class SimulatedArm:
     Parameters
     ----------
     T_base_tip
-        Where the arm believes its tip to be at the begin.
+        Where the arm believes its tip to be at the start.
     error
         Where the tip is in the tip frame that the arm believes in: what is wrong with its joints and
         the mount of the tool, the same everywhere.

@@ -3,7 +3,7 @@
 The tool frame has its origin in the middle of the opener's bridge, the edge
 that rests on top of the cap: x across, y forward, z up. The bridge is an arch
 about the cap; a hook behind and below it goes under the rim. The opener hangs
-on the beam, which gives way in all six axes; where its edges would enter the
+on the beam, which deforms in all six axes; where its edges would enter the
 cap they are pressed back. The balance is found at every moment (quasi-static);
 there is no friction and no inertia.
 """
@@ -55,7 +55,7 @@ class OpenerBeam:
         """Motion (d [m], turn [rad]) of the tip per wrench (N, Nm) there, axes of the tool.
 
         A cantilever: a force bends by L^3/3EI and turns by L^2/2EI, a moment
-        bends by L^2/2EI and turns by L/EI. Along and about the rod the springs give way.
+        bends by L^2/2EI and turns by L/EI. Along and about the rod the springs deform.
         """
         length, ei = self.length_m, self.youngs_Pa * math.pi * self.diameter_m**4 / 64
         c = np.zeros((6, 6))
@@ -110,7 +110,7 @@ class CapSeen:
 class CrownCapCell(BlankFrames):
     """Arm, opener, bottle and camera; a ``robots.FrameSource`` whose every frame lets time pass.
 
-    Frames carry no picture worth looking at: :meth:`feel` and :meth:`look`
+    Frames carry no image worth looking at: :meth:`feel` and :meth:`look`
     give the readings that belong to the newest frame.
     """
 

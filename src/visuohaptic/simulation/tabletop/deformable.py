@@ -1,4 +1,4 @@
-"""Containers that give way between two fingers, as the models of ``deformation`` say."""
+"""Containers that deform between two fingers, as the models of ``deformation`` say."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class DeformableContainer:
         closed
             Nothing can get out.
         fill
-            Share of the volume that a liquid takes; it has a weight in any case.
+            Fraction of the volume that a liquid takes; it has a weight in any case.
         max_m
             Maximum deformation of the curves [m].
         mass_kg
@@ -93,13 +93,13 @@ class DeformableContainer:
         stiffness = np.asarray(pinch_stiffness(shell, material))
         free = np.isfinite(stiffness)
         height, radius = np.asarray(shell.height_m)[free], np.asarray(shell.radius_m)[free]
-        # Finer at the begin, where the third power is nothing.
+        # Finer at the start, where the third power is nothing.
         depth = max_m * np.linspace(0.0, 1.0, 25) ** 2
         force = stiffness[free, None] * depth
         z, r = np.asarray(shell.height_m), np.asarray(shell.radius_m)
         volume = float(np.sum(0.5 * math.pi * (r[1:] ** 2 + r[:-1] ** 2) * np.diff(z)))
         if closed:
-            # Liquids and their container give way a little: never less than this share of air.
+            # Liquids and their container deform a little: never less than this fraction of air.
             air = max(1.0 - fill, 0.01) * volume
             lost = 1.5 * math.pi * 2.0 * radius[:, None]
             force = force + AIR_PA * lost**2 * depth**3 / air

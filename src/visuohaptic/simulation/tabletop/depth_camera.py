@@ -28,9 +28,9 @@ class DepthCameraOptics:
     """What the sensor does to the pattern; defaults are those of a Kinect/Xtion."""
 
     baseline_m: float = 0.075  #: projector to camera, along the camera's x [m]
-    range_m: tuple[float, float] = (0.4, 4.0)  #: depths that are told [m]
+    range_m: tuple[float, float] = (0.4, 4.0)  #: depths that are reported [m]
     noise_px: float = 0.06  #: standard deviation of the disparity; 1.4 mm at 1 m, as Eq. (5.1) has it [px]
-    step_px: float = 0.125  #: disparities are told in such steps; 0 = exact [px]
+    step_px: float = 0.125  #: step of the reported disparities; 0 = exact [px]
     window_px: int = 7  #: edge of the correlation window, odd [px]
     window_fraction: float = 0.6  #: of the window that must show the pattern undisturbed
     window_tolerance_px: float = 1.0  #: disparities in the window that count as undisturbed [px]

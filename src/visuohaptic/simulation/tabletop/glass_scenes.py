@@ -1,4 +1,4 @@
-"""Seeded table scenes with glass among opaque things, as in Alt 2016, Fig. 5.5, with the truth.
+"""Seeded table scenes with glass among opaque objects, as in Alt 2016, Fig. 5.5, with the truth.
 
 Six objects stand on a table in a room; the depth camera moves around them on an
 arc. The truth is the space inside the outer surface of the glass at heights
@@ -34,7 +34,7 @@ class GlassView:
 
     t_s: float  #: [s]
     depth_m: Float[np.ndarray, "h w"]  #: NaN = nothing read [m]
-    T_world_camera: Pose  #: as the tracker tells it, with its error
+    T_world_camera: Pose  #: as the tracker reports it, with its error
     true_T_world_camera: Pose  #: as it was
 
 

@@ -273,8 +273,8 @@ class VirtualGripper(Closing):
     def _squeeze(self, dt_s: float, way_m: float) -> Float[np.ndarray, "objects"]:
         """Move foam and springs on by one step of the finger.
 
-        The springs give way before the foam is pressed, by what its stiffness in the last step
-        foretells: foam that is pressed too far and let go again would remember it as unloading.
+        The springs deform before the foam is pressed, by what its stiffness in the last step
+        predicts: foam that is pressed too far and let go again would remember it as unloading.
         What is left of the balance goes into the next step.
         """
         if not self.objects:

@@ -1,4 +1,4 @@
-"""A kitchen table with a container, an arm, and a gripper with foam on its fingers; no picture is drawn.
+"""A kitchen table with a container, an arm, and a gripper with foam on its fingers; no image is drawn.
 
 What the finger's camera would say is the truth with noise; for rendered
 fingers see :mod:`visuohaptic.simulation.tabletop.gripper`.

@@ -1,4 +1,4 @@
-"""Scenes of glass, liquid, mirrors and opaque things for rays: solids of revolution and boxes.
+"""Scenes of glass, liquid, mirrors and opaque objects for rays: solids of revolution and boxes.
 
 Profiles are exact quadrics with normals smoothed along the profile: facets of a
 mesh would bend rays by steps. Squashed sideways, a solid becomes elliptic.
@@ -46,7 +46,7 @@ class Revolution:
     kind: Kind = "glass"  #: what it is made of
     wall_m: float | None = None  #: thickness of the wall; None = solid all through [m]
     index: float = GLASS  #: refractive index of the wall
-    fill: float = 0.0  #: share of the inner height with liquid, 0-1
+    fill: float = 0.0  #: fraction of the inner height with liquid, 0-1
     fill_index: float = WATER  #: refractive index of the liquid
     bands: tuple[Band, ...] = ()  #: labels, caps
     yaw_rad: float = 0.0  #: turn about the axis [rad]
