@@ -287,7 +287,7 @@ class _Walk:
             if self._step(_Constraint("arc", arc), arc):
                 at = self.factor if kind == "load" else self._control(self.state)
                 if (at - target) * ahead >= 0:
-                    self.last_step = None  # the way back is no continuation
+                    self.last_step = None  # going back does not continue the path
                     if self._step(_Constraint(kind, target), target - at):
                         return True
                     break
