@@ -14,13 +14,13 @@ from visuohaptic.deformation.shapes import grid_faces
 from visuohaptic.deformation.shells import factorise, front_tree, sparse_matrix
 
 
-def problem(seed, nodes, freedoms=2):
+def problem(seed, nodes, dofs=2):
     """A random triangulation and positive definite element matrices on it."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(size=(nodes, 3))
     faces = Delaunay(points[:, :2]).simplices
-    root = rng.normal(size=(len(faces), 3 * freedoms, 3 * freedoms))
-    diagonal = 0.1 + rng.uniform(size=(nodes, freedoms))
+    root = rng.normal(size=(len(faces), 3 * dofs, 3 * dofs))
+    diagonal = 0.1 + rng.uniform(size=(nodes, dofs))
     return rng, points, faces, root @ root.transpose(0, 2, 1), diagonal
 
 

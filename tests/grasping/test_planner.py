@@ -96,7 +96,7 @@ def test_without_a_force_each_place_gets_what_its_load_needs():
 def test_a_map_alone_needs_a_force():
     with pytest.raises(InputError, match="a map has no weight"):
         plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask())
-    with pytest.raises(InputError, match="a map can't tell when it runs over"):
+    with pytest.raises(InputError, match="a map does not say when it spills"):
         plan_map(tube_map(0.03, 0.1, 1e4, around=16), GraspTask(force_N=1.0, fill=0.5))
 
 

@@ -66,7 +66,7 @@ def test_simulated_curves_of_a_bottle_are_stiffer_closed() -> None:
 
 def test_bad_files_and_places(tmp_path: Path) -> None:
     (tmp_path / "state.json").write_text("{}")
-    with pytest.raises(InputError, match="is no state model"):
+    with pytest.raises(InputError, match="is not a state model"):
         load_state_model(tmp_path / "state.json")
     with pytest.raises(InputError, match="expected at least 2"):
         fit_state_model(_curves(1.0, "y+8")[::2], np.random.default_rng(0))

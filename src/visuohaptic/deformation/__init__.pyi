@@ -33,8 +33,8 @@ from .nonlinear.equilibrium_path import PathPoint as PathPoint
 from .nonlinear.load_stepping import follow_arc as follow_arc
 from .nonlinear.load_stepping import follow_displacement as follow_displacement
 from .nonlinear.load_stepping import follow_load as follow_load
-from .nonlinear.load_stepping import pinch_curve as pinch_curve
 from .nonlinear.load_stepping import reach_loads as reach_loads
+from .nonlinear.pinch import pinch_curve as pinch_curve
 from .nonlinear.self_contact import SelfContactGuard as SelfContactGuard
 from .nonlinear.self_contact import wall_gap_m as wall_gap_m
 from .shapes.container import ContainerDescription as ContainerDescription

@@ -1,4 +1,4 @@
-"""Where to grasp what deforms, and how hard (Alt 2016, Sec. 6.2)."""
+"""Grasp planning on deformable containers: where to put two fingers, and how hard to push (Alt 2016, Sec. 6.2)."""
 
 import lazy_loader
 

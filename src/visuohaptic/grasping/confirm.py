@@ -20,7 +20,7 @@ from ..deformation.shells.stiffness_map import DualTips, dual_tip_compliance, op
 
 __all__ = ["Confirmation", "confirm_grasp", "pinch_at"]
 
-#: The curve is walked to this many times the deformation bound, in so many steps.
+#: End of the curve as a multiple of the deformation bound, and its number of steps.
 REACH, STEPS = 1.6, 8
 
 

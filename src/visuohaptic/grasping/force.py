@@ -138,7 +138,7 @@ def object_load(
             first = first + part @ (a + b + c) / 4
         if volume <= 0 or enclosed_volume(mesh.vertices_m, mesh.faces, mesh.fraction) <= 0:
             raise InputError(container.name, "encloses no volume that could be filled")
-        # In a mesh with inner walls the cut is not exactly the fraction that was asked for.
+        # In a mesh with inner walls the cut is not exactly the requested fraction.
         liquid = liquid_kg_per_m3 * fill * container.volume_m3
         mass += liquid
         moment = moment + liquid * first / volume

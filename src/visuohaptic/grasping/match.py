@@ -220,7 +220,7 @@ def _disagreement(
         kind = "softer" if amplitude.value > 1 else "stiffer"
         return f"is {kind} than predicted: {amplitude.value:.2f} times the deformation"
     if residual_m > 3 * sigma_m:
-        return f"has another shape: {1e3 * residual_m:.1f} mm off on average"
+        return f"has another shape: {1e3 * residual_m:.1f} mm away on average"
     return ""
 
 

@@ -27,7 +27,7 @@ __all__ = ["Grasp", "GraspPlan", "multi_contact", "plan_grasps", "plan_map"]
 
 #: Seconds of the arm, or anything else that is to be small; infinite where it can't reach.
 ArmCost = Callable[["Grasp"], float]
-#: A grasp that is closer to a better one than so many neighbourhoods is the same grasp.
+#: A grasp closer to a better one than this many neighbourhoods is the same grasp.
 APART = 2.0
 #: Grasps that the simulation refuses before the search is given up.
 MAX_REFUSED = 6
@@ -186,7 +186,7 @@ def plan_map(
             "plan_map", "a map has no weight", remedy="give the force or the mass (--force, --mass)"
         )
     if task.fill and not task.closed:
-        raise InputError("plan_map", "a map can't tell when it runs over", remedy="give the object instead")
+        raise InputError("plan_map", "a map does not say when it spills", remedy="give the object instead")
     return _plan(surface, task, task.load, None, lambda scores: None, count, arm_cost, None)
 
 

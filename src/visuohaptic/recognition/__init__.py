@@ -1,4 +1,4 @@
-"""What is it, by touch: trees, a planner that knows its uncertainty, state, refinement (Alt 2016, Sec. 6.3)."""
+"""Haptic recognition: classification trees, a Bayesian planner of touches, contents, refinement (Alt 2016, Sec. 6.3)."""
 
 import lazy_loader
 

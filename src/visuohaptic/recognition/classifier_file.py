@@ -93,7 +93,7 @@ def load_classifier(path: Path | str) -> Classifier:
         plain = None if pair is None else (float(pair[0]), float(pair[1]))
     except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputError(
-            path, f"is no classifier ({error})", remedy="make one with classify train"
+            path, f"is not a classifier ({error})", remedy="create one with classify train"
         ) from error
     for warm, threshold in ((temperature, unknown_from), *([plain] if plain else [])):
         if not (0 < warm < 1e3 and 0 < threshold <= 1):

@@ -44,7 +44,7 @@ MAX_ITERATIONS = 100
 MAX_RESIDUAL = 0.2
 #: Cells of the curves' mesh to what holds the wall, below which II is that of the mesh.
 MIN_CELLS = 2.0
-#: Why nothing is known where no curve was asked for.
+#: Reason where no curve was requested.
 NO_CURVE = "no curve was computed here"
 
 
@@ -199,6 +199,6 @@ def _between(
             for row in np.setdiff1d(np.arange(len(out)), known):
                 pair = rows[[below[row], above[row]]]
                 sure[row, side, k] = valid[pair, side, k].all()
-                told = [str(reason[other, side]) for other in pair if reason[other, side]]
-                why[row, side] = f"between two curves, of which: {told[0]}" if told else ""
+                reasons = [str(reason[other, side]) for other in pair if reason[other, side]]
+                why[row, side] = f"between two curves, of which: {reasons[0]}" if reasons else ""
     return out, sure, why

@@ -45,7 +45,7 @@ HELD, NOTHING_OPPOSITE = "the wall is held", "nothing is opposite"
 class StiffnessFeatures:
     """Features of one object; NaN where a coefficient was not computed or nothing is opposite.
 
-    A coefficient that is not ``valid`` is a number all the same: how much it is worth is said in ``reason``.
+    A coefficient that is not ``valid`` is a finite number all the same; ``reason`` says why it is not to be trusted.
     """
 
     values: Float[np.ndarray, "16 4 3"]  #: coefficients i, I [N/m] and II [1]
@@ -53,7 +53,7 @@ class StiffnessFeatures:
     #: Whether a coefficient is to be trusted: a curve may end early, or snap through.
     valid: Bool[np.ndarray, "16 4 3"]
     reason: Shaped[np.ndarray, "16 4"]  #: why not all three are, or nothing
-    #: Of a curve: fraction of the deformations asked for that was reached; NaN without a curve there.
+    #: Of a curve: fraction of the requested deformations that was reached; NaN without a curve there.
     reached: Float[np.ndarray, "16 4"] | None = None
 
     def normalised(self, scheme: str = "centre") -> Float[np.ndarray, "16 4 2"]:

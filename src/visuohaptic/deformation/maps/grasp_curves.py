@@ -44,7 +44,7 @@ class GraspCurve:
     stable: Bool[np.ndarray, "k"]  #: the state holds itself at this force
     point_m: Float[np.ndarray, "3"]  #: of the first tip, at rest
     opposite_m: Float[np.ndarray, "3"]  #: of the second
-    complete: bool  #: all that was asked for was reached
+    complete: bool  #: every requested point was reached
     reason: str  #: why it was not
     copies: int  #: 4: a quarter was computed, 2: a half, 1: the whole
     nodes: int  #: vertices that were computed

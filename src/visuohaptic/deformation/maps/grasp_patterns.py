@@ -124,7 +124,7 @@ def couple(model: ShellModel, tips: DualTips, *, tip_radius_m: float = 0.0) -> G
     if not tips.valid.all():
         raise InputError("couple", f"pair {int(np.argmin(tips.valid))} has no wall across the axis")
     return GraspCoupling(
-        model.factor().coupling(_free(model, contact_loads(model, tips, tip_radius_m=tip_radius_m)))
+        model.factor().coupling(model.free_loads(contact_loads(model, tips, tip_radius_m=tip_radius_m)))
     )
 
 
@@ -152,7 +152,7 @@ def own_compliance(
     here = DualTips(tips.first, first, np.tile([-1.0, 0.0, 0.0], (len(tips), 1)), tips.direction, tips.valid)
     one = tip_loads(model.nodes, here) / 2
     for loads in (one, one - both):
-        alone.append(model.factor().compliance(_free(model, loads)))
+        alone.append(model.factor().compliance(model.free_loads(loads)))
     out: np.ndarray = (alone[0] - alone[1] + pinch_compliance) / 2
     return out
 
@@ -162,11 +162,3 @@ def _vertex_area(model: ShellModel) -> Float[np.ndarray, "v"]:
     area = np.linalg.norm(area_vectors(mesh.vertices_m, mesh.faces), axis=1)
     third = area / 3 * np.asarray(mesh.fraction)
     return np.bincount(mesh.faces.ravel(), np.repeat(third, 3), minlength=model.nodes)
-
-
-def _free(model: ShellModel, loads: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "n m"]:
-    from scipy.sparse import diags_array
-
-    out = (diags_array(model.free.astype(float)) @ loads).tocsc()
-    out.eliminate_zeros()
-    return out

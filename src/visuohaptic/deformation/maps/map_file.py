@@ -23,7 +23,7 @@ _COLOURS = np.array(
 )
 
 
-#: What can be written, and pictures.
+#: Suffixes of maps and of figures.
 MAP_SUFFIXES, PLOT_SUFFIXES = (".npz", ".vtu", ".glb"), (".png", ".pdf", ".svg")
 
 

@@ -22,7 +22,7 @@ from ..shells.corotational import CorotationalShell, PressureLaw
 from ..shells.shell import ShellModel, enclosed_volume, volume_gradient
 from ..shells.stiffness_map import DualTips, bent_loads, tip_loads
 from .equilibrium_path import EquilibriumPath
-from .load_stepping import pinch_curve
+from .pinch import pinch_curve
 from .self_contact import SelfContactGuard
 
 __all__ = [

@@ -28,7 +28,7 @@ class EquilibriumPath:
     """Points in the order they were reached, without the undeformed one."""
 
     points: tuple[PathPoint, ...]
-    complete: bool  #: all that was asked for was reached
+    complete: bool  #: every requested point was reached
     reason: str = ""  #: why it was not
 
     @property

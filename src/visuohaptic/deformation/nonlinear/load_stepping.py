@@ -18,14 +18,12 @@ from jaxtyping import Float
 
 from ...core.errors import InputError
 from ..shells.corotational import CorotationalShell, ShellState, Tangent
-from ..shells.stiffness_map import DualTips, tip_loads
 from .equilibrium_path import EquilibriumPath, PathPoint
 
 __all__ = [
     "follow_arc",
     "follow_displacement",
     "follow_load",
-    "pinch_curve",
     "reach_loads",
 ]
 
@@ -165,40 +163,6 @@ def follow_arc(
     return walk.run_arc(first, until, max_points)
 
 
-def pinch_curve(
-    shell: CorotationalShell,
-    tips: DualTips,
-    which: int,
-    deformation_m: Sequence[float],
-    *,
-    tolerance: float = 1e-5,
-) -> EquilibriumPath:
-    """Close two tips on a wall: force against the mean deformation of both.
-
-    Parameters
-    ----------
-    shell
-        Wall and contents.
-    tips
-        As for a map, see :func:`.opposing_points`.
-    which
-        Index of the pair.
-    deformation_m
-        Targets, ascending. ``load`` of the points is the force of one tip [N].
-    tolerance
-        Of the residual force, relative to the larger of load and reactions.
-
-    Raises
-    ------
-    InputError
-        The pair has nothing opposite.
-    """
-    if not tips.valid[which]:
-        raise InputError("pinch_curve", f"pair {which} has no wall across the axis")
-    load = tip_loads(shell.model.nodes, tips)[:, [which]].toarray().reshape(-1, 6)
-    return follow_displacement(shell, load, deformation_m, control=load / 2, tolerance=tolerance)
-
-
 _Kind = Literal["load", "displacement", "arc"]
 
 
@@ -287,7 +251,7 @@ class _Walk:
             if self._step(_Constraint("arc", arc), arc):
                 at = self.factor if kind == "load" else self._control(self.state)
                 if (at - target) * ahead >= 0:
-                    self.last_step = None  # the way back is no continuation
+                    self.last_step = None  # going back does not continue the path
                     if self._step(_Constraint(kind, target), target - at):
                         return True
                     break

@@ -10,6 +10,7 @@ from .load_shell import load_object as load_object
 from .mesh_state import MeshState as MeshState
 from .mesh_state import boundary_loops as boundary_loops
 from .mesh_state import clamped_foot as clamped_foot
+from .mesh_state import face_parts as face_parts
 from .mesh_state import inspect_mesh as inspect_mesh
 from .mesh_state import why_not_as_it_is as why_not_as_it_is
 from .mesher import ShellObject as ShellObject

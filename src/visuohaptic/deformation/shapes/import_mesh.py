@@ -18,7 +18,14 @@ from ...io.meshes.mesh import load_mesh
 from ..shells.shell import ShellMesh, enclosed_volume
 from ..shells.shell_material import material_constants
 from .coverage import check_represented, has_top
-from .mesh_state import MeshState, boundary_loops, clamped_foot, inspect_mesh, why_not_as_it_is
+from .mesh_state import (
+    MeshState,
+    boundary_loops,
+    clamped_foot,
+    face_parts,
+    inspect_mesh,
+    why_not_as_it_is,
+)
 from .mesher import ShellObject, mesh_rings, rim_zones, ring_counts, ring_lid
 from .resample import Wall, find_wall
 from .wall_properties import WallProperties, wall_thickness
@@ -239,16 +246,11 @@ def _check_upright(state: MeshState, where: str) -> None:
 
 def _check_one_shell(state: MeshState, wall: Wall, where: str) -> None:
     """Refuse two shells inside each other: their middle is the wall of neither."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     middle = 0.5 * (wall.low_m + wall.high_m)
     around = float(np.median(wall.radius_m(np.array([middle]), 48)))
     if not wall.double or wall.wall_m < NESTED_FRACTION * around:
         return
-    pairs = state.faces[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(state.vertices),) * 2)
-    label = connected_components(graph, directed=False)[1][state.faces[:, 0]]
+    label = face_parts(state.faces)
     boxes = [
         (state.vertices[state.faces[label == name]].min(axis=(0, 1)),
          state.vertices[state.faces[label == name]].max(axis=(0, 1)))
@@ -317,7 +319,7 @@ def _resampled(wall: Wall, thickness_m: Float[np.ndarray, "k 2"], closed: bool, 
 
 
 def _thick(heights: np.ndarray, radius: np.ndarray, thickness_m: np.ndarray, where: str) -> list[str]:
-    """Refuse a wall that is thicker than what it goes round; say so where a shell is a rough picture of it."""
+    """Refuse a wall that is thicker than what it goes round; note where a shell is a rough model of it."""
     row = int(np.argmin(radius / thickness_m))
     if radius[row] <= thickness_m[row]:
         raise InputError(

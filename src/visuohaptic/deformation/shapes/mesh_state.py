@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from ...core.errors import InputError
 
-__all__ = ["MeshState", "boundary_loops", "clamped_foot", "inspect_mesh", "why_not_as_it_is"]
+__all__ = ["MeshState", "boundary_loops", "clamped_foot", "face_parts", "inspect_mesh", "why_not_as_it_is"]
 
 #: Triangles that suit a shell: how many, largest angle, and how many edges round. The error of a triangle is
 #: bounded by its largest angle, not by its smallest (Babuska and Aziz 1976). On a tube, right-angled needles
@@ -54,7 +54,7 @@ class MeshState:
 def inspect_mesh(
     vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], where: str = "mesh"
 ) -> MeshState:
-    """Merge vertices, drop what is no triangle, keep the main part, and list what is wrong.
+    """Merge vertices, drop degenerate triangles, keep the main part, and list the defects.
 
     Parameters
     ----------
@@ -70,18 +70,12 @@ def inspect_mesh(
     InputError
         Fewer than four triangles with an area.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     vertices, faces, dropped = _merged(vertices, faces)
     if len(faces) < 4:
         raise InputError(where, f"has {len(faces)} triangles with an area, expected at least 4", field="mesh")
     sides = vertices[faces[:, [1, 2]]] - vertices[faces[:, [0, 0]]]
     area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
-    pairs = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(vertices),) * 2)
-    label = connected_components(graph, directed=False)[1][faces[:, 0]]
-    names, number = np.unique(label, return_inverse=True)
+    number = face_parts(faces)
     size = np.bincount(number, area)
     # Parts of the wall may be loose along a seam; what is small is a patch.
     main = size >= 0.05 * size.max()
@@ -90,7 +84,7 @@ def inspect_mesh(
     if not keep.all():
         largest = int(np.argmax(np.where(main, 0.0, size)))
         place = tuple(float(value) for value in vertices[faces[number == largest]].mean(axis=(0, 1)))
-    patches, loose = len(names) if not main.all() else 1, int((~keep).sum())
+    patches, loose = len(size) if not main.all() else 1, int((~keep).sum())
     used, faces = np.unique(faces[keep], return_inverse=True)
     faces, vertices = faces.reshape(-1, 3), vertices[used]
     directed = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
@@ -136,7 +130,7 @@ def why_not_as_it_is(state: MeshState) -> str:
     """
     vertices = state.vertices
     faces = state.faces[~clamped_foot(vertices)[state.faces].all(axis=1)]
-    parts = _part_count(faces) if len(faces) else 0
+    parts = int(face_parts(faces).max()) + 1 if len(faces) else 0
     if parts > 1:
         return f"{parts} parts that are not joined"
     if state.branching_edges or state.turned:
@@ -164,15 +158,22 @@ def why_not_as_it_is(state: MeshState) -> str:
     return ""
 
 
-def _part_count(faces: Int[np.ndarray, "f 3"]) -> int:
-    """How many pieces share no vertex."""
+def face_parts(faces: Int[np.ndarray, "f 3"]) -> Int[np.ndarray, "f"]:
+    """Number of the connected part, from 0, that each face belongs to; parts share no vertex.
+
+    Parameters
+    ----------
+    faces
+        Triangles, at least one.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    used, face = np.unique(faces, return_inverse=True)
-    pairs = face.reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2)
-    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(used),) * 2)
-    return int(connected_components(graph, directed=False)[0])
+    count = int(faces.max()) + 1
+    pairs = faces[:, [0, 1, 1, 2]].reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    label = connected_components(graph, directed=False)[1][faces[:, 0]]
+    return np.unique(label, return_inverse=True)[1].reshape(-1)
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, int]:

@@ -28,7 +28,7 @@ __all__ = [
 
 #: Thickness of a stiff cap that has none of its own [m].
 STIFF_CAP_M = 0.005
-#: Towards a free rim: from so many cells of the wall on, fraction of their height, and how often round.
+#: Towards a free rim: distance in cells of the wall, height of the cells relative to the others, how often round.
 #: A force on an edge bends it within a few cells, as sharply round the rim as along the wall: finer rings
 #: alone don't help.
 RIM_ZONES = ((3.0, 0.5, 2), (1.5, 0.35, 4))
@@ -56,7 +56,7 @@ class ShellObject:
 
     @property
     def surface_faces(self) -> Int[np.ndarray, "f 3"]:
-        """Triangles that cover the wall once, for files and pictures."""
+        """Triangles that cover the wall once, for files and figures."""
         return self.mesh.faces[self.covers_once]
 
     @property
@@ -95,7 +95,7 @@ def mesh_container(
     even
         The same number of vertices in all rings.
     levels
-        A ring in the middle of each of so many equal parts of the height: vertices where features are.
+        Divide the height into this many equal parts and put a ring in the middle of each, where features are.
     """
     if around % 4 or not 8 <= around <= 2048:
         raise InputError(

@@ -67,7 +67,7 @@ def front_tree(
     elements
         Nodes of each element; the nodes of one element are coupled.
     leaf
-        Parts with at most so many nodes are not cut any more.
+        Parts with at most this many nodes are not divided.
     """
     elements = np.ascontiguousarray(elements, dtype=np.int64)
     count = len(points_m)

@@ -223,6 +223,20 @@ class ShellModel:
         right = np.where(free, 0.0, loads)
         return self.factor().solve(right.reshape(6 * self.nodes, -1)).reshape(loads.shape)
 
+    def free_loads(self, loads: Any) -> Any:
+        """Sparse loads without what acts on held degrees of freedom.
+
+        Parameters
+        ----------
+        loads
+            Sparse array (6 v, m), one load a column.
+        """
+        from scipy.sparse import diags_array
+
+        out = (diags_array(self.free.astype(float)) @ loads).tocsc()
+        out.eliminate_zeros()
+        return out
+
     def volume_gradient(self) -> Float[np.ndarray, "v 6"]:
         """a = dV/du, the change of the enclosed volume by each degree of freedom [m^2]; zero where held.
 

@@ -148,7 +148,7 @@ def dual_tip_compliance(model: ShellModel, tips: DualTips) -> Float[np.ndarray, 
     tips
         The m pairs.
     """
-    loads = _held_rows_removed(model, tip_loads(model.nodes, tips, model.mesh.vertices_m))
+    loads = model.free_loads(tip_loads(model.nodes, tips, model.mesh.vertices_m))
     return np.where(tips.valid, model.factor().compliance(loads), np.nan)
 
 
@@ -186,11 +186,3 @@ def dual_tip_map(
     compliance = dual_tip_compliance(model, some)[inverse]
     with np.errstate(divide="ignore"):
         return np.where(tips.valid, 2.0 / compliance, np.nan)
-
-
-def _held_rows_removed(model: ShellModel, loads: Any) -> Any:
-    from scipy.sparse import diags_array
-
-    out = (diags_array(model.free.astype(float)) @ loads).tocsc()
-    out.eliminate_zeros()
-    return out

@@ -330,7 +330,7 @@ def _manifest(folder: Path) -> list[dict[str, str]]:
             path, f"cannot be read ({error.strerror})", remedy="run visuohaptic objects build first"
         ) from error
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(path, f"is no manifest of objects build ({error})") from error
+        raise InputError(path, f"is not a manifest of objects build ({error})") from error
     if not found:
         raise InputError(path, "lists no objects")
     for entry in found:

@@ -38,8 +38,8 @@ def noisy_copies(
     protocol
         How a touch is done: the noise of a stiffness follows from it.
     pose_m
-        Standard deviation of the height of all touches of a copy; where the maps of the objects told what
-        wrong poses do, those are drawn from, scaled by this.
+        Standard deviation of the height of all touches of a copy; where the effects of
+        wrong poses are known from maps, these are sampled, scaled by this.
     discrepancy
         Relative standard deviation by which simulation is wrong, by place.
     keep

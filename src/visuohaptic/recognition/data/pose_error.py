@@ -16,7 +16,7 @@ from .places import HEIGHTS, SIDES
 
 __all__ = ["COPIES", "POSE_m", "TILT_rad", "pose_error_changes"]
 
-#: Poses that are drawn of each object; their standard deviations along [m] and about [rad] each axis.
+#: Poses that are sampled for each object; their standard deviations along [m] and about [rad] each axis.
 COPIES, POSE_m, TILT_rad = 8, 0.002, 0.05
 
 

@@ -1,4 +1,4 @@
-"""How a gripper touches: what a closing curve can tell, and what it costs in robot time."""
+"""How a gripper touches: the noise of a closing curve, and what it costs in robot time."""
 
 from __future__ import annotations
 

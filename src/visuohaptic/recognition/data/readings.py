@@ -175,7 +175,7 @@ def read_curves(path: Path | str, noise: TouchNoise | None = None) -> tuple[Touc
     except OSError as error:
         raise InputError(path, f"cannot be read ({error.strerror})") from error
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(path, f"is no CSV file in UTF-8 ({error})") from error
+        raise InputError(path, f"is not a CSV file in UTF-8 ({error})") from error
     if not samples:
         raise InputError(path, "has no samples")
     fits: dict[tuple[int, str], list[CurveCoefficients | None]] = {}

@@ -46,7 +46,7 @@ class TouchExploration:
     belief: Belief
     readings: tuple[TouchReading, ...]
     seconds: float  #: of robot time
-    sure: bool  #: the wanted confidence was reached
+    sure: bool  #: the requested confidence was reached
 
 
 def touch_gains(
@@ -56,9 +56,9 @@ def touch_gains(
     samples: int = 64,
     rng: np.random.Generator | None = None,
 ) -> dict[Touch, tuple[float, float]]:
-    """What each touch that is left would tell [nat], and how long it takes [s].
+    """Expected information of each touch that is left, and its duration.
 
-    The information is the expected fall of the entropy of the answer: outcomes are drawn from the
+    The information is the expected decrease of the entropy of the answer: outcomes are sampled from the
     present belief, and the belief after each is computed in closed form.
 
     Parameters
@@ -134,7 +134,7 @@ def explore(
     samples: int = 64,
     follow: Callable[[Sequence[TouchReading], Touch | None], object] | None = None,
 ) -> TouchExploration:
-    """Touch where it tells most per second until the answer is sure.
+    """Touch where the expected information per second is highest until the answer is sure.
 
     Parameters
     ----------
@@ -143,16 +143,16 @@ def explore(
     touch
         Measures at a height 1 .. 16 along an axis "x" or "y".
     confidence
-        Wanted probability of the answer. One in twenty that are 95 % sure is wrong, and of unknown objects, which are
+        Requested probability of the answer. One in twenty that are 95 % sure is wrong, and of unknown objects, which are
         rare, a larger share still passes for something known: nine objects in a row need more.
     max_touches, min_touches
         Bounds.
     rng
-        For the drawn outcomes.
+        Source of the sampled outcomes.
     samples
-        Drawn outcomes of each touch.
+        Sampled outcomes of each touch.
     follow
-        Called before each touch with what was read so far and the touch that is wanted, and at the end with
+        Called before each touch with the readings so far and the planned touch, and at the end with
         None; see :mod:`.steps`.
     """
     if not 0 < confidence <= 1 or not 1 <= min_touches <= max_touches <= len(TOUCHES):

@@ -245,7 +245,7 @@ def wall_from_stiffness(
         response = _response(outline_m, wall, ContentsState(closed=True))
         ratios = [k / expected for z, k in felt if (expected := response.at(z)[0]) > 0]
         if not ratios:
-            raise InputError("wall_from_stiffness", "found no squeeze that tells a stiffness")
+            raise InputError("wall_from_stiffness", "found no squeeze with a stiffness")
         wall *= float(np.exp(np.mean(np.log(ratios)))) ** (1 / WALL_POWER)
     return wall
 

@@ -63,7 +63,7 @@ def fit_wall(
         Of the measurements, the error of the model included.
     wall_spread, modulus_spread
         Relative standard deviations of the prior. Stiffness goes with E t^2 almost everywhere, so
-        measurements alone hardly tell the two apart: the covariance says so.
+        measurements alone hardly distinguish the two, which the covariance shows.
     around
         Vertices round the wall, a multiple of 4.
     max_iterations

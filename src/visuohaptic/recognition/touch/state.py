@@ -204,7 +204,7 @@ def fit_state_model(
 
 
 def state_probability(model: HapticStateModel, readings: Sequence[TouchReading]) -> dict[str, Any]:
-    """Probabilities of the states and of ``UNKNOWN`` from what was touched, and where it is told best.
+    """Probabilities of the states and of ``UNKNOWN`` from what was touched, and the most informative place.
 
     Places are taken as independent, which their common wall makes them not: of several, only the
     best place that was touched counts.
@@ -290,14 +290,14 @@ def load_state_model(path: Path | str) -> HapticStateModel:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise InputError(path, f"is no state model ({error})") from error
+        raise InputError(path, f"is not a state model ({error})") from error
     count = len(places)
     good = count > 0 and len(states) > 1 and mean.shape == (count, len(states), 3)
     good = good and covariance.shape == (count, 3, 3) and accuracy.shape == (count,)
     if not (good and np.isfinite(mean).all() and np.isfinite(covariance).all()):
-        raise InputError(path, "is no state model: its arrays do not fit together")
+        raise InputError(path, "is not a state model: its arrays do not fit together")
     if not (np.linalg.eigvalsh(covariance) > 0).all():
-        raise InputError(path, "is no state model: a covariance is not positive", field="covariance")
+        raise InputError(path, "is not a state model: a covariance is not positive", field="covariance")
     for place in places:
         _place(place)
     return HapticStateModel(states, places, mean, covariance, accuracy)

@@ -21,7 +21,7 @@ Step = tuple[str, str]
 
 
 class Listener(Protocol):
-    """Who is told; :class:`visuohaptic.viewer.StepsView` is one."""
+    """Observer of an exploration; :class:`visuohaptic.viewer.StepsView` is one."""
 
     def ask(self, question: str) -> None:
         """Show a question that is now open.

@@ -115,7 +115,7 @@ def load_tree(path: Path | str) -> ClassificationTree:
     except InputError:
         raise
     except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise InputError(path, f"is no classification tree ({error})") from error
+        raise InputError(path, f"is not a classification tree ({error})") from error
     nodes = threshold.size if threshold.ndim == 1 else 0
     place = np.arange(nodes)
     inner = integers["feature"] >= 0 if integers["feature"].ndim == 1 else np.zeros(0, dtype=bool)
@@ -131,7 +131,7 @@ def load_tree(path: Path | str) -> ClassificationTree:
     for key in ("left", "right"):
         good = good and bool(((integers[key] > place) & (integers[key] < nodes))[inner].all())
     if not good:
-        raise InputError(path, "is no classification tree: its arrays do not fit together")
+        raise InputError(path, "is not a classification tree: its arrays do not fit together")
     index = integers
     return ClassificationTree(
         classes, scheme, index["feature"], threshold, index["left"], index["right"], counts, alpha, *losses

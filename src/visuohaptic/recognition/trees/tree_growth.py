@@ -30,9 +30,9 @@ SAMPLES = 300
 _READ = 0.1
 #: Relative error of simulated stiffness, by place, as the planner has it.
 _DISCREPANCY = 0.04
-#: In about so many ways containers of one class differ: sizes, bulges, wall.
+#: Dimensions in which containers of one class differ, about: sizes, bulges, wall.
 _DIMENSIONS = 6
-#: Less weight than this in the gain is no gain.
+#: Smallest decrease of impurity that counts.
 _MIN = 1e-9
 
 

@@ -32,7 +32,7 @@ _ANGLE_BINS = 12
 #: Weights of the parts of a descriptor, so that what noise and holes do to each is alike.
 _ANGLE_WEIGHT, _EXTENT_WEIGHT = 0.5, 0.6
 DESCRIPTOR_LENGTH = _DISTANCE_BINS + _ANGLE_BINS + 3
-#: Points of a description, after thinning; pairs and triples that are drawn from them.
+#: Points of a description, after thinning; pairs and triples that are sampled from them.
 _POINTS, _PAIRS, _TRIPLES = 400, 4000, 2000
 #: Points that are needed to speak of a shape.
 MIN_POINTS = 20
@@ -194,7 +194,7 @@ class _Surface:
 def visible_from(points_m: Float[np.ndarray, "n 3"], direction: Float[np.ndarray, "3"]) -> np.ndarray:
     """Indices of the points of a surface that an eye far away in ``direction`` sees.
 
-    The points are drawn into a image whose cells are a little wider than they are apart; a point is hidden
+    The points are drawn into an image whose cells are a little wider than they are apart; a point is hidden
     where a cell around it has one that is much nearer.
     """
     from scipy.ndimage import maximum_filter

@@ -29,7 +29,7 @@ __all__ = [
 
 #: Larger images are shrunk to this side: finer detail is not seen again from elsewhere [px].
 SIDE_PX = 800
-#: RootSIFT numbers are at most about a half; so many steps to 1 fill a byte.
+#: RootSIFT numbers are at most about a half; this many steps to 1 fill a byte.
 _BYTE_STEPS = 510.0
 #: Descriptors that a vocabulary is learnt from.
 _TRAINING = 60_000
@@ -77,7 +77,7 @@ def find_features(
     points, found = cv2.SIFT.create(max_features).detectAndCompute(np.ascontiguousarray(grey), None)
     if found is None or len(found) == 0:
         return none
-    # OpenCV keeps ties beyond the number that was asked for.
+    # OpenCV keeps ties beyond the requested number.
     order = np.argsort([-point.response for point in points], kind="stable")[:max_features]
     places = (np.array([points[i].pt for i in order]) + 0.5) / scale - 0.5
     root = np.sqrt(found[order] / np.maximum(found[order].sum(axis=1, keepdims=True), 1e-12))
@@ -261,7 +261,7 @@ def agreeing_matches(
     agreeing = source[robust.inliers]
     low, high = agreeing.min(axis=0), agreeing.max(axis=0)
     frame = np.array([[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]])
-    # A mirrored or folded image is no view of a plane.
+    # A mirrored or folded image is not a view of a plane.
     if not (is_proper(robust.matrix, frame) or is_proper(-robust.matrix, frame)):
         return 0
     different = min(len(np.unique(np.round(side[robust.inliers] / 4), axis=0)) for side in (source, target))
