@@ -16,7 +16,7 @@ PARTS = ("foam", "beam", "navigate", "glass", "bottle")
 #: Modules beyond the core on its way.
 NEEDS = ("av", "matplotlib", "mcap_ros2", "mujoco", "robust_laplacian", "skimage")
 
-HELP = "tell the whole story of a simulated robot that looks, touches and remembers, or a part of it"
+HELP = "run the end-to-end demo of a simulated robot that looks, touches and remembers, or a part of it"
 
 EPILOG = """\
 parts
@@ -43,7 +43,7 @@ examples
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the verb."""
-    parser.add_argument("part", nargs="?", choices=PARTS, help="tell this part alone")
+    parser.add_argument("part", nargs="?", choices=PARTS, help="run this part alone")
     parser.add_argument("--map", type=Path, metavar="YAML", help="touch three obstacles in this map")
     parser.add_argument("--out", type=Path, default=Path("results/demo"), help="folder (results/demo)")
     parser.add_argument("--seed", type=int, default=2, help="of everything random (2)")

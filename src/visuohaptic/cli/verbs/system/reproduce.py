@@ -1,4 +1,4 @@
-"""``visuohaptic reproduce``: the dissertation's figures and tables, made again."""
+"""``visuohaptic reproduce``: the dissertation's figures and tables, reproduced."""
 
 from __future__ import annotations
 
