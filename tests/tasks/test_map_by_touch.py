@@ -66,7 +66,7 @@ def test_it_turns_left_until_the_face_is_parallel(face_rad: float, turn_rad: flo
 
 
 def test_ways_that_meet_nothing_turn_right_and_end() -> None:
-    task = TouchMapTask(MapSettings(empty_ways=2))
+    task = TouchMapTask(MapSettings(empty_drives=2))
     task.step(seen_at(0.0))
     assert task.step(seen_at(1.0, explored="nothing_found")).turn_rate_rad_s < 0
     assert task.step(seen_at(2.0, heading_rad=-0.5 * math.pi)).explore

@@ -65,5 +65,5 @@ def test_ends():
     assert nothing.end is PushEnd.MISSED
     assert not nothing.touched
     assert np.isnan(nothing.force_N[0])
-    with pytest.raises(InputError, match="expected numbers > 0"):
+    with pytest.raises(InputError, match="expected more than 0"):
         PushSettings(speed_m_s=0.0)

@@ -1,4 +1,4 @@
-"""The order of the story, and its parts that can be told alone."""
+"""The order of the demonstration, and its parts that can be run alone."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..core.errors import InputError
 from ..simulation.faults import FaultKind
 from . import drive_chapters as drive
 from . import hand_chapters as hand
-from . import office_chapters as way
+from . import office_chapters as office
 from . import probe_chapters as probe
 from . import touch_chapters as touch
 from .story import Chapter, Mission, Story, run_chapters
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["CHAPTERS", "PARTS", "run_mission"]
 
 CHAPTERS: tuple[Chapter, ...] = (
-    Chapter("map", "The platform maps its way with the laser", (), way.map_the_way, way.default_map),
-    Chapter("door", "Today the door is blocked", ("map",), way.find_the_door_blocked, way.default_door),
+    Chapter("map", "The platform maps its path with the laser", (), office.map_the_way, office.default_map),
+    Chapter("door", "Today the door is blocked", ("map",), office.find_the_door_blocked, office.default_door),
     Chapter(
         "foam",
         "It touches what stands there, and tags it",
@@ -90,7 +90,7 @@ def run_mission(
         One of ``PARTS``; the whole story without. What earlier chapters would have
         learnt is then filled in from the simulated world, and said so.
     seed
-        Of everything random: order of the things, noise, bottle, state.
+        Of everything random: order of the objects, noise, bottle, state.
     on_message
         Takes the lines of the story.
     page
@@ -119,8 +119,8 @@ def run_mission(
     known = {one.name for one in CHAPTERS}
     if unknown := [name for name in names if name not in known]:
         raise InputError("mission", f"found chapter {unknown[0]!r}, expected one of {', '.join(known)}")
-    told = tuple(one for one in CHAPTERS if one.name in names)
-    wanted = {need for one in told for need in one.needs} - set(names)
+    chosen = tuple(one for one in CHAPTERS if one.name in names)
+    wanted = {need for one in chosen for need in one.needs} - set(names)
     # What is needed by what is given comes first.
     wanted |= {below for name in wanted for below in CHAPTERS_NEED.get(name, ())}
     given = [one for one in CHAPTERS if one.name in wanted and one.name not in names]
@@ -133,7 +133,7 @@ def run_mission(
         obstacles=1 if part == "foam" or quick else 3,
         quick=quick,
     )
-    return run_chapters(mission, told, given)
+    return run_chapters(mission, chosen, given)
 
 
 #: What a given chapter itself builds on, as far as it is not filled in by it.

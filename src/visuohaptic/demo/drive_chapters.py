@@ -1,4 +1,4 @@
-"""Plan with the measured tags, push one thing aside, and arrive at the table."""
+"""Plan with the measured tags, push one object aside, and arrive at the table."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
             math.hypot(estimated[0] - GOAL[0], estimated[1] - GOAL[1]),
             error_m,
         ),
-        Measure("time for the way [s]", found.duration_s, plan.cost_s),
+        Measure("time for the path [s]", found.duration_s, plan.cost_s),
         Measure(
             "length of the detour without a push [m]", detour.length_m if detour.reachable else "none", None
         ),
@@ -84,7 +84,7 @@ def drive_to_the_table(mission: Mission) -> ChapterResult:
     fraction = fit_fraction(mission, known.map, (true_pose[0], true_pose[1], true_pose[2]), estimated)
     if fraction < MIN_FIT:
         return failed(
-            f"the platform believes to be there, but only {100 * fraction:.0f} % of what the laser sees "
+            f"the platform estimates to be there, but only {100 * fraction:.0f} % of what the laser sees "
             "is on the map: its pose or its map is wrong",
             *parts,
         )
@@ -124,7 +124,7 @@ def _why(name: str, mission: Mission) -> str:
     tag = mission.tags.get(name)
     if tag is None or tag.static_friction_N is None:
         return ""
-    others = [f"{other} {_word(told)}" for other, told in mission.tags.items() if other != name]
+    others = [f"{other} {_word(tag)}" for other, tag in mission.tags.items() if other != name]
     return f" (it takes {tag.static_friction_N.value:.1f} N; {', '.join(others)})"
 
 
@@ -135,7 +135,7 @@ def _word(tag: HapticTag) -> str:
 
 
 def _world(mission: Mission) -> tuple[FloorWorld, FloorSenses]:
-    """The office with the things where they are now, as heavy as they are."""
+    """The office with the objects where they are now, with their mass."""
     items = []
     for path in mission.paths:
         true = path.obstacle
@@ -201,7 +201,7 @@ def _picture(
     figure = floor_map(grid.cells, grid.resolution_m, (x, y), path_world_m=path, objects=objects)
     return Illustration(
         figure,
-        "The way through the door: footprints as felt with their tags, dashed where the things truly ended, "
+        "The path through the door: footprints as felt with their tags, dashed where the objects truly ended, "
         f"{found.pushes} pushes, {found.plans} plans",
     )
 

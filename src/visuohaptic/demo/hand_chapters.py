@@ -95,7 +95,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     model_wall_m = _take_class(known, found)
     assert known.class_model is not None
     if known.class_model.base.shape != "circle":
-        return failed(f"it is taken for {found.best}, whose contents cannot be told in this way")
+        return failed(f"it is taken for {found.best}, whose contents cannot be identified in this way")
     gentle = [(curve.place.height_m, curve.stiffness_N_per_m) for curve in found.curves]
     wall = wall_from_stiffness(known.outline_m, gentle, model_wall_m)
     states = {name: ContentsState(*one) for name, one in STATES.items()}
@@ -103,7 +103,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
     known.wall_factor = wall / model_wall_m
     parts = [
         Measure("class", found.best, bottle.description.name),
-        Measure("squeezes that told it", len(found.curves), None),
+        Measure("squeezes for the class", len(found.curves), None),
         Measure("wall [mm]", 1e3 * wall, 1e3 * bottle.wall_m),
         *_contents_measures(contents, bottle.state, bottle.container.mass_kg),
         Illustration(
@@ -112,7 +112,7 @@ def recognise_the_bottle(mission: Mission) -> ChapterResult:
         ),
     ]
     if not contents.sure:
-        return failed(f"it is a {found.best}, but its state is not told: {contents.why}", *parts)
+        return failed(f"it is a {found.best}, but its state is not identified: {contents.why}", *parts)
     known.state = contents.best
     right = found.best == bottle.description.name and contents.best == bottle.state
     gentle_text = f"{len(found.curves)} gentle ones before"
@@ -179,8 +179,8 @@ def grasp_the_bottle(mission: Mission) -> ChapterResult:
     best = plan.grasps[0]
     lift = _lift_plan(best, float(best.first_m[2]) / scale, _foot_m(mission.known))
     mission.log(
-        f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall gives "
-        f"way by {1e3 * best.deformation_m:.1f} mm there"
+        f"  {1e3 * mass:.0f} g need {best.needed_N:.1f} N at {1e3 * lift.place.height_m:.0f} mm; the wall deforms "
+        f"by {1e3 * best.deformation_m:.1f} mm there"
     )
     held = grasp_and_lift(hand, lift)
     parts = (

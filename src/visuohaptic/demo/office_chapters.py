@@ -53,7 +53,7 @@ GOAL = (6.6, 2.9)
 #: Edges of the doorway [m].
 DOOR_X, DOOR_Y = (4.95, 5.05), (2.4, 3.5)
 STEP_M = 0.1
-#: The laser looks at cells so many times finer than those of the drawn office.
+#: The laser looks at cells this many times finer than those of the drawn office.
 FINER = 4
 #: Fraction of a scan's beams that must end where the map says. From 120 poses about the goal at least 0.96 fit
 #: the maps that the laser made, and from 40 at most 0.92 a map that is shifted or has objects too many.
@@ -80,7 +80,7 @@ class _Pulled:
 
 @cache
 def office_map() -> OccupancyMap:
-    """The office as it truly is, without the things in the door."""
+    """The office as it truly is, without the objects in the door."""
     office = furnished_office()
     return OccupancyMap(office.cells, office.resolution_m, office.origin)
 
@@ -134,16 +134,16 @@ def _round() -> Float[np.ndarray, "n 3"]:
     world = build_search_domain(problem, pushes=False)
     clearance = world.clearance_with(np.zeros((0, 2)))
     parts = []
-    for begin, end in itertools.pairwise(ROUND):
+    for start, end in itertools.pairwise(ROUND):
         path, _ = pull_string(
-            world, clearance, grid_from_world(grid, np.array(begin)), grid_from_world(grid, np.array(end))
+            world, clearance, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
         )
         parts.append(world_from_grid(grid, path))
-    way = np.concatenate(parts)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+    path_m = np.concatenate(parts)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
     keep = np.concatenate([[True], np.diff(along) > 1e-9])
     at = np.arange(0.0, along[-1], STEP_M)
-    points = np.column_stack([np.interp(at, along[keep], way[keep, axis]) for axis in (0, 1)])
+    points = np.column_stack([np.interp(at, along[keep], path_m[keep, axis]) for axis in (0, 1)])
     heading = np.unwrap(np.arctan2(*np.gradient(points, axis=0).T[::-1]))
     # The laser looks ahead only: turns are as smooth as a person makes them.
     smooth = np.convolve(np.pad(heading, 4, mode="edge"), np.full(9, 1 / 9), mode="valid")
@@ -165,18 +165,18 @@ def map_the_way(mission: Mission) -> ChapterResult:
     mapper = OccupancyMapper()
     for number, pose in enumerate(poses):
         base.t_s, base.pose = 0.33 * number, pose
-        told = odometry.state()
+        measured = odometry.state()
         x, y, heading = (float(value) for value in pose)
-        mapper.add(laser.scan((x, y, heading), base.t_s), (told.x_m, told.y_m, told.heading_rad))
+        mapper.add(laser.scan((x, y, heading), base.t_s), (measured.x_m, measured.y_m, measured.heading_rad))
     found = mapper.map()
     off_m = float(np.hypot(*(np.array(mapper.pose[:2]) - poses[-1, :2])))
-    told = odometry.state()
-    drift_m = math.hypot(told.x_m - poses[-1, 0], told.y_m - poses[-1, 1])
+    measured = odometry.state()
+    drift_m = math.hypot(measured.x_m - poses[-1, 0], measured.y_m - poses[-1, 1])
     lost = sum(not match.valid for match in mapper.matches)
     right, wrong = map_agreement(found, truth)
     if mission.fault is FaultKind.WRONG_MAP:
         found = OccupancyMap(wrong_map(found.cells, mission.rng(4)), found.resolution_m, found.origin)
-        mission.log("  fault: the map is shifted, and has things that are not there")
+        mission.log("  fault: the map is shifted, and has objects that are not there")
     mission.known.map = mission.known.map_now = found
     mission.known.pose = mapper.pose
     if lost > 0.2 * len(poses):
@@ -193,7 +193,7 @@ def map_the_way(mission: Mission) -> ChapterResult:
 
 
 def find_the_door_blocked(mission: Mission) -> ChapterResult:
-    """Today the way to the table is blocked: what is new in the scans is told apart and remembered.
+    """Today the path to the table is blocked: what is new in the scans is separated and remembered.
 
     Parameters
     ----------
@@ -206,8 +206,8 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
         set_the_door(mission)
     plan = without_pushing(_problem(grid, LOOK[:2], ()))
     if not plan.reachable:
-        return failed(f"on the map of the first round there is no way to the table: {plan.reason}")
-    mission.log(f"  on the map the way to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
+        return failed(f"on the map of the first round there is no path to the table: {plan.reason}")
+    mission.log(f"  on the map the path to the table is free: {plan.length_m:.1f} m, {plan.cost_s:.0f} s")
     laser = SimulatedLaser(world_map(mission), None, mission.rng(5))
     points = []
     for y in np.linspace(-0.45, 0.45, 7):
@@ -231,17 +231,17 @@ def find_the_door_blocked(mission: Mission) -> ChapterResult:
     near = [min(abs(one.y_m - float(group[:, 1].mean())) for one in true) for group in groups]
     right = len(groups) == len(true) and max(near) < 0.1
     parts = (
-        Measure("things in the door", len(groups), len(true)),
+        Measure("objects in the door", len(groups), len(true)),
         Measure("worst sideways error of a place [m]", max(near), 0.0),
         _door_picture(mission),
     )
     if blocked.reachable:
-        return done(f"{len(groups)} things in the door, and still a way beside them", right, *parts)
-    return done(f"{len(groups)} things stand in the door and leave no way: {blocked.reason}", right, *parts)
+        return done(f"{len(groups)} objects in the door, and still a path beside them", right, *parts)
+    return done(f"{len(groups)} objects stand in the door and leave no path: {blocked.reason}", right, *parts)
 
 
 def set_the_door(mission: Mission) -> None:
-    """Put the things into the simulated door."""
+    """Put the objects into the simulated door."""
     mission.paths = door_obstacles(mission)
     mission.placed = {
         path.obstacle.name: (path.obstacle.x_m, path.obstacle.y_m, path.obstacle.yaw_rad)
@@ -266,7 +266,7 @@ def fit_fraction(
     true_pose
         Where the platform is: x, y [m], heading [rad].
     estimated_pose
-        Where it believes to be.
+        Estimated.
     """
     scan = SimulatedLaser(office_map(), None, mission.rng(6)).scan(true_pose, 0.0)
     c, s = math.cos(estimated_pose[2]), math.sin(estimated_pose[2])
@@ -289,12 +289,12 @@ def _door_picture(mission: Mission) -> Illustration:
 
     grid = mission.known.map_now
     assert grid is not None
-    things = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
+    objects = [MapObject(f"new {k + 1}", _box(one)) for k, one in enumerate(mission.known.obstacle_points_m)]
     x, y, _ = grid.origin
-    figure = floor_map(grid.cells, grid.resolution_m, (x, y), path_world_m=_round()[:, :2], objects=things)
+    figure = floor_map(grid.cells, grid.resolution_m, (x, y), path_world_m=_round()[:, :2], objects=objects)
     return Illustration(
         figure,
-        "The map that the laser made on the first round (its way in blue), and what is new in the door",
+        "The map that the laser made on the first round (its path in blue), and what is new in the door",
     )
 
 
@@ -316,7 +316,7 @@ def default_map(mission: Mission) -> None:
 
 
 def default_door(mission: Mission) -> None:
-    """Places of the things as drawn."""
+    """Places of the objects as drawn."""
     if not mission.paths:
         set_the_door(mission)
     mission.known.obstacle_points_m = tuple(

@@ -146,8 +146,8 @@ def find_the_glass(mission: Mission) -> ChapterResult:
     frames = []
     for index, pose in enumerate(around_the_table(30 if mission.quick else 60, rng)):
         depth = camera.render(bottle.scene, pose, rng)
-        told = disturb_pose(pose, rng, 0.0005, 0.001)
-        frames.append(DepthFrame(0.1 * index, depth, None, told, camera.camera, index))
+        measured = disturb_pose(pose, rng, 0.0005, 0.001)
+        frames.append(DepthFrame(0.1 * index, depth, None, measured, camera.camera, index))
     mission.log(f"  {len(frames)} views; fusing, and looking for contradictions between them")
     found = reconstruct(frames, grid=SpaceGrid.around(LOW, HIGH, VOXEL_M))
     picture = _depth(frames[0].depth_m)
@@ -280,9 +280,9 @@ def _radial(contacts: list[np.ndarray], foot_m: np.ndarray) -> Float[np.ndarray,
 def _outline_error(outline: Float[np.ndarray, "k 2"], bottle: TableBottle) -> tuple[float, float]:
     """Root mean square error of the radius over the height, and the error of the height."""
     z = np.linspace(0.01, 0.9 * bottle.height_m, 60)
-    told = np.interp(z, outline[:, 1], outline[:, 0])
+    found = np.interp(z, outline[:, 1], outline[:, 0])
     true = np.interp(z, bottle.outline_m[:, 1], bottle.outline_m[:, 0])
-    return float(np.sqrt(np.mean((told - true) ** 2))), float(outline[-1, 1]) - bottle.height_m
+    return float(np.sqrt(np.mean((found - true) ** 2))), float(outline[-1, 1]) - bottle.height_m
 
 
 def _outline_figure(

@@ -43,10 +43,10 @@ __all__ = ["SLOWLY", "DemoObject", "DemoResult", "DemoSample", "run_demo", "show
 
 log = logging.getLogger(__name__)
 
-#: The table shows every so many frames while something is touched.
+#: The table shows every n-th frame while something is touched.
 _TABLE_FRAMES = 6
 #: Slow enough that the first peak is friction and not the blow of an object that has to be set in motion.
-#: The platform begins on free floor, a little more than the camera's view.
+#: The platform starts on free floor, a little more than the camera's view.
 SLOWLY = ExploreSettings(
     approach_m_s=0.03, push_m_s=0.02, cruise_m_s=0.06, near_m=0.015, free_ahead_m=0.2, search_m=0.6
 )
@@ -132,7 +132,7 @@ def run_demo(
     through
         What the frames go through before the sensor has them, as faults that are switched on.
     """
-    begin = time.monotonic()
+    start_s = time.monotonic()
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -164,7 +164,7 @@ def run_demo(
             if page is not None:
                 page.set_tags({one.name: one.tag for one in objects})
     return DemoResult(
-        grid, tuple(objects), sensor, folder, time.monotonic() - begin, np.array(track).reshape(-1, 2)
+        grid, tuple(objects), sensor, folder, time.monotonic() - start_s, np.array(track).reshape(-1, 2)
     )
 
 

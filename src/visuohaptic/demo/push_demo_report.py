@@ -52,7 +52,9 @@ def write_report(result: DemoResult, path: Path | str) -> Path:
     tags = tag_rows({one.name: one.tag for one in result.objects})
     report.table(_turned(tags), "Haptic tags, value +- sigma")
     report.table(_turned(_against_truth(result)), "Against the truth of the physics")
-    report.figure(_map(result), "The platform's way through the map; dashed outlines are where things ended")
+    report.figure(
+        _map(result), "The platform's path through the map; dashed outlines are where objects ended"
+    )
     for one in result.objects:
         _object(report, result, one)
     report.section("All forces against the truth")

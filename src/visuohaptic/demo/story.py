@@ -108,8 +108,8 @@ class Known:
 
     map: OccupancyMap | None = None  #: of the first round
     map_now: OccupancyMap | None = None  #: with what stands in the door today
-    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: where it believes to be
-    obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each thing in the door
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: estimated: x, y [m], heading [rad]
+    obstacle_points_m: tuple[Float[np.ndarray, "n 2"], ...] = ()  #: laser points of each object in the door
     objects: tuple[MovableObject, ...] = ()  #: with footprints and measured tags
     arrived: bool = False  #: at the table
     probe_sigma_N: float | None = None  #: of the beam sensor's force
@@ -135,7 +135,7 @@ class Mission:
     obstacles: int = 3  #: to touch; a chapter alone takes one
     quick: bool = False  #: fewer views and frames: for tests
     known: Known = field(default_factory=Known)
-    paths: tuple[ApproachPath, ...] = ()  #: the things in the door as they truly are
+    paths: tuple[ApproachPath, ...] = ()  #: the objects in the door as they truly are
     placed: dict[str, tuple[float, float, float]] = field(default_factory=dict)  #: where they truly are now
     bottle: TableBottle | None = None  #: the one on the table
     kitchen: KitchenTable | None = None  #: arm, gripper and the bottle between its fingers
@@ -211,7 +211,7 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
     InputError
         A chapter cannot be left out.
     """
-    begin = time.monotonic()
+    start_s = time.monotonic()
     mission.folder.mkdir(parents=True, exist_ok=True)
     ended: dict[str, ChapterResult] = {}
     for one in given:
@@ -235,7 +235,7 @@ def run_chapters(mission: Mission, chapters: Sequence[Chapter], given: Sequence[
         result = replace(result, name=chapter.name, title=chapter.title, duration_s=spent)
         ended[chapter.name] = result
         mission.log(f"  {result.outcome.value}: {result.reason} ({spent:.0f} s)")
-    return Story(tuple(ended.values()), mission, time.monotonic() - begin)
+    return Story(tuple(ended.values()), mission, time.monotonic() - start_s)
 
 
 def _ended(ended: Mapping[str, ChapterResult], name: str) -> bool:

@@ -17,8 +17,8 @@ from .story import ChapterResult, Illustration, Measure, Mission, done, failed
 
 __all__ = ["default_tags", "explore_obstacles", "tag_is_right"]
 
-#: Friction that is told must be true within this share, or this many of its standard deviations.
-SHARE, SIGMAS = 0.12, 3.0
+#: Friction that is measured must be true within this fraction, or this many of its standard deviations.
+FRACTION, SIGMAS = 0.12, 3.0
 EXPLORE = replace(SLOWLY, free_ahead_m=0.1, search_m=0.4)
 #: A shorter drive and a shorter push: for tests.
 QUICK = replace(
@@ -58,15 +58,15 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
     objects, rights, measures = [], [], []
     for group, one in zip(known.obstacle_points_m, found.objects, strict=False):
         mission.placed[one.name] = one.end_pose
-        told = HapticTag() if one.exploration.fit_state is None else one.tag
-        ready = told.fixed is not None
-        mission.tags[one.name] = told
+        felt = HapticTag() if one.exploration.fit_state is None else one.tag
+        ready = felt.fixed is not None
+        mission.tags[one.name] = felt
         outline = felt_footprint(one.exploration, group, front_m=ROBOT.radius_m)
-        objects.append(MovableObject(one.name, outline, told if ready else None))
+        objects.append(MovableObject(one.name, outline, felt if ready else None))
         if ready:
             rights.append(tag_is_right(one))
         measures += _against_truth(one)
-        mission.log(f"  {one.name}: {_told(told) if ready else one.exploration.outcome.value}")
+        mission.log(f"  {one.name}: {_felt_text(felt) if ready else one.exploration.outcome.value}")
     known.objects = tuple(objects)
     tagged = sum(item.tag is not None for item in objects)
     parts = (*measures, *_pictures(mission, found.objects, found))
@@ -74,7 +74,7 @@ def explore_obstacles(mission: Mission) -> ChapterResult:
         why = ", ".join(f"{one.name} {one.exploration.outcome.value}" for one in found.objects)
         return failed(f"nothing could be tagged: {why}", *parts)
     rest = "" if tagged == len(objects) else f"; {len(objects) - tagged} stay unknown"
-    return done(f"{tagged} of {len(objects)} things were pushed and tagged{rest}", all(rights), *parts)
+    return done(f"{tagged} of {len(objects)} objects were pushed and tagged{rest}", all(rights), *parts)
 
 
 def _settings(mission: Mission) -> ExploreSettings:
@@ -101,13 +101,13 @@ def tag_is_right(one: DemoObject) -> bool:
         return False
     if not true.movable:
         return True
-    told = tag.static_friction_N
-    return told is None or abs(told.value - true.static_friction_N) <= max(
-        SHARE * true.static_friction_N, SIGMAS * told.sigma
+    felt = tag.static_friction_N
+    return felt is None or abs(felt.value - true.static_friction_N) <= max(
+        FRACTION * true.static_friction_N, SIGMAS * felt.sigma
     )
 
 
-def _told(tag: HapticTag) -> str:
+def _felt_text(tag: HapticTag) -> str:
     from ..report.run_tables import primitive_text, tag_text
 
     return f"{tag_text(tag)}; {primitive_text(tag.primitive) or 'no shape'}"
@@ -117,11 +117,11 @@ def _against_truth(one: DemoObject) -> list[Measure]:
     true, tag = one.path.obstacle, one.tag
     rows = [Measure(f"{one.name}: fixed", tag.fixed, not true.movable)]
     if true.movable:
-        for what, told, value in (
+        for what, felt, value in (
             ("static", tag.static_friction_N, true.static_friction_N),
             ("dynamic", tag.dynamic_friction_N, true.dynamic_friction_N),
         ):
-            rows.append(Measure(f"{one.name}: {what} friction [N]", told.value if told else None, value))
+            rows.append(Measure(f"{one.name}: {what} friction [N]", felt.value if felt else None, value))
     from .push_demo_report import error_figures
 
     error = error_figures(one).get("rms error [N]")

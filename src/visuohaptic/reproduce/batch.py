@@ -23,8 +23,8 @@ __all__ = ["cores", "reproduce_all", "write_costs"]
 
 #: Experiments that share a long computation: one after the other, the first makes it for all.
 TOGETHER: tuple[tuple[str, ...], ...] = (("figure-6.6", "figure-6.7", "table-6.1", "table-6.2"),)
-#: What takes longest begins first, so that none is left alone at the end.
-DEAR: tuple[str, ...] = (
+#: What takes longest starts first, so that none is left alone at the end.
+EXPENSIVE: tuple[str, ...] = (
     "figure-5.8",
     "table-4.1",
     "figure-6.6",
@@ -137,11 +137,11 @@ def _here(
 
 
 def _units(names: Sequence[str]) -> list[list[str]]:
-    """What one process does: single experiments, or those that share something; the dear ones first."""
+    """What one process does: single experiments, or those that share something; the most expensive first."""
     units: list[list[str]] = [[name for name in group if name in names] for group in TOGETHER]
     grouped = {name for unit in units for name in unit}
     units = [unit for unit in units if unit] + [[name] for name in names if name not in grouped]
-    rank = {name: place for place, name in enumerate(DEAR)}
+    rank = {name: place for place, name in enumerate(EXPENSIVE)}
     return sorted(units, key=lambda unit: min(rank.get(name, len(rank)) for name in unit))
 
 

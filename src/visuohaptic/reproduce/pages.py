@@ -11,7 +11,7 @@ from .runner import EXPERIMENTS, read_result
 
 __all__ = ["write_gallery", "write_index"]
 
-HEADING = "# The dissertation's figures and tables, made again"
+HEADING = "# The dissertation's figures and tables, reproduced"
 #: Of the pictures in the documentation: width at most [px], quality of WebP.
 WIDTH_px, QUALITY = 1000, 80
 
@@ -41,7 +41,7 @@ def write_index(folder: Path | str) -> Path:
 def write_gallery(folder: Path | str, docs: Path | str) -> Path:
     """Write ``gallery.md`` and ``images/gallery`` of the documentation from the results in a folder.
 
-    Pictures become smaller; no times are told, so that the same results give the same page.
+    Pictures become smaller; no times are written, so that the same results give the same page.
 
     Parameters
     ----------

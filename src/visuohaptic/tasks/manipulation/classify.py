@@ -45,7 +45,7 @@ class ClassifyOutcome(StrEnum):
     """How it ended."""
 
     RECOGNISED = "recognised"
-    UNDECIDED = "undecided"  #: no class reached the confidence; the best guess is told as such
+    UNDECIDED = "undecided"  #: no class reached the confidence; the most probable one is reported as such
     NOTHING_FELT = "nothing_felt"
     SENSOR_FAILED = "sensor_failed"
 
@@ -55,9 +55,9 @@ class ClassifySettings:
     """When to stop."""
 
     confidence: float = 0.9
-    min_squeezes: int = 1  #: before any class is believed, however sure it seems
+    min_squeezes: int = 1  #: before any class is accepted, whatever its probability
     squeezes: int = 8  #: at most
-    misses: int = 2  #: so many places in a row without a touch end it
+    misses: int = 2  #: consecutive places without a touch that end it
     squeeze: SqueezeSettings = field(default_factory=SqueezeSettings)
 
     def __post_init__(self) -> None:
@@ -70,7 +70,7 @@ class ClassifySettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Classification:
-    """What came of it."""
+    """Result of a classification."""
 
     ending: Ending
     best: str  #: most probable class; empty without any squeeze. Only a claim when ``ending.success``

@@ -39,7 +39,7 @@ def open_crown_cap(
     Parameters
     ----------
     arm
-        Carries sensor, opener and camera; at the begin the tool's axes are those of the base but for a turn about z.
+        Carries sensor, opener and camera; at the start the tool's axes are those of the base but for a turn about z.
     source
         Frames of the camera.
     feel
@@ -66,7 +66,7 @@ def open_crown_cap(
     try:
         for frame in source:
             command = task.step(_observation(frame, arm, feel(frame), look(frame)))
-            # The same motion is not begun again with every frame.
+            # The same motion is not started again with every frame.
             if command != last:
                 last = command
                 try:

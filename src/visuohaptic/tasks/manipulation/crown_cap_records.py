@@ -1,4 +1,4 @@
-"""What opening a crown cap is set by, sees, tells and ends in."""
+"""Opening a crown cap: settings, observation, command and outcome."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class CapSettings:
     forward_m: float = 0.022  #: farthest way forward
     turn_rad: float = 0.6  #: farthest turn for opening
     engaged_Nm: float = 0.5  #: M_x that a hook under the rim gives
-    broken: float = 0.3  #: the cap is off when M_x falls to this share of its peak
+    broken: float = 0.3  #: the cap is off when M_x falls to this fraction of its peak
     max_Nm: float = 6.0
     attempts: int = 5
     tilts_rad: tuple[float, ...] = (0.0, -0.05, 0.05, -0.1, 0.1)  #: raise of the hook in each attempt
@@ -102,7 +102,7 @@ class CapSettings:
     fast_m_s: float = 0.1
     slow_m_s: float = 0.01
     turn_m_s: float = 0.01  #: speed of the hook while it turns
-    blind_frames: int = 15  #: so many wrenches in a row that can't be trusted end the task
+    blind_frames: int = 15  #: consecutive wrenches that cannot be trusted and end the task
     state_timeout_s: float = 40.0
 
     def __post_init__(self) -> None:
@@ -128,7 +128,7 @@ class CapObservation:
 
 @dataclass(frozen=True, slots=True)
 class CapCommand:
-    """What the arm is told."""
+    """One command to the arm."""
 
     move: bool  #: False: stop
     tip_m: Vector = (0.0, 0.0, 0.0)
@@ -138,7 +138,7 @@ class CapCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapOpening:
-    """What came of it."""
+    """Result of an opening."""
 
     ending: Ending
     trace: Trace

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 
-from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ..framework.machine import Machine, Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, Place, run_hand
@@ -41,29 +41,27 @@ class GraspOutcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LiftPlan:
-    """Where and how firmly; what a grasp planner gives."""
+    """Where and how firmly to grasp, and how far to lift."""
 
     place: Place
-    force_N: float
-    deformation_m: float = 0.01  #: largest that the object bears
+    force_N: float = field(metadata=POSITIVE)
+    deformation_m: float = field(default=0.01, metadata=POSITIVE)  #: largest that the object bears
     object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of its bottom in the base
-    lift_m: float = 0.1
-    open_m: float = 0.11
-    finger_m_s: float = 0.015
-    arm_m_s: float = 0.12
+    lift_m: float = field(default=0.1, metadata=POSITIVE)
+    open_m: float = field(default=0.11, metadata=POSITIVE)
+    finger_m_s: float = field(default=0.015, metadata=POSITIVE)
+    arm_m_s: float = field(default=0.12, metadata=POSITIVE)
     hold_s: float = 0.5
     put_back: bool = False  #: lower it again, as after weighing
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
-        for name in ("force_N", "deformation_m", "lift_m", "open_m", "finger_m_s", "arm_m_s"):
-            if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise InputError("LiftPlan", f"found {getattr(self, name)}, expected more than 0", field=name)
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GraspAndLift:
-    """What came of it."""
+    """Result of a grasp."""
 
     ending: Ending
     trace: Trace
@@ -123,7 +121,7 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
         p = self.plan
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= p.blind_frames:
-            return self._fail(GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row can't be trusted")
+            return self._fail(GraspOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
         x, y, z = p.object_m
         grasp = (x, y, z + p.place.height_m)
         if self.state is GraspState.OPEN:
@@ -170,7 +168,7 @@ class GraspAndLiftTask(Machine[GraspState, HandObservation, HandCommand]):
             if self.deformation_m > p.deformation_m:
                 return self._fail(
                     GraspOutcome.TOO_SOFT,
-                    f"gives way by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N",
+                    f"deforms by {1e3 * self.deformation_m:.1f} mm at {seen.force_N:.2f} N",
                 )
         if seen.force_N >= p.force_N:
             self.go(GraspState.LIFT, f"{seen.force_N:.2f} N")

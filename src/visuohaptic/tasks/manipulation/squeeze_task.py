@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float
 
 from ...core.errors import InputError
+from ...core.ranges import POSITIVE, check_ranges
 from ..framework.machine import Machine, Rule
 from ..framework.trace import Ending, Trace
 from .hand import Hand, HandCommand, HandObservation, Place, run_hand
@@ -49,11 +50,11 @@ class SqueezeSettings:
 
     object_m: tuple[float, float, float] = (0.5, 0.0, 0.0)  #: middle of the object's bottom in the base
     forces_N: tuple[float, ...] = (0.5, 1.0, 2.0, 4.0, 8.0)  #: levels at which to hold and read
-    deformation_m: float = 0.008  #: largest; the next place comes then
-    open_m: float = 0.11
-    finger_m_s: float = 0.012
-    arm_m_s: float = 0.15
-    hold_frames: int = 6
+    deformation_m: float = field(default=0.008, metadata=POSITIVE)  #: largest; the next place comes then
+    open_m: float = field(default=0.11, metadata=POSITIVE)
+    finger_m_s: float = field(default=0.012, metadata=POSITIVE)
+    arm_m_s: float = field(default=0.15, metadata=POSITIVE)
+    hold_frames: int = field(default=6, metadata=POSITIVE)
     blind_frames: int = 15
 
     def __post_init__(self) -> None:
@@ -61,13 +62,12 @@ class SqueezeSettings:
             raise InputError(
                 "SqueezeSettings", f"found {self.forces_N}, expected rising forces > 0", field="forces_N"
             )
-        if min(self.deformation_m, self.open_m, self.finger_m_s, self.arm_m_s, self.hold_frames) <= 0:
-            raise InputError("SqueezeSettings", f"found {self}, expected lengths and speeds > 0")
+        check_ranges(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SqueezeCurve:
-    """Force against the way that the surface has gone, at one place."""
+    """Force against displacement of the surface, at one place."""
 
     place: Place
     force_N: Float[np.ndarray, "k"]
@@ -94,7 +94,7 @@ class SqueezeCurve:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Squeezing:
-    """What came of it."""
+    """Result of a squeeze."""
 
     ending: Ending
     curves: tuple[SqueezeCurve, ...]
@@ -150,7 +150,7 @@ class SqueezeTask(Machine[SqueezeState, HandObservation, HandCommand]):
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:
-            self.end(False, SqueezeOutcome.SENSOR_FAILED, f"{self._blind} frames in a row can't be trusted")
+            self.end(False, SqueezeOutcome.SENSOR_FAILED, f"{self._blind} frames in a row cannot be trusted")
             return self.halt()
         if self.state is SqueezeState.OPEN:
             if seen.opening_m >= s.open_m - 1e-3:

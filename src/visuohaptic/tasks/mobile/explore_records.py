@@ -1,4 +1,4 @@
-"""What an exploration by pushing is told, observes and commands: settings, states, outcomes."""
+"""Exploration by pushing: settings, observation, command, states and outcomes."""
 
 from __future__ import annotations
 

@@ -17,14 +17,14 @@ centre of friction is follows from the same equation once the push is done.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float
 
-from ...core.errors import InputError
 from ...core.geometry import wrap_angle
+from ...core.ranges import POSITIVE, check_ranges
 from .force_guard import ForceGuard, GuardState
 
 __all__ = ["PushEnd", "PushSettings", "SteeredPush"]
@@ -37,7 +37,7 @@ FIRST_BLOW = 10
 class PushEnd(StrEnum):
     """How a push ended."""
 
-    DONE = "done"  #: the object has gone its way
+    DONE = "done"  #: the object is where it was to go
     STALLED = "stalled"  #: the platform does not get on
     TURNED = "turned"  #: the object turns away
     LOST = "lost"  #: it is not touched any more
@@ -51,34 +51,24 @@ class PushEnd(StrEnum):
 class PushSettings:
     """Speeds, gains and limits."""
 
-    radius_m: float = 0.17  #: of the platform
-    speed_m_s: float = 0.05
-    approach_m_s: float = 0.08
-    search_m: float = 0.12  #: of the drive without a touch
+    radius_m: float = field(default=0.17, metadata=POSITIVE)  #: of the platform
+    speed_m_s: float = field(default=0.05, metadata=POSITIVE)
+    approach_m_s: float = field(default=0.08, metadata=POSITIVE)
+    search_m: float = field(default=0.12, metadata=POSITIVE)  #: of the drive without a touch
     touch_N: float = 1.0  #: force that counts as touch
-    max_force_N: float = 20.0  #: what the platform can push
+    max_force_N: float = field(default=20.0, metadata=POSITIVE)  #: what the platform can push
     turn_gain_per_m: float = 6.0  #: K
     integral_per_m: float = 2.0  #: I grows by theta per metre times this
     steer_max_rad: float = 0.35
     heading_gain_per_s: float = 3.0
     turn_limit_rad: float = 0.5  #: the object has turned away
     lost_m: float = 0.06  #: driven without touch
-    stall_s: float = (
-        3.0  #: so long less than a quarter of the way that was told: localisation wanders by some
-    )
+    #: time with less than a quarter of the commanded distance: localisation wanders by some
+    stall_s: float = field(default=3.0, metadata=POSITIVE)
     timeout_s: float = 120.0
 
     def __post_init__(self) -> None:
-        values = (
-            self.radius_m,
-            self.speed_m_s,
-            self.approach_m_s,
-            self.search_m,
-            self.stall_s,
-            self.max_force_N,
-        )
-        if not all(math.isfinite(v) and v > 0 for v in values):
-            raise InputError("PushSettings", f"found {self}, expected numbers > 0")
+        check_ranges(self)
 
 
 class SteeredPush:
@@ -91,9 +81,9 @@ class SteeredPush:
     direction_rad
         Of the push.
     length_m
-        Way of the object.
+        Displacement of the object [m].
     object_m
-        Where it is (x, y of its centroid, yaw); ``None`` when it can't be seen: then the push goes straight.
+        Where it is (x, y of its centroid, yaw); ``None`` when it cannot be seen: then the push goes straight.
     offset_m
         Centre of friction from the centroid, in the object's frame.
     lever_m
@@ -117,7 +107,7 @@ class SteeredPush:
         self._ahead = np.array([math.cos(direction_rad), math.sin(direction_rad)])
         self._left = np.array([-self._ahead[1], self._ahead[0]])
         self._stand, self._direction, self._length_m = np.asarray(stand_m), direction_rad, length_m
-        self._begin = self._seen = object_m
+        self._first = self._seen = object_m
         self._offset = np.zeros(2) if offset_m is None else np.asarray(offset_m)
         self._lever_m = max(lever_m, 0.02)
         self._guard = ForceGuard(self.settings.max_force_N)
@@ -152,24 +142,24 @@ class SteeredPush:
 
     @property
     def turned_rad(self) -> float:
-        """Turn of the object since the push began."""
-        if self._begin is None or self._seen is None:
+        """Turn of the object since the push started."""
+        if self._first is None or self._seen is None:
             return 0.0
-        return wrap_angle(float(self._seen[2] - self._begin[2]))
+        return wrap_angle(float(self._seen[2] - self._first[2]))
 
     @property
     def moved_m(self) -> Float[np.ndarray, "2"]:
-        """Way of the object as it was seen: ahead, left; by the platform's way where it was not."""
-        if self._begin is not None and self._seen is not None:
-            way = self._seen[:2] - self._begin[:2]
+        """Displacement of the object as it was seen: ahead, left [m]; that of the platform where it was not."""
+        if self._first is not None and self._seen is not None:
+            shift = self._seen[:2] - self._first[:2]
         elif self._touch_place is not None and self._last is not None:
-            way = self._last[1][:2] - self._touch_place[:2]
+            shift = self._last[1][:2] - self._touch_place[:2]
         else:
             return np.zeros(2)
-        return np.array([way @ self._ahead, way @ self._left])
+        return np.array([shift @ self._ahead, shift @ self._left])
 
     def centre_beside_m(self) -> float | None:
-        """Centre of friction to the left of where it was believed, as the push told; ``None`` from a short one."""
+        """Centre of friction to the left of where it was estimated, by the turn of the push [m]; ``None`` from a short one."""
         ahead = float(self.moved_m[0])
         if len(self._arms) < 50 or ahead < 0.08:
             return None
@@ -200,7 +190,7 @@ class SteeredPush:
         if math.isnan(self._start_t):
             self._start_t = t_s
             self._last = self._anchor = (t_s, pose_m)
-        if seen_m is not None and self._begin is not None:
+        if seen_m is not None and self._first is not None:
             self._seen = seen_m
         self._follow(t_s, pose_m, force_N)
         allowed = self._guard.update(force_N)
@@ -235,8 +225,8 @@ class SteeredPush:
                 self._integral += s.integral_per_m * self.turned_rad * step
         passed_s = t_s - self._anchor[0]
         if passed_s >= s.stall_s:
-            way = float((pose_m[:2] - self._anchor[1][:2]) @ self._ahead)
-            self._stalled = way < 0.25 * s.speed_m_s * passed_s
+            driven = float((pose_m[:2] - self._anchor[1][:2]) @ self._ahead)
+            self._stalled = driven < 0.25 * s.speed_m_s * passed_s
             self._anchor = (t_s, pose_m)
         if force_N >= s.touch_N:
             if self._touch_place is None:
@@ -280,7 +270,7 @@ class SteeredPush:
         off = self._seen[:2] + aside - rim
         high = max(float(off @ self._ahead), 0.05)
         beside = -float(off @ self._left)
-        # Counted from the believed centre: what the angle of the drive adds to the arm.
+        # Counted from the estimated centre: what the angle of the drive adds to the arm.
         self._arms.append(beside + high * heading)
         wanted = (self._lever_m**2 * s.turn_gain_per_m * (self.turned_rad + self._integral) - beside) / high
         return max(-s.steer_max_rad, min(s.steer_max_rad, wanted))

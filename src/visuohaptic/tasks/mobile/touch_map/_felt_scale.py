@@ -1,4 +1,4 @@
-"""The scale of odometry, felt: how far wheels say it went into something fixed, and how far the foam gave way.
+"""The scale of odometry, felt: the distance that wheels measure into something fixed, by the deflection of the foam.
 
 A wheel of a wrong radius makes a room larger or smaller, and neither walls nor a compass tell. The foam
 does: while it bears on something fixed, its front stays where it is and its back goes with the platform, so
@@ -24,18 +24,18 @@ __all__ = ["FeltScale", "felt_stretch"]
 MIN_M, MIN_RISE_M = 7e-4, 3e-3
 #: What one contact may be wrong by at least, however well the others agree.
 ONE_SIGMA = 0.005
-#: Pushes compared before their own scatter is believed, and the scatter until then.
+#: Pushes compared before their own scatter is used, and the scatter until then.
 FEW, FEW_SIGMA = 5, 0.02
 
 
 class FeltScale:
-    """Ratio of the way that odometry tells to the true one, better with every contact.
+    """Ratio of the distance by odometry to the true one, better with every contact.
 
     Parameters
     ----------
     sigma
         Standard deviation of the ratio before anything was felt. Contacts that say something beyond three
-        times that are left out: wheels that spin, or a thing that gave way after all.
+        times that are left out: wheels that spin, or an object that moved after all.
     """
 
     def __init__(self, sigma: float) -> None:
@@ -56,7 +56,7 @@ class FeltScale:
 
     @property
     def value(self) -> float:
-        """Told by true: the mean of the contacts that agree, and of 1, each by what it is worth."""
+        """Measured by true: the mean of the contacts that agree, and of 1, each by what it is worth."""
         if not self._ratios:
             return 1.0
         ratios = np.array(self._ratios)
@@ -71,10 +71,10 @@ class FeltScale:
 
 
 def felt_stretch(found: ObstacleExploration) -> float:
-    """Way told by way felt of one push against something fixed; NaN when it cannot be said.
+    """Distance by odometry over distance felt, of one push against something fixed; NaN when it cannot be measured.
 
     How far the front comes back towards the platform (along -x of F, at the places across that are pressed to
-    the end), as a slope over the way told: a constant delay between wheels and pictures does not change it.
+    the end), as a slope over the distance by odometry: a constant delay between wheels and pictures does not change it.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def felt_stretch(found: ObstacleExploration) -> float:
     if pressed.sum() < 3:
         return math.nan
     across_m = contact.points_foam_m[pressed, 1]
-    felt, told = [], []
+    felt, driven = [], []
     for index in bears[: bears.index(deepest) + 1]:
         contact = _largest(found.profiles[index])
         order = np.argsort(contact.points_foam_m[:, 1])
@@ -104,10 +104,10 @@ def felt_stretch(found: ObstacleExploration) -> float:
         bearing = np.interp(across_m, y_m, delta_m, left=0.0, right=0.0)
         if float(bearing.min()) > MIN_M:
             felt.append(-float(np.interp(across_m, y_m, x_m).mean()))
-            told.append(float(found.travel_m[index]))
-    if len(felt) < 4 or max(felt) - min(felt) < MIN_RISE_M or max(told) - min(told) < 0.5 * MIN_RISE_M:
+            driven.append(float(found.travel_m[index]))
+    if len(felt) < 4 or max(felt) - min(felt) < MIN_RISE_M or max(driven) - min(driven) < 0.5 * MIN_RISE_M:
         return math.nan
-    slope = float(np.polyfit(told, felt, 1)[0])
+    slope = float(np.polyfit(driven, felt, 1)[0])
     return 1.0 / slope if slope > 0 else math.nan
 
 

@@ -39,29 +39,29 @@ class Placing:
     def __init__(self, settings: MapSettings, haptic_map: HapticMap, start: BaseState) -> None:
         self.settings, self.start = settings, start
         self.scale = FeltScale(settings.scale_sigma)
-        self._told: list[HapticContact] = []
+        self._by_odometry: list[HapticContact] = []
         self._times_s: list[float] = []
         self._map = haptic_map
         self._before = haptic_map.static.copy(), haptic_map.movable.copy(), haptic_map.contacts
 
-    def add(self, told: HapticContact, found: ObstacleExploration) -> list[HapticContact]:
+    def add(self, contact: HapticContact, found: ObstacleExploration) -> list[HapticContact]:
         """All contacts until now, with a new one.
 
         Parameters
         ----------
-        told
+        contact
             The contact where odometry places it.
         found
             The exploration that made it.
         """
         self.scale.add(found)
-        self._told.append(told)
+        self._by_odometry.append(contact)
         self._times_s.append(found.fit_state.t_s if found.fit_state is not None else math.inf)
-        scaled = [self._scaled(contact) for contact in self._told]
+        scaled = [self._scaled(one) for one in self._by_odometry]
         return held_by_walls(scaled, self._times_s, self.settings.square_rad)
 
     def _scaled(self, contact: HapticContact) -> HapticContact:
-        """With the way from the start in true metres."""
+        """With the distance from the start in true metres."""
         x, y, heading = contact.T_map_foam
         ahead = self.settings.front_m * math.cos(heading), self.settings.front_m * math.sin(heading)
         from_x, from_y = self.start.x_m + ahead[0], self.start.y_m + ahead[1]
@@ -103,7 +103,7 @@ def contact_of(found: ObstacleExploration, settings: MapSettings | None = None) 
     if contact is None or contact.force_N < settings.min_N:
         return None
     primitive = found.fit.best if found.fit is not None else None
-    if primitive is None or primitive.score < settings.min_share:
+    if primitive is None or primitive.score < settings.min_score:
         primitive = _chord(contact)
     c, s = math.cos(state.heading_rad), math.sin(state.heading_rad)
     pose = (state.x_m + settings.front_m * c, state.y_m + settings.front_m * s, state.heading_rad)
@@ -128,7 +128,7 @@ def _largest(found: ObstacleExploration, state: BaseState) -> Contact | None:
 def aside_rad(found: ObstacleExploration, now: BaseState, settings: MapSettings) -> float:
     """Turn to the left after which the platform faces what its foam has met; NaN unless only the foam's end has met it.
 
-    There the foam gives way to little force: it is full before a light thing slides, and a shape of a few
+    There the foam deforms at little force: it is full before a light object slides, and a shape of a few
     points says nothing.
 
     Parameters
@@ -185,7 +185,7 @@ def _chord(contact: Contact) -> Primitive:
 
 
 def face_rad(contact: HapticContact) -> float:
-    """Direction of the touched face in the map; for round and pointed things that of the strip.
+    """Direction of the touched face in the map; for round and pointed objects that of the strip.
 
     Parameters
     ----------

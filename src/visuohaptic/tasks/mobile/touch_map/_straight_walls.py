@@ -7,7 +7,7 @@ the drift of the heading. A line that lies within centimetres of an earlier one 
 difference is the drift across it. Nothing here sees a wrong scale of the odometry.
 
 Between two walls the heading drifts evenly, as far as anybody knows: :func:`held_by_walls` gives what is touched
-there its share, once the second wall has told how much it was.
+there its part, once the second wall shows how much it was.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Pose2 = tuple[float, float, float]
 def held_by_walls(
     contacts: Sequence[HapticContact], times_s: Sequence[float], square_rad: float
 ) -> list[HapticContact]:
-    """The contacts of one way where they are by what all of them say of the walls.
+    """The contacts of one tour where they are by what all of them say of the walls.
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def held_by_walls(
     square_rad
         Directions that differ by less, up to a right angle, are the same.
     """
-    forth, told_s, drift_rad = StraightWalls(square_rad), [], []
+    forth, known_s, drift_rad = StraightWalls(square_rad), [], []
     for contact, t_s in zip(contacts, times_s, strict=True):
         forth.corrected(contact)
         if _face_rad(contact) is not None:
-            told_s.append(t_s)
+            known_s.append(t_s)
             drift_rad.append(forth.drift_rad)
-    between = np.interp(times_s, told_s, drift_rad) if told_s else np.zeros(len(contacts))
+    between = np.interp(times_s, known_s, drift_rad) if known_s else np.zeros(len(contacts))
     walls = StraightWalls(square_rad)
     return [
         walls.corrected(contact, drift_rad=float(drift))
@@ -72,7 +72,7 @@ class StraightWalls:
         self._directions: list[float] = []
         self._walls: list[tuple[Float[np.ndarray, "2"], float, float]] = []  #: normal, distance, place along
         self.drift_rad = 0.0  #: of the heading, by the last wall
-        self._last: tuple[Pose2, Pose2] | None = None  #: told and corrected, of the contact before
+        self._last: tuple[Pose2, Pose2] | None = None  #: by odometry and corrected, of the contact before
 
     def corrected(self, contact: HapticContact, *, drift_rad: float | None = None) -> HapticContact:
         """The same contact where it is by what is known of the walls, or with a drift that is known better.
@@ -84,17 +84,17 @@ class StraightWalls:
         drift_rad
             Drift of the heading there, when it is known better than by the walls before [rad].
         """
-        told = contact.T_map_foam
+        odometry = contact.T_map_foam
         before_rad = self.drift_rad
         face = _face_rad(contact)
         if drift_rad is not None:
             self.drift_rad = drift_rad
         elif face is not None:
-            self._compare_direction(told[2] + face)
-        pose = self._moved(told, 0.5 * (before_rad + self.drift_rad))
+            self._compare_direction(odometry[2] + face)
+        pose = self._moved(odometry, 0.5 * (before_rad + self.drift_rad))
         if face is not None:
             pose = self._against_walls(pose, contact, pose[2] + face)
-        self._last = told, pose
+        self._last = odometry, pose
         return replace(contact, T_map_foam=pose)
 
     def _compare_direction(self, direction_rad: float) -> None:
@@ -107,14 +107,14 @@ class StraightWalls:
                 return
         self._directions.append(now)
 
-    def _moved(self, told: Pose2, drift_rad: float) -> Pose2:
+    def _moved(self, odometry: Pose2, drift_rad: float) -> Pose2:
         """On from the last corrected pose by what odometry says, turned by the drift on the way."""
-        heading = told[2] - self.drift_rad
+        heading = odometry[2] - self.drift_rad
         if self._last is None:
-            return told[0], told[1], heading
+            return odometry[0], odometry[1], heading
         (x0, y0, _), (x1, y1, _) = self._last
         c, s = math.cos(drift_rad), math.sin(drift_rad)
-        dx, dy = told[0] - x0, told[1] - y0
+        dx, dy = odometry[0] - x0, odometry[1] - y0
         return x1 + c * dx + s * dy, y1 - s * dx + c * dy, heading
 
     def _against_walls(self, pose: Pose2, contact: HapticContact, direction_rad: float) -> Pose2:

@@ -26,8 +26,8 @@ class MapOutcome(StrEnum):
 
     MAPPED = "mapped"  #: as many contacts as were asked for
     SENSOR_FAILED = "sensor_failed"
-    NOTHING_FOUND = "nothing_found"  #: several ways in a row met nothing
-    STUCK = "stuck"  #: told to move, but stands
+    NOTHING_FOUND = "nothing_found"  #: several drives in a row met nothing
+    STUCK = "stuck"  #: commanded to move, but stands
     TIMED_OUT = "timed_out"
     SOURCE_ENDED = "source_ended"
 
@@ -37,16 +37,16 @@ class MapSettings:
     """How to map."""
 
     contacts: int = 22
-    along_m: float = 0.4  #: way along an obstacle before it is met again
+    along_m: float = 0.4  #: distance along an obstacle before it is met again
     along_m_s: float = 0.15
     turn_rad_s: float = 0.6
     turn_tolerance_rad: float = 0.03
     front_m: float = 0.17  #: from the platform's centre to the origin of frame F
-    min_share: float = 0.25  #: score of a primitive below which its contact points alone are trusted
-    empty_ways: int = 6  #: so many ways in a row without a contact end it
-    stuck_s: float = 1.5  #: told to move but not moving for so long
+    min_score: float = 0.25  #: score of a primitive below which its contact points alone are trusted
+    empty_drives: int = 6  #: consecutive drives without a contact that end it
+    stuck_s: float = 1.5  #: commanded to move but not moving for this time
     frees: int = 12  #: how often to come free in a row without a contact
-    free_m: float = 0.12  #: way to come free
+    free_m: float = 0.12  #: distance to come free
     free_rad: float = 0.6  #: or turn
     #: walls are straight and square to each other within; tiny: odometry alone
     square_rad: float = math.radians(4.0)
@@ -65,14 +65,14 @@ class MapSettings:
 
 @dataclass(frozen=True, slots=True)
 class MapObservation:
-    """One observation: a frame on the way, or a whole exploration."""
+    """One observation: a frame of a drive, or a whole exploration."""
 
     t_s: float
     x_m: float
     y_m: float
     heading_rad: float
     touched: bool  #: the foam bears on something now
-    explored: str  #: outcome of the exploration that has just ended; empty on the way
+    explored: str  #: outcome of the exploration that has just ended; empty during a drive
     contact: bool  #: it gave a contact for the map
     face_rad: float  #: direction of the touched face in the map, to be driven along; NaN unknown
     #: turn to the left that brings what the end of the foam has met before its middle; NaN where it was met well
@@ -82,7 +82,7 @@ class MapObservation:
 
 @dataclass(frozen=True, slots=True)
 class MapCommand:
-    """What the platform is told."""
+    """One command to the platform."""
 
     explore: bool = False
     speed_m_s: float = 0.0

@@ -3,7 +3,7 @@
 Drive straight on until something is hit; push it to learn whether it moves;
 back off; turn counter-clockwise and drive along it for a while; turn
 clockwise and drive straight on again. Every contact goes into a haptic map,
-fixed and movable things in layers of their own.
+fixed and movable objects in layers of their own.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
     def _begin_freeing(self, seen: MapObservation, why: str) -> None:
         """Back, where it came from; forward, where the foam feels; turned back, and so on from there."""
         self._from, self._from_rad, self._moved_s = (seen.x_m, seen.y_m), seen.heading_rad, seen.t_s
-        ways = (-0.06, 0.06, None)
-        speed = ways[self._tries % len(ways)]
+        speeds = (-0.06, 0.06, None)
+        speed = speeds[self._tries % len(speeds)]
         self._tries += 1
         if speed is None:
             self._last_turn = -self._last_turn
@@ -203,8 +203,8 @@ class TouchMapTask(Machine[MapState, MapObservation, MapCommand]):
         if seen.explored == ExploreOutcome.TIMED_OUT:
             return self._free(seen, "timed out")  # commanded to go on, but held where the foam is not
         self._empty += 1
-        if self._empty >= s.empty_ways:
-            self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} ways in a row met nothing")
+        if self._empty >= s.empty_drives:
+            self.end(False, MapOutcome.NOTHING_FOUND, f"{self._empty} drives in a row met nothing")
             return _STOP
         # What was followed has ended: around its end.
         self._goal_rad = seen.heading_rad - 0.5 * math.pi

@@ -1,4 +1,4 @@
-"""What a travel believes: walls, where each object is by now, its tag, and its centre of friction."""
+"""State estimate of a travel: walls, where each object is by now, its tag, and its centre of friction."""
 
 from __future__ import annotations
 
@@ -275,7 +275,7 @@ class TravelMemory:
         return found
 
     def learn_centre(self, id: str, direction_rad: float, beside_m: float) -> None:
-        """A push told how far the centre of friction lies to its left from where it was estimated: a Kalman update.
+        """Take where a push shows the centre of friction to lie across it: a Kalman update.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""What happened on a travel, event by event, in JSON both ways."""
+"""What happened on a travel, event by event, to JSON and back."""
 
 from __future__ import annotations
 
