@@ -183,7 +183,7 @@ def _loads(folder: Path, world: World) -> None:
 
 
 def _photos(folder: Path, world: World) -> None:
-    from tests.camera.test_calibration import poses, render
+    from tests.core.test_calibration import poses, render
 
     from visuohaptic.core.camera import Board
 
@@ -221,7 +221,7 @@ def _office(folder: Path, world: World) -> None:
 
 def _scans(folder: Path, world: World) -> None:
     """A laser in a room of 6 m by 4 m, 5 cm further with every scan."""
-    from tests.recording.test_laser_scans import odometry_message, room_scan, scan_message
+    from tests.io.test_laser_scans import odometry_message, room_scan, scan_message
 
     from visuohaptic.io.sinks import MeasurementWriter
 
