@@ -221,12 +221,11 @@ class Completion:
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
             held = np.append(self.prior.p_mirror, held)
         spread = np.hypot(spread * self.prior_inflation, sigma_m)
-        # A mixture: with the probability of its symmetry a point is where it says, else anywhere about the spline.
-        expected = self._visible.kriging_sigma_m(points)
-        spread = np.sqrt(held * spread**2 + (1 - held) * np.maximum(expected, spread) ** 2)
+        # Expected log-likelihood: an observation with the probability of its symmetry, else none (variance / p).
+        spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
-        # What was measured nearby is better than a guess, and so is the spline where the guess is unlikely.
-        near = (gaps < 0.04 * self.region.size_m) | (held < 0.5)
+        # What was measured nearby is better than what is guessed.
+        near = gaps < 0.04 * self.region.size_m
         for point, sigma, known_better in zip(points, spread, near, strict=True):
             if sigma < _USELESS * radius and not known_better:
                 into.put(point, 0.0, float(sigma))
