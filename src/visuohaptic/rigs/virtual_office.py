@@ -131,7 +131,7 @@ def office(goal_m: tuple[float, float] = (2.45, 1.5)) -> PlanningProblem:
         ],
     )
     objects = [
-        MovableObject("stool", box(2.22, 0.85, 0.35), STOOL),
+        MovableObject("stool", box(2.25, 0.85, 0.35), STOOL),
         MovableObject("table", box(5.25, 2.4, 0.6, 0.4), TABLE),
         MovableObject("tower", box(3.2, 2.3, 0.2, 0.45), TOWER),
         MovableObject("bin", box(3.6, 0.4, 0.25), BIN),
