@@ -81,6 +81,7 @@ def test_the_list_has_every_signature_of_the_parts():
 
 def test_every_line_names_a_kernel():
     for module, signatures in warmup.read_signatures().items():
+        assert module.startswith("visuohaptic."), f"{module} is not installed with the library"
         kernels = importlib.import_module(module)
         for function, _ in signatures:
             assert hasattr(kernels, function), f"{module}:{function}, see the test above"
