@@ -65,7 +65,7 @@ def campaign(
 
     def judge(name: str, draw: int, thing: world.RealObject, salt: int) -> dict[str, Any]:
         rng = np.random.default_rng([seed, draw, len(name), salt])
-        touch = world.explore(thing, rng)
+        touch = world.explore_container(thing, rng)
         found = explore(model, touch, rng=rng, min_touches=2)
         out: dict[str, Any] = {"planner": found.answer, "touches": len(found.readings)}
         out["touches_95"] = _touches_until(model, found.readings, 0.95)

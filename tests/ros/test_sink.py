@@ -103,7 +103,7 @@ def test_a_scene_is_read(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     save_yaml(path, {"kind": "scene", "camera": "camera.yaml", "T_camera_foam": described})
     assert sensor_kind(path) == "scene"
-    reader = load_reader("scene", path, "ahead")
+    reader = load_reader(path, "ahead")
     assert reader.zeroed
     assert reader.camera.width == rig.camera.width
     sink, render = Kept(), scenes.renderer(rig)

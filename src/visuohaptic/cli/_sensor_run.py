@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ..core.camera.frame import Frame
     from ..core.camera.model import Camera
     from ..core.robots import FrameSource
-    from ..sensing.readers import SensorReader, SensorReading
+    from ..sensing.readers.sensor_reader import SensorReader, SensorReading
 
 __all__ = ["Outputs", "SensorRun", "add_part", "is_live", "opened_frames", "run_sensor", "zero_frames"]
 

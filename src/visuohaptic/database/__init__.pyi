@@ -6,7 +6,6 @@ from .connection import connect_server as connect_server
 from .connection import shown_url as shown_url
 from .database import BATCH as BATCH
 from .database import ObjectDatabase as ObjectDatabase
-from .database import Summary as Summary
 from .database import open_database as open_database
 from .exchange import export_object as export_object
 from .exchange import export_objects as export_objects
@@ -22,6 +21,7 @@ from .merge import merge_stiffness as merge_stiffness
 from .rows import ALIVE as ALIVE
 from .rows import MANY as MANY
 from .rows import Stored as Stored
+from .rows import Summary as Summary
 from .rows import drop_shards as drop_shards
 from .rows import feature_vectors as feature_vectors
 from .rows import fetch as fetch
@@ -30,6 +30,7 @@ from .rows import merged_versions as merged_versions
 from .rows import next_change as next_change
 from .rows import row_of as row_of
 from .rows import store_rows as store_rows
+from .rows import summaries as summaries
 from .schema import VERSION as VERSION
 from .schema import counter as counter
 from .schema import feature as feature

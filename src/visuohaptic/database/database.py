@@ -12,7 +12,6 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +30,7 @@ from .integrity import Check, check_all
 from .merge import merge_objects
 from .rows import (
     ALIVE,
+    Summary,
     drop_shards,
     feature_vectors,
     fetch,
@@ -39,26 +39,17 @@ from .rows import (
     next_change,
     row_of,
     store_rows,
+    summaries,
 )
 from .schema import meta, object_
 from .shards import ShardFolder
 
-__all__ = ["BATCH", "Check", "ObjectDatabase", "Summary", "open_database"]
+__all__ = ["BATCH", "Check", "ObjectDatabase", "open_database"]
 
 #: Objects that :meth:`ObjectDatabase.add_many` writes in one transaction.
 BATCH = 512  # each waits for the disk four times
 #: Ids are names of folders in an export, too.
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,127}")
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """What a list says of an object."""
-
-    id: str
-    name: str
-    visual_class: str
-    change: int  #: number of the write that it comes from
 
 
 def open_database(location: Path | str, *, create: bool = True) -> ObjectDatabase:
@@ -183,14 +174,8 @@ class ObjectDatabase(Closing):
         name
             Only objects with this text in their name.
         """
-        query = select(object_.c.id, object_.c.name, object_.c.visual_class, object_.c.change)
-        query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
-        if visual_class is not None:
-            query = query.where(object_.c.visual_class == visual_class)
-        if name is not None:
-            query = query.where(func.lower(object_.c.name).contains(name.lower(), autoescape=True))
         with self.connections.reading() as connection:
-            return [Summary(*row) for row in connection.execute(query)]
+            return summaries(connection, visual_class, name)
 
     def features(self, kind: str, *, since: int = 0) -> tuple[Sequence[str], Float[np.ndarray, "m n"], int]:
         """Feature vectors of one kind of all objects.

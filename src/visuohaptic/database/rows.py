@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from sqlalchemy import Connection, and_, bindparam, select
+from sqlalchemy import Connection, and_, bindparam, func, select
 
 from ..core import cards
 from ..core.errors import InputError
@@ -20,6 +20,7 @@ __all__ = [
     "ALIVE",
     "MANY",
     "Stored",
+    "Summary",
     "drop_shards",
     "feature_vectors",
     "fetch",
@@ -28,6 +29,7 @@ __all__ = [
     "next_change",
     "row_of",
     "store_rows",
+    "summaries",
 ]
 
 
@@ -38,6 +40,16 @@ class Stored:
     obj: VisuoHapticObject
     deleted_s: float | None
     row: Any
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a list says of an object."""
+
+    id: str
+    name: str
+    visual_class: str
+    change: int  #: number of the write that it comes from
 
 
 #: One object that is not deleted.
@@ -99,6 +111,27 @@ def row_of(
         "digest": cards.digest_of(text, arrays_sha256),
     }
     return row, arrays
+
+
+def summaries(connection: Connection, visual_class: str | None, name: str | None) -> list[Summary]:
+    """Objects that are not deleted, by id; of one visual class, or with a text in their name.
+
+    Parameters
+    ----------
+    connection
+        Open connection of the database.
+    visual_class
+        Only objects of this class; all with ``None``.
+    name
+        Only objects with this text in their name, in either case; all with ``None``.
+    """
+    query = select(object_.c.id, object_.c.name, object_.c.visual_class, object_.c.change)
+    query = query.where(object_.c.deleted_s.is_(None)).order_by(object_.c.id)
+    if visual_class is not None:
+        query = query.where(object_.c.visual_class == visual_class)
+    if name is not None:
+        query = query.where(func.lower(object_.c.name).contains(name.lower(), autoescape=True))
+    return [Summary(*row) for row in connection.execute(query)]
 
 
 def feature_vectors(

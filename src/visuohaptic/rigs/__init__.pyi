@@ -34,6 +34,7 @@ from .virtual_containers import RealObject as RealObject
 from .virtual_containers import both_sides as both_sides
 from .virtual_containers import description as description
 from .virtual_containers import draw_curve as draw_curve
+from .virtual_containers import explore_container as explore_container
 from .virtual_containers import perturbed as perturbed
 from .virtual_containers import real_draw as real_draw
 from .virtual_containers import real_object as real_object

@@ -31,7 +31,7 @@ __all__ = [
     "both_sides",
     "description",
     "draw_curve",
-    "explore",
+    "explore_container",
     "perturbed",
     "real_draw",
     "real_object",
@@ -275,7 +275,7 @@ def draw_curve(stiffness_N_per_m: float, rng: np.random.Generator) -> tuple[np.n
     )
 
 
-def explore(thing: RealObject, rng: np.random.Generator) -> Any:
+def explore_container(thing: RealObject, rng: np.random.Generator) -> Any:
     """A function (height, axis) -> touch of this object, with noise of both sensors.
 
     Parameters

@@ -11,12 +11,14 @@ from .markers import arrow as arrow
 from .markers import contact_markers as contact_markers
 from .node import Received as Received
 from .node import RosNode as RosNode
-from .node import RosOptions as RosOptions
 from .node import RosPublisher as RosPublisher
 from .node import RosSubscription as RosSubscription
 from .robots.gripper import RosGripper as RosGripper
 from .robots.mobile_base import RosBase as RosBase
 from .robots.probe_arm import RosArm as RosArm
+from .session import RosOptions as RosOptions
+from .session import open_session as open_session
+from .session import shown_error as shown_error
 from .sink import RosSink as RosSink
 from .wire.graph import Entity as Entity
 from .wire.graph import EntityKind as EntityKind

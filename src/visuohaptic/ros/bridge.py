@@ -15,7 +15,8 @@ from ..core.camera.frame import Frame
 from ..core.errors import DeviceError, InputError, StaleFrameError
 from ..core.resources import Closing
 from ..core.robots import BaseState
-from ..sensing.readers import SensorReader, load_reader
+from ..sensing.readers.load import load_reader
+from ..sensing.readers.sensor_reader import SensorReader
 from .bridge_config import BridgeConfig, SensorSection, sensor_kind
 from .frames import TopicFrames
 from .latest import LatestMessage
@@ -145,7 +146,7 @@ class Bridge(Closing):
         node: RosNode | None = None
         try:
             for (section, path), kind in zip(files, kinds, strict=True):
-                reader = load_reader(kind, path, section.name)
+                reader = load_reader(path, section.name)
                 readers.append(reader)
                 _check(section, reader, path, kind)
             self.node = node = RosNode(config.node.name, config.node.options(folder))

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..core.errors import InputError, brief
 from ..core.files import load_yaml, load_yaml_model
-from .node import ROUTER, RosOptions
+from .session import ROUTER, RosOptions
 from .wire.graph import check_node, resolve_name
 
 __all__ = ["BridgeConfig", "NodeSection", "SensorSection"]

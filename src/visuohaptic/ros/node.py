@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import json
 import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..core.errors import DeviceError, InputError, MissingExtraError, VisuohapticError
+from ..core.errors import DeviceError, InputError, VisuohapticError
 from ..core.resources import Closing
+from .session import RosOptions, open_session, shown_error
 from .wire._gid import publisher_gid
 from .wire.attachment import Attachment
 from .wire.cdr import decode, encode
@@ -23,29 +22,9 @@ from .wire.message_types import NO_HASH, MessageType, message_type
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Received", "RosNode", "RosOptions", "RosPublisher", "RosSubscription"]
+__all__ = ["Received", "RosNode", "RosPublisher", "RosSubscription"]
 
 _log = logging.getLogger(__name__)
-
-#: Where the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) listens on its own machine.
-ROUTER = "tcp/127.0.0.1:7447"
-
-
-@dataclass(frozen=True, slots=True)
-class RosOptions:
-    """How a node joins; by default through a router on this machine, and never by multicast."""
-
-    domain: int = 0  #: ``ROS_DOMAIN_ID``
-    namespace: str = "/"
-    type_hashes: bool = True  #: no for Humble, which has none
-    connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; none = wait for others to connect
-    listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)  #: where peers may connect; port 0 = any free one
-    zenoh_config: Path | None = None  #: a zenoh file (JSON5), for TLS and the like, instead of the two above
-    patience_s: float = 3.0  #: wait so long for a router
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.domain <= 232:
-            raise InputError("RosOptions", f"found {self.domain}, expected 0 to 232", field="domain")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +62,7 @@ class RosNode(Closing):
         self.options = options or RosOptions()
         self.name, self.namespace = name, self.options.namespace
         check_node(self.namespace, name)
-        self._session = _open(self.options)
+        self._session = open_session(self.options)
         self._id = str(self._session.zid())
         self._numbers = itertools.count(1)
         self._closing: list[Callable[[], None]] = []
@@ -278,7 +257,9 @@ class RosPublisher:
             try:
                 self._publisher.put(data, attachment=beside)
             except Exception as error:
-                raise DeviceError(f"{self.entity.topic}: cannot be published ({_said(error)})") from error
+                raise DeviceError(
+                    f"{self.entity.topic}: cannot be published ({shown_error(error)})"
+                ) from error
             self._sequence += 1
 
     @property
@@ -358,48 +339,3 @@ class RosSubscription:
     def close(self) -> None:
         """Receive nothing more."""
         self.undeclare()
-
-
-def _said(error: Exception) -> str:
-    """zenoh's text without the place in its source."""
-    return " ".join(str(error).partition(" at /")[0].split())
-
-
-def _open(options: RosOptions) -> Any:
-    try:
-        import zenoh
-    except ImportError as error:
-        raise MissingExtraError("eclipse-zenoh", "ros", "live ROS 2") from error
-    try:
-        config = _config(options, zenoh)
-    except (zenoh.ZError, OSError) as error:
-        where = options.zenoh_config or "RosOptions"
-        raise InputError(where, f"is not a zenoh configuration ({_said(error)})") from error
-    try:
-        return zenoh.open(config)
-    except zenoh.ZError as error:
-        where = options.zenoh_config or ", ".join(options.connect) or "zenoh"
-        raise DeviceError(
-            f"{where}: no connection ({_said(error)}); start the router (ros2 run rmw_zenoh_cpp rmw_zenohd), "
-            "name another one, or connect to none"
-        ) from error
-
-
-def _config(options: RosOptions, zenoh: Any) -> Any:
-    if options.zenoh_config is not None:
-        if not options.zenoh_config.is_file():
-            raise InputError(options.zenoh_config, "there is no such file")
-        return zenoh.Config.from_file(options.zenoh_config)
-    fields = {
-        "mode": "peer",
-        "connect": {
-            "endpoints": list(options.connect),
-            "timeout_ms": int(1e3 * options.patience_s),
-            "exit_on_failure": True,
-        },
-        "listen": {"endpoints": list(options.listen)},
-        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
-        # Latched topics are ordered by time.
-        "timestamping": {"enabled": True},
-    }
-    return zenoh.Config.from_json5(json.dumps(fields))

@@ -33,6 +33,7 @@ from .rbf_centres import Centres, around_core, free_points, with_off_surface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
 from .touch_lines import best_vertex, reachable, starts
+from .touch_residuals import TouchResiduals
 from .uncertainty import SurfaceUncertainty, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
@@ -131,8 +132,7 @@ class Completion:
         self._fit = self._visible
         self._contacts: list[tuple[np.ndarray, float]] = []  #: joined contacts and their deviation
         self._free: list[np.ndarray] = []  #: points that were passed without contact
-        self._innovations: list[float] = []  #: standardised residuals of the touches
-        self._prior_misses: list[float] = []
+        self.residuals = TouchResiduals(self.prior, region.size_m)
         self._space = HoleSpace(region, self.band)
         self._seen: WallSeen | None = None
         self._reset()
@@ -165,7 +165,7 @@ class Completion:
         refit = False
         if touch.contact_m is not None:
             contact = np.asarray(touch.contact_m)
-            self._learn(contact, touch.sigma_m)
+            self.residuals.add(self._fit, contact, touch.sigma_m, self._contacts)
             refit = self._join(contact, touch.sigma_m)
             if not refit:
                 fresh.put(contact, 0.0, touch.sigma_m)
@@ -173,29 +173,6 @@ class Completion:
         self._free.extend(free_points(touch, self._d_m))
         self._refit(None if refit else fresh)
         self._reset()
-
-    def _learn(self, contact: Float[np.ndarray, "3"], sigma_m: float) -> None:
-        """Compare the touch with what was expected, before it is joined."""
-        expected = float(self._fit.kriging_sigma_m(contact[None])[0])
-        off_m = abs(float(self._fit(contact[None])[0]))
-        self._innovations.append(off_m / float(np.hypot(expected, sigma_m)))
-        if self.prior is None:
-            return
-        for earlier, _ in self._contacts[-8:]:
-            # A ring predicts another touch only at its own height.
-            if abs(earlier[2] - contact[2]) > 0.05 * self.region.size_m:
-                continue
-            points, sigma = self.prior.ring(earlier, 71)
-            near = int(np.argmin(np.linalg.norm(points[:, :2] - contact[:2], axis=1)))
-            gap = float(np.linalg.norm(points[near, :2] - contact[:2]))
-            self._prior_misses.append(gap / float(np.hypot(sigma[near], 1.5 * sigma_m)))
-
-    @property
-    def prior_inflation(self) -> float:
-        """Factor on the deviation of rings by how far touches were off them."""
-        if not self._prior_misses:
-            return 1.0
-        return float(max(1.0, np.sqrt(np.mean(np.square(self._prior_misses)))))
 
     def _join(self, contact: Float[np.ndarray, "3"], sigma_m: float) -> bool:
         """Average touches at one place; whether an old one was changed."""
@@ -220,7 +197,7 @@ class Completion:
             mirrored, off_m = self.prior.mirrored(contact)
             points, spread = np.vstack([mirrored, points]), np.append(off_m, spread)
             held = np.append(self.prior.p_mirror, held)
-        spread = np.hypot(spread * self.prior_inflation, sigma_m)
+        spread = np.hypot(spread * self.residuals.prior_inflation, sigma_m)
         # Expected log-likelihood: an observation with the probability of its symmetry, else none (variance / p).
         spread = spread / np.sqrt(np.maximum(held, np.finfo(float).tiny))
         gaps = np.linalg.norm(points[:, None] - self._supports(), axis=2).min(axis=1)
@@ -293,7 +270,7 @@ class Completion:
     def _deviation_m(self, points_m: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n"]:
         """Standard deviation of points of the estimated surface [m]."""
         if self.prior is None:
-            return spline_sigma_m(self._fit, points_m) * self.calibration
+            return spline_sigma_m(self._fit, points_m) * self.residuals.calibration
         if self._radial is None:
             if self._seen is None:
                 self._seen = wall_seen(self.prior, self.band)
@@ -322,16 +299,6 @@ class Completion:
             found = self.uncertainty()
             sigma[missing] = between(found.mesh.vertices_m, found.sigma_m, points_m[missing])
         return sigma
-
-    @property
-    def calibration(self) -> float:
-        """Root mean square of the standardised residuals of the touches, with two imagined ones of 3.
-
-        The process is fitted to the visible bands, and what is hidden is rougher than
-        what is seen: without touches its deviation is too small.
-        """
-        squares = [9.0, 9.0, *(min(value, 10.0) ** 2 for value in self._innovations)]
-        return float(np.sqrt(np.mean(squares)))
 
     def _support_vertices(self, mesh: SurfaceMesh) -> Int[np.ndarray, "s"]:
         from scipy.spatial import cKDTree

@@ -11,6 +11,8 @@ from .esm_template import BLUR_VARIANCES as BLUR_VARIANCES
 from .esm_template import MIN_SIDE_PX as MIN_SIDE_PX
 from .esm_template import EsmTemplate as EsmTemplate
 from .esm_template import Level as Level
+from .lens import lens_offset as lens_offset
+from .lens import lens_samples as lens_samples
 from .lost_search import LostPlace as LostPlace
 from .lost_search import LostSearch as LostSearch
 from .sheet import PAPERS_M as PAPERS_M

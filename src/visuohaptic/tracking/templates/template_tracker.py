@@ -26,6 +26,7 @@ from .detector import DetectorSettings
 from .esm import Alignment, align
 from .esm_blur import matching_blur
 from .esm_pyramid import EsmSettings
+from .lens import lens_offset, lens_samples
 from .lost_search import LostPlace, LostSearch
 from .template import Template
 from .warp import is_proper
@@ -303,12 +304,12 @@ class TemplateTracker(Closing):
         poses: tuple[PlanePose, ...],
     ) -> tuple[Alignment, tuple[PlanePose, ...]]:
         """Bend the template as the lens does, and align once more if that changed."""
-        samples = _lens_samples(self.camera, track.template, poses[0].T_camera_template)
+        samples = lens_samples(self.camera, track.template, poses[0].T_camera_template)
         old = np.zeros_like(samples) if track.lens is None else track.lens
         # Below a two-hundredth of a pixel the change is far inside the noise.
         if np.abs(samples - old).max() < 0.005:
             return alignment, poses
-        track.lens, track.offset = samples, _lens_offset(samples, track.template)
+        track.lens, track.offset = samples, lens_offset(samples, track.template)
         again = self._align(track, grey, alignment.homography)
         if not again.valid:
             return alignment, poses
@@ -378,29 +379,3 @@ def _slant(pose: Pose) -> float:
     """Angle between the normal of a template and the line of sight [rad]."""
     sight = pose.translation_m / np.linalg.norm(pose.translation_m)
     return float(np.arccos(np.clip(pose.rotation[:, 2] @ sight, -1.0, 1.0)))
-
-
-def _lens_samples(camera: Camera, template: Template, pose: Pose) -> Float32[np.ndarray, "17 17 2"]:
-    """What projection with the lens adds to the homography through the four corners [px], at 17 x 17 points."""
-    rows, columns = template.image.shape
-    x, y = np.meshgrid(np.linspace(0, columns - 1, 17), np.linspace(0, rows - 1, 17))
-    pixels = np.stack([x, y], axis=-1)
-    seen = camera.project(pose.apply(template.points_m(pixels)))
-    corners = camera.project(pose.apply(template.points_m(template.esm.corners)))
-    homography = estimate_homography(template.esm.corners, corners)
-    return np.nan_to_num((seen - apply_homography(homography, pixels)).astype(np.float32))
-
-
-def _lens_offset(samples: Float32[np.ndarray, "17 17 2"], template: Template) -> Float32[np.ndarray, "2 R C"]:
-    """The same at every pixel of the template.
-
-    It is smooth: 17 x 17 exact points and a cubic interpolation leave less than 1e-3 px.
-    """
-    import cv2
-
-    rows, columns = template.image.shape
-    # The first and last sample lie on the first and last pixel: scale by samples - 1, not by size.
-    sample_x = np.tile(np.linspace(0, 16, columns, dtype=np.float32), (rows, 1))
-    sample_y = np.repeat(np.linspace(0, 16, rows, dtype=np.float32)[:, None], columns, axis=1)
-    spread = cv2.remap(samples, sample_x, sample_y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    return np.ascontiguousarray(spread.transpose(2, 0, 1))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ....core.measurement import Wrench
     from ....sensing.beam.sensor import BeamSetup
     from ....sensing.beam.tracked import TrackedReading
-    from ....sensing.readers import SensorReader, SensorReading
+    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose
 
 __all__ = ["EPILOG", "add_arguments", "run"]
@@ -92,7 +92,7 @@ def run(args: Any) -> dict[str, Any]:
 def _images(args: Any, stack: ExitStack) -> tuple[SensorReader[Any], Iterator[Any]]:
     """A reader of camera frames, and those of ``--source``."""
     from ....sensing.beam.tracked import TrackedBeam
-    from ....sensing.readers import BeamReader
+    from ....sensing.readers.beam_reader import BeamReader
 
     # A live camera must not wait for the detector; a recording must give the same result each time.
     beam = TrackedBeam.load(args.config, threaded=is_live(args.source))
@@ -131,7 +131,7 @@ def _pose_reader(setup: BeamSetup) -> SensorReader[TrackedReading]:
     from ....sensing.beam.sensor import BeamSensor
     from ....sensing.beam.tracked import TrackedReading
     from ....sensing.beam.zero import BeamZero
-    from ....sensing.readers import SensorReader, SensorReading
+    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
 
     path = setup.zero_path
     stored = BeamZero.load(path, list(setup.xi)) if path is not None and path.is_file() else None

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from ....core.robots import FrameSource
     from ....sensing.foam.finger import FingerSensor
     from ....sensing.foam.sensor import FoamSensor
-    from ....sensing.readers import FoamReader, SensorReading
+    from ....sensing.readers.foam_reader import FoamReader
+    from ....sensing.readers.sensor_reader import SensorReading
 
 __all__ = ["EPILOG", "add_arguments", "run"]
 
@@ -135,7 +136,7 @@ def _summary(args: Any, done: SensorRun, max_profile: ForceProfile | None) -> di
 
 def _reader(sensor: FoamSensor, finger: FingerSensor | None) -> FoamReader:
     """The reader of the sensor; with a finger it writes the finger's pose, too."""
-    from ....sensing.readers import FoamReader
+    from ....sensing.readers.foam_reader import FoamReader
 
     if finger is None:
         return FoamReader(sensor)

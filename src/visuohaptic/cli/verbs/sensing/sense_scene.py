@@ -12,7 +12,8 @@ from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sens
 
 if TYPE_CHECKING:
     from ....core.robots import FrameSource
-    from ....sensing.readers import SceneReader, SensorReading
+    from ....sensing.readers.scene_reader import SceneReader
+    from ....sensing.readers.sensor_reader import SensorReading
     from ....sensing.scene.scene_tracker import SceneReading
 
 __all__ = ["EPILOG", "add_arguments", "run"]
@@ -60,15 +61,15 @@ def run(args: Any) -> dict[str, Any]:
     """Do it; the mapping is what ``--json`` prints."""
     import numpy as np
 
-    from ....sensing.readers import SceneReader
-    from ....sensing.scene.scene_file import SceneConfig, read_odometry
+    from ....sensing.readers.scene_reader import SceneReader
+    from ....sensing.scene.scene_file import SceneConfig, SceneSensor, read_odometry
 
     count = zero_frames(args)
     setup = SceneConfig.load(args.config)
     if count and setup.sensor is None:
         raise InputError("--zero-frames", f"found {count}, but {args.config} names no sensor to zero")
     rng = np.random.default_rng(args.seed)
-    reader = SceneReader(setup, rng=rng, foam_name="foam", mask=args.mask)
+    reader = SceneReader(SceneSensor(setup, rng=rng), foam_name="foam", mask=args.mask)
     if args.odometry:
         reader.odometry = read_odometry(args.odometry).at
     with opened_frames(args, setup.camera) as source:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from ....core.camera.frame import Frame
-    from ....sensing.readers import SensorReader, SensorReading
+    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
     from ....tracking.templates.template_tracker import TemplatePose, TemplateTracker
 
 __all__ = ["EPILOG", "add_arguments", "run"]
@@ -88,7 +88,8 @@ def run(args: Any) -> dict[str, Any]:
 def _template_reader(tracker: TemplateTracker) -> SensorReader[tuple[TemplatePose, ...]]:
     """A tracker as a sensor; the reason of a frame is that of the first template that was not seen."""
     from ....core.measurement import Reason
-    from ....sensing.readers import SensorReader, SensorReading, write_templates
+    from ....sensing.readers.beam_reader import write_templates
+    from ....sensing.readers.sensor_reader import SensorReader, SensorReading
 
     class TemplateReader(SensorReader["tuple[TemplatePose, ...]"]):
         kind, camera = "template", tracker.camera

@@ -1,0 +1,99 @@
+"""How a node joins its domain: options, and the zenoh session that they open."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..core.errors import DeviceError, InputError, MissingExtraError
+
+__all__ = ["RosOptions", "open_session", "shown_error"]
+
+#: Where the router of rmw_zenoh (``ros2 run rmw_zenoh_cpp rmw_zenohd``) listens on its own machine.
+ROUTER = "tcp/127.0.0.1:7447"
+
+
+@dataclass(frozen=True, slots=True)
+class RosOptions:
+    """How a node joins; by default through a router on this machine, and never by multicast."""
+
+    domain: int = 0  #: ``ROS_DOMAIN_ID``
+    namespace: str = "/"
+    type_hashes: bool = True  #: no for Humble, which has none
+    connect: tuple[str, ...] = (ROUTER,)  #: routers or peers; none = wait for others to connect
+    listen: tuple[str, ...] = ("tcp/127.0.0.1:0",)  #: where peers may connect; port 0 = any free one
+    zenoh_config: Path | None = None  #: a zenoh file (JSON5), for TLS and the like, instead of the two above
+    patience_s: float = 3.0  #: wait so long for a router
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.domain <= 232:
+            raise InputError("RosOptions", f"found {self.domain}, expected 0 to 232", field="domain")
+
+
+def shown_error(error: Exception) -> str:
+    """zenoh's text without the place in its source.
+
+    Parameters
+    ----------
+    error
+        Of zenoh.
+    """
+    return " ".join(str(error).partition(" at /")[0].split())
+
+
+def open_session(options: RosOptions) -> Any:
+    """Open zenoh as the options say.
+
+    Parameters
+    ----------
+    options
+        Routers, peers, or a zenoh file.
+
+    Raises
+    ------
+    MissingExtraError
+        zenoh is not installed.
+    InputError
+        The options, or the file that they name, are no configuration.
+    DeviceError
+        No router answers.
+    """
+    try:
+        import zenoh
+    except ImportError as error:
+        raise MissingExtraError("eclipse-zenoh", "ros", "live ROS 2") from error
+    try:
+        config = _config(options, zenoh)
+    except (zenoh.ZError, OSError) as error:
+        where = options.zenoh_config or "RosOptions"
+        raise InputError(where, f"is not a zenoh configuration ({shown_error(error)})") from error
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = options.zenoh_config or ", ".join(options.connect) or "zenoh"
+        raise DeviceError(
+            f"{where}: no connection ({shown_error(error)}); start the router (ros2 run rmw_zenoh_cpp rmw_zenohd), "
+            "name another one, or connect to none"
+        ) from error
+
+
+def _config(options: RosOptions, zenoh: Any) -> Any:
+    if options.zenoh_config is not None:
+        if not options.zenoh_config.is_file():
+            raise InputError(options.zenoh_config, "there is no such file")
+        return zenoh.Config.from_file(options.zenoh_config)
+    fields = {
+        "mode": "peer",
+        "connect": {
+            "endpoints": list(options.connect),
+            "timeout_ms": int(1e3 * options.patience_s),
+            "exit_on_failure": True,
+        },
+        "listen": {"endpoints": list(options.listen)},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
+        # Latched topics are ordered by time.
+        "timestamping": {"enabled": True},
+    }
+    return zenoh.Config.from_json5(json.dumps(fields))

@@ -1,0 +1,128 @@
+"""The bending rod as a program runs it: the wrench, and the poses of its templates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.measurement import Reason, Wrench
+from ...io.sinks.measurement_sink import MeasurementSink
+from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
+
+if TYPE_CHECKING:
+    from ...tracking.templates.template_tracker import TemplatePose
+    from ..beam.tracked import TrackedBeam, TrackedReading
+    from ..beam.zero import BeamZero
+
+__all__ = ["BeamReader", "write_templates"]
+
+
+class BeamReader(SensorReader["TrackedReading"]):
+    """Force and moment, six axes, from templates on a bending rod.
+
+    Parameters
+    ----------
+    beam
+        Beam sensor with its camera.
+    name
+        First part of its topics.
+    templates
+        Whether the poses of the templates are written, too, on ``/template/NAME``.
+    """
+
+    kind = "beam"
+
+    def __init__(self, beam: TrackedBeam, name: str = "beam", *, templates: bool = False) -> None:
+        super().__init__(name)
+        self.beam, self._templates = beam, templates
+        self.topics = {f"/{name}/wrench": WRENCH, f"/{name}/diagnostics": DIAGNOSTICS}
+
+    @property
+    def camera(self) -> Camera:
+        """Model of the camera."""
+        return self.beam.camera
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether there are resting poses."""
+        return self.beam.zeroed
+
+    @property
+    def zero_path(self) -> Path | None:
+        """File of the resting poses, which may not exist yet."""
+        return self.beam.sensor.setup.zero_path
+
+    def zero(self, frames: Iterable[Frame]) -> BeamZero:
+        """Take the resting poses from frames of an untouched rod.
+
+        Parameters
+        ----------
+        frames
+            Of the sensor's camera, in order of time.
+        """
+        return self.beam.zero(frames)
+
+    def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[TrackedReading]:
+        """Wrench and template poses of a frame; writes wrench and diagnostics.
+
+        Parameters
+        ----------
+        frame
+            Newer than the one before.
+        sink
+            Where they are written.
+        """
+        found = self.beam.read(frame)
+        wrench = found.reading.wrench
+        if sink is not None:
+            sink.write_wrench(wrench, self.name)
+            if self._templates:
+                write_templates(sink, found.templates, self.camera)
+        return SensorReading(found, wrench.reason)
+
+    def blank(self, t_s: float, sink: MeasurementSink) -> None:
+        """Write a stale wrench.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        sink
+            Where it is written.
+        """
+        nothing = np.full(3, np.nan)
+        sink.write_wrench(
+            Wrench(t_s, False, Reason.STALE, nothing, nothing, np.full((6, 6), np.nan), sink.frame), self.name
+        )
+
+    def close(self) -> None:
+        """End the detector's thread; harmless when repeated."""
+        self.beam.close()
+
+
+def write_templates(sink: MeasurementSink, poses: Iterable[TemplatePose], camera: Camera) -> None:
+    """Write the poses of the templates that were seen, on ``/template/NAME`` in the camera's frame.
+
+    Parameters
+    ----------
+    sink
+        Where they are written.
+    poses
+        Of one frame.
+    camera
+        Whose name is that of the frame of coordinates.
+    """
+    for pose in poses:
+        if pose.T_camera_template is not None:
+            sink.write_pose(
+                pose.T_camera_template,
+                pose.t_s,
+                f"/template/{pose.name}",
+                frame=camera.name,
+                covariance=pose.covariance,
+            )

@@ -1,0 +1,101 @@
+"""The foam strip as a program runs it: force, shape and contact events."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...core.camera.frame import Frame
+from ...core.camera.model import Camera
+from ...core.measurement import EventKind, ForceProfile, Reason
+from ...io.sinks.measurement_sink import MeasurementSink
+from ..push.events import ContactEvents
+from .sensor_reader import DIAGNOSTICS, WRENCH, SensorReader, SensorReading
+
+if TYPE_CHECKING:
+    from ..foam.sensor import FoamSensor
+    from ..foam.strip.zero import ZeroReference
+
+__all__ = ["FoamReader"]
+
+
+class FoamReader(SensorReader[ForceProfile]):
+    """Force and shape of a foam strip, with contact events.
+
+    Parameters
+    ----------
+    sensor
+        Foam sensor, with or without its zero reference.
+    name
+        First part of its topics.
+    """
+
+    kind = "foam"
+
+    def __init__(self, sensor: FoamSensor, name: str = "foam") -> None:
+        super().__init__(name)
+        self.sensor, self._events = sensor, ContactEvents()
+        self.topics = {f"/{name}/wrench": WRENCH, f"/{name}/diagnostics": DIAGNOSTICS}
+
+    @property
+    def camera(self) -> Camera:
+        """Model of the camera."""
+        return self.sensor.camera
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether there is a zero reference."""
+        return self.sensor.zeroed
+
+    @property
+    def zero_path(self) -> Path:
+        """File of the zero reference, which may not exist yet."""
+        return self.sensor.setup.zero_path
+
+    def zero(self, frames: Iterable[Frame]) -> ZeroReference:
+        """Take the zero reference from frames of an untouched strip.
+
+        Parameters
+        ----------
+        frames
+            Of the sensor's camera, in order of time.
+        """
+        return self.sensor.zero(frames)
+
+    def read(self, frame: Frame, sink: MeasurementSink | None = None) -> SensorReading[ForceProfile]:
+        """Force profile of a frame; writes wrench, diagnostics, profile, contact contour and events.
+
+        Parameters
+        ----------
+        frame
+            Newer than the one before.
+        sink
+            Where they are written.
+        """
+        profile = self.sensor.read(frame)
+        state = self.odometry(frame.t_s)
+        speed = None if state is None else float(state.speed_m_s)
+        # A front that stands still says nothing of the object unless the platform goes on.
+        events = tuple(
+            event
+            for event in self._events.update(profile, speed_m_s=speed)
+            if event.kind is not EventKind.MOTION or speed is not None
+        )
+        if sink is not None:
+            sink.write_force(profile, self.name)
+            for event in events:
+                sink.write_event(event, self.name)
+        return SensorReading(profile, profile.reason, events)
+
+    def blank(self, t_s: float, sink: MeasurementSink) -> None:
+        """Write a stale profile.
+
+        Parameters
+        ----------
+        t_s
+            Time [s].
+        sink
+            Where it is written.
+        """
+        sink.write_force(self.sensor.blank(t_s, Reason.STALE), self.name)
