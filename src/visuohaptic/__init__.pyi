@@ -26,11 +26,10 @@ from .navigation.problem import RobotModel as RobotModel
 from .navigation.problem import load_objects as load_objects
 
 # Reconstruct and complete: depth images to surfaces, transparent parts by touch
-from .io.depth import DepthSequence as DepthSequence
 from .reconstruction import SurfaceMesh as SurfaceMesh
+from .reconstruction import plot_completion as plot_completion
 from .reconstruction import reconstruct as reconstruct
 from .reconstruction.completion import Completion as Completion
-from .reconstruction.completion import HoleRegion as HoleRegion
 from .reconstruction.completion import Touch as Touch
 
 # Elasticity and grasp: stiffness of a container, and where to hold it
@@ -44,6 +43,7 @@ from .grasping import plan_grasps as plan_grasps
 from .recognition import FeatureSet as FeatureSet
 from .recognition import HapticClassifier as HapticClassifier
 from .recognition import VisualPrior as VisualPrior
+from .recognition.trees import plot_tree as plot_tree
 
 # Remember: the object database of a robot, and of many
 from .core import VisuoHapticObject as VisuoHapticObject

@@ -61,11 +61,11 @@ class HapticClassifier:
 
     >>> import numpy as np
     >>> rng, height = np.random.default_rng(0), np.linspace(0, 1, 16)
-    >>> top = np.repeat([500.0, 2e4], 12)
-    >>> profile = 8e3 * (top[:, None] / 8e3) ** height * rng.lognormal(0, 0.1, (24, 1))
+    >>> top = np.repeat([500.0, 2e4], 6)
+    >>> profile = 8e3 * (top[:, None] / 8e3) ** height * rng.lognormal(0, 0.1, (12, 1))
     >>> stiffness = np.repeat(profile[:, :, None], 4, axis=2)
-    >>> width = np.full((24, 16, 2), 0.06) * rng.lognormal(0, 0.02, (24, 1, 1))
-    >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 12 + ["bottle"] * 12)
+    >>> width = np.full((12, 16, 2), 0.06) * rng.lognormal(0, 0.02, (12, 1, 1))
+    >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 6 + ["bottle"] * 6)
     >>> classifier = HapticClassifier().fit(data)
     >>> touch = TouchReading.of_stiffness(12, "x", stiffness[0, 11, :2], width_m=0.06)
     >>> classifier.predict([touch]).answer

@@ -38,6 +38,18 @@ def plot_completion(completion: Completion, path: Path | str) -> None:
     ------
     InputError
         Another suffix, or the file cannot be written.
+
+    Examples
+    --------
+    The middle of a bottle is not seen:
+
+    >>> from visuohaptic.reconstruction.completion import HoleRegion
+    >>> from visuohaptic.simulation.tabletop import random_bottle
+    >>> bottle = random_bottle(np.random.default_rng(4), "round")
+    >>> low_m, high_m = 0.3 * bottle.height_m, 0.7 * bottle.height_m
+    >>> visible = SurfaceMesh(*bottle.mesh(0.0, low_m)).joined(SurfaceMesh(*bottle.mesh(high_m, bottle.height_m)))
+    >>> region = HoleRegion.of_points(bottle.mesh(low_m, high_m, caps=False)[0])
+    >>> plot_completion(Completion(visible, region), "completed.png")
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize

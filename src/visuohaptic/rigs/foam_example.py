@@ -100,8 +100,9 @@ def write_video(
                 stream.height, stream.width = image.shape
                 stream.pix_fmt = "yuv420p"
                 stream.time_base = Fraction(1, rate_Hz)
-                # Grey levels stay as they are only in full range; 10 is close to lossless for noise.
-                stream.options = {"crf": str(crf), "preset": "fast", "x264-params": "fullrange=on"}
+                # Grey levels stay as they are only in full range; 10 is close to lossless for noise, which a
+                # search for motion does not make smaller: the quickest preset leaves it out.
+                stream.options = {"crf": str(crf), "preset": "ultrafast", "x264-params": "fullrange=on"}
                 stream.codec_context.color_range = 2
             frame = av.VideoFrame.from_ndarray(image, format="gray")
             for packet in stream.encode(frame.reformat(format="yuv420p", dst_color_range="JPEG")):

@@ -46,6 +46,14 @@ def plot_tree(path: Path | str, tree: ClassificationTree, data: FeatureSet | Non
         Exploration plan.
     data
         Its training objects.
+
+    Examples
+    --------
+    >>> from visuohaptic.recognition.trees import train_tree
+    >>> stiffness, width = np.full((6, 16, 4), 8e3), np.full((6, 16, 2), 0.06)
+    >>> stiffness[:3, 12:] = 5e2  # cups are soft at their upper end
+    >>> data = FeatureSet.of_stiffness(stiffness, width, ["cup"] * 3 + ["bottle"] * 3)
+    >>> plot_tree("tree.png", train_tree(data, folds=3), data)
     """
     figure = _figure(12 if data is not None else 7, 5.5)
     axes = figure.subplots(1, 2 if data is not None else 1, squeeze=False)[0]
