@@ -168,7 +168,7 @@ def test_poor_sessions_are_refused_with_the_reason() -> None:
 
 
 def test_board_refusals() -> None:
-    with pytest.raises(InputError, match="found 2 x 7 squares"):
+    with pytest.raises(InputError, match="columns: found 2, expected at least 3"):
         Board(2, 7, 0.03)
     with pytest.raises(InputError, match=r"expected 0 < marker < 0.03"):
         Board(9, 7, 0.03, 0.04)

@@ -161,7 +161,7 @@ def test_the_wall_is_found_from_the_stiffness() -> None:
     true = contained(bottle.outline_m, 0.0005, "closed")
     gentle = [(z, true.force_at(z, 5e-4) / 5e-4) for z in (0.05, 0.1)]
     assert wall_from_stiffness(bottle.outline_m, gentle, 0.0003) == pytest.approx(0.0005, rel=0.02)
-    with pytest.raises(InputError, match="no squeeze that tells a stiffness"):
+    with pytest.raises(InputError, match="found no squeeze with a stiffness"):
         wall_from_stiffness(bottle.outline_m, [(0.05, float("nan"))], 0.0003)
 
 

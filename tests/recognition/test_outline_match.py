@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from visuohaptic.deformation.shapes import load_container
+from visuohaptic.deformation.shapes import draw_variants, load_container
 from visuohaptic.recognition.touch import container_outline, nearest_variant
 
 
 def test_a_variant_is_found_by_its_own_outline() -> None:
     base = load_container("bottle")
-    chosen = list(base.variants(6, 0))[4]
+    chosen = draw_variants(base, 6, 0)[4]
     outline = container_outline(chosen)
     assert np.all(np.diff(outline[:, 1]) > 0)
     assert nearest_variant(base, outline, count=6) == chosen

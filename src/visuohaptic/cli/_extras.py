@@ -82,7 +82,6 @@ OPTIONAL = (
 
 #: Modules that an argument needs when it is given, with every verb that has it.
 BY_ARGUMENT: Mapping[str, tuple[str, ...]] = {
-    "cluster": ("distributed",),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "view": ("viser",),

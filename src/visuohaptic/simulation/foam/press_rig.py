@@ -47,7 +47,7 @@ class PressSample:
 
 
 def press_outline(
-    shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0
+    shape: PressShape, depth_m: float, *, width_m: float = 0.02, centre_m: float = 0.0, yaw_rad: float = 0.0
 ) -> Outline:
     """Cross section of a test shape in frame F whose foremost point has gone ``depth_m`` into the foam.
 
@@ -61,6 +61,8 @@ def press_outline(
         Undeformed width of the foam, from back to front [m].
     centre_m
         Position of its centre along y [m].
+    yaw_rad
+        Rotation about its foremost point [rad].
     """
     reach = {
         PressShape.CYLINDER_4CM: Outline.disc((0.02, 0.0), 0.02),
@@ -68,7 +70,7 @@ def press_outline(
         PressShape.LARGE_PLATE: Outline.box((0.01, 0.0), (0.02, 0.6)),
         PressShape.PLATE_4CM: Outline.box((0.01, 0.0), (0.02, 0.04), edge_m=0.0005),
     }
-    return reach[PressShape(shape)].moved(width_m - depth_m, centre_m)
+    return reach[PressShape(shape)].moved(0.0, 0.0, yaw_rad).moved(width_m - depth_m, centre_m)
 
 
 def press_path(max_m: float, steps: int, *, runs: int = 1, unload: bool = True) -> Float[np.ndarray, "n"]:

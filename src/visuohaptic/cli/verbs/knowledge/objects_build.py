@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["EPILOG", "add_arguments", "needs", "run"]
 
 EPILOG = """\
 reads   a YAML plan:
@@ -38,6 +38,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--nonlinear", action="store_true", help="features from force-deformation curves (i, I, II)"
     )
     parser.add_argument("--cluster", metavar="ADDRESS", help="dask scheduler, like tcp://10.0.0.1:8786")
+
+
+def needs(args: Any) -> set[str]:
+    """Modules beyond the core: of the cluster, where one is named.
+
+    Parameters
+    ----------
+    args
+        As parsed.
+    """
+    return {"distributed"} if args.cluster else set()
 
 
 def run(args: Any) -> dict[str, Any]:
