@@ -92,7 +92,7 @@ def test_what_is_left_out_or_null_has_its_default() -> None:
 
 def test_numbers_as_yaml_reads_them() -> None:
     cart = from_dict(Cart, CART | {"wheels": [{"radius_m": "1e-3"}], "named": {"a": ["-.5", 2.0]}, "load": 3})
-    assert cart.wheels[0].radius_m == 1e-3
+    assert cart.wheels[0].radius_m == pytest.approx(1e-3)
     assert dict(cart.named) == {"a": (-0.5, 2)}
     assert isinstance(cart.named["a"][1], int)
     assert cart.load == 3.0

@@ -155,7 +155,7 @@ def test_a_replay_that_differs_says_where(tmp_path: Path) -> None:
         (
             ['{"task": "p", "settings": {}}',
              '{"t_s": "x", "state": "", "observation": {}, "command": {}, "next_state": "", "why": ""}'],
-            "line 2: t_s: found 'x', expected float",
+            "line 2: t_s: found 'x', expected a finite number",
         ),
     ],
 )  # fmt: skip

@@ -52,7 +52,8 @@ class ConsistencySettings:
     #: Margin around expected edges and the unknown in which depths mean nothing; that of the camera's edges by
     #: default [px].
     erosion_px: int | None = None
-    min_voxels: int = 1  #: voxels of such evidence that a region needs
+    #: voxels of a region: fewer than a block of 3 x 3 x 3 is the edge of something else, where rays graze it
+    min_voxels: int = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,7 +312,8 @@ class ConsistencyDetector:
     def regions(self) -> tuple[TransparentRegion, ...]:
         """Clusters of transparent voxels with their hulls."""
         strong, weak = self._parts()
-        return find_regions(self.score(), strong, weak, self.grid, min_voxels=self.settings.min_voxels)
+        found = find_regions(self.score(), strong, weak, self.grid, min_voxels=1)
+        return tuple(region for region in found if region.voxels >= self.settings.min_voxels)
 
     def report(self) -> SearchReport:
         """What was searched, and why nothing was found where nothing was."""
