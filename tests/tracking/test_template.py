@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from visuohaptic.core import InputError
+from visuohaptic.core.files.image_dpi import pixels_per_metre
 from visuohaptic.tracking.points import apply_homography
 from visuohaptic.tracking.templates import (
     SheetItem,
@@ -23,7 +24,6 @@ from visuohaptic.tracking.templates import (
     tag_item,
     template_quality,
 )
-from visuohaptic.tracking.templates._dpi import pixels_per_metre
 
 
 @pytest.fixture(scope="module")

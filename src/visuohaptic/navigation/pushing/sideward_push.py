@@ -68,11 +68,6 @@ class SidewardPush:
     cost_s: float  #: setup, and the drive at the speed of pushing
     failure_probability: float
 
-    @property
-    def release_m(self) -> Float[np.ndarray, "3"]:
-        """Pose of the platform at the last contact: x, y [m], heading [rad]."""
-        return self.path_m[max(self.trace.last_contact, 0)]
-
 
 def sideward_candidates(
     scene: PushScene,

@@ -30,8 +30,8 @@ from .touch_lines import reachable as reachable
 from .touch_lines import starts as starts
 from .touch_registration import MIN_CONTACTS as MIN_CONTACTS
 from .touch_registration import register_touches as register_touches
-from .touch_residuals import TouchResiduals as TouchResiduals
 from .uncertainty import SurfaceUncertainty as SurfaceUncertainty
+from .uncertainty import TouchResiduals as TouchResiduals
 from .uncertainty import between as between
 from .uncertainty import spline_sigma_m as spline_sigma_m
 from .visibility import open_sight as open_sight

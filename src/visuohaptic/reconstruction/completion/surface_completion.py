@@ -33,8 +33,7 @@ from .rbf_centres import Centres, around_core, free_points, with_off_surface
 from .symmetry import ShapePrior, fit_prior, height_axis
 from .touch import Touch, TouchPlan
 from .touch_lines import best_vertex, reachable, starts
-from .touch_residuals import TouchResiduals
-from .uncertainty import SurfaceUncertainty, between, spline_sigma_m
+from .uncertainty import SurfaceUncertainty, TouchResiduals, between, spline_sigma_m
 
 __all__ = ["Completion", "CompletionSettings", "SurfaceUncertainty"]
 

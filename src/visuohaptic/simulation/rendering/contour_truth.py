@@ -25,18 +25,6 @@ class ContourTruth:
         np.ndarray, "points"
     ]  #: for each point of ``FoamScene.front_m``: not behind an object
 
-    def back_at(
-        self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
-    ) -> Float[np.ndarray, "lines"]:
-        """Where lines ``origin + t direction`` cross the back contour; see :func:`crossings`.
-
-        Parameters
-        ----------
-        origin_px, direction_px
-            Origins and directions of the lines (n, 2) [px].
-        """
-        return crossings(self.back_px, origin_px, direction_px)
-
     def front_at(
         self, origin_px: Float[np.ndarray, "lines 2"], direction_px: Float[np.ndarray, "lines 2"]
     ) -> Float[np.ndarray, "lines"]:

@@ -15,7 +15,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from ...core.errors import InputError
 from ...core.files import MAX_IMAGE_BYTES, decode_image, read_bytes
-from ._dpi import pixels_per_metre
+from ...core.files.image_dpi import pixels_per_metre
 from .esm_template import MIN_SIDE_PX, EsmTemplate
 
 __all__ = ["TAG_CELLS", "Template", "TemplateQuality", "load_templates", "template_quality"]
