@@ -661,7 +661,7 @@ def _viewed(results: list[Any]) -> None:
 
 
 def _warm(results: list[Any]) -> None:
-    assert {"visuohaptic.tracking", "visuohaptic.navigation"} <= set(results[0]["seconds"])
+    assert {"visuohaptic.tracking.templates", "visuohaptic.navigation.grid"} <= set(results[0]["seconds"])
 
 
 def _healthy(results: list[Any]) -> None:
