@@ -79,7 +79,7 @@ def test_sums_equal_their_numpy_twin(cubic: bool, fraction: float) -> None:
     matrix, vector, stats = np.zeros((10, 10)), np.zeros(10), np.zeros(13)
     used = np.arange(rows)
     kernels.gauss_newton_sums(
-        image, template, tx, ty, x, y, used, offset, h, gain, bias, cut, margin, fraction, unit, cubic,
+        image, template, tx, ty, x, y, used, offset, h.reshape(3, 3), gain, bias, cut, margin, fraction, unit, cubic,
         matrix, vector, stats, np.zeros(256, np.int64),
     )  # fmt: skip
 
