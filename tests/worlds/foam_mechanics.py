@@ -15,8 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
+from scipy.linalg import solve_banded
 
 __all__ = ["Foam", "Press", "bar", "cylinder", "press", "together"]
 
@@ -152,8 +151,22 @@ class _Mesh:
         half = 0.5 * (self.nodes[self.edges[:, 2], 1] - self.nodes[self.edges[:, 0], 1])
         self.edge_length = half[:, None] * w4[None]
         edge_dofs = (2 * self.edges[:, :, None] + np.arange(2)).reshape(-1, 6)
-        self.row = np.concatenate([np.repeat(dofs, 18, 1).ravel(), np.repeat(edge_dofs, 6, 1).ravel()])
-        self.column = np.concatenate([np.tile(dofs, (1, 18)).ravel(), np.tile(edge_dofs, (1, 6)).ravel()])
+        # Degrees of freedom are numbered column by column, so that the tangent is a band.
+        self.band = 2 * (2 * self.rows + 2) + 1
+        row = np.concatenate([np.repeat(dofs, 18, 1).ravel(), np.repeat(edge_dofs, 6, 1).ravel()])
+        column = np.concatenate([np.tile(dofs, (1, 18)).ravel(), np.tile(edge_dofs, (1, 6)).ravel()])
+        size = 2 * len(self.nodes)
+        self.fixed = np.setdiff1d(np.arange(size), self.free)
+        self.kept = np.isin(row, self.free) & np.isin(column, self.free)
+        self.place = ((self.band + row - column) * size + column)[self.kept]
+
+    def solve(self, data: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """Displacements that the tangent's entries ask for; zero where the strip is glued."""
+        size = right.size
+        band = np.bincount(self.place, data[self.kept], (2 * self.band + 1) * size).reshape(-1, size)
+        band[self.band, self.fixed] = 1.0
+        right = np.where(np.isin(np.arange(size), self.fixed), 0.0, right)
+        return solve_banded((self.band, self.band), band, right, overwrite_ab=True, check_finite=False)
 
     def contact(self, u: np.ndarray, shape: Shape, depth_m: float, stiffness: float) -> tuple:
         """Penetration of the edges' Gauss points, with the body's slope there."""
@@ -169,10 +182,10 @@ class _Mesh:
         deform = np.eye(2) + np.einsum("enk,eghn->egkh", u[self.elements], self.gradient)
         if np.linalg.det(deform).min() < 0.03:
             return None
-        left, stretch, right = np.linalg.svd(deform)
+        left, stretch, right = _principal(deform)
         pa, pb, paa, pbb, pab = self.foam.stresses(stretch[..., 0], stretch[..., 1])
         scaled = np.stack([pa, pb], -1)
-        stress = np.einsum("egka,ega,egah->egkh", left, scaled, right) * self.volume[..., None, None]
+        stress = (left * scaled[..., None, :]) @ right * self.volume[..., None, None]
         residual = np.zeros_like(u)
         np.add.at(residual, self.elements, np.einsum("egkh,eghn->enk", stress, self.gradient))
         push, slope, touching = self.contact(u, shape, depth_m, stiffness)
@@ -199,8 +212,20 @@ class _Mesh:
         shape_of = np.einsum("egk,gn->egnk", normal, self.edge_value).reshape(*slope.shape, 6)
         edge = np.einsum("eg,egi,egj->eij", scale, shape_of, shape_of)
         data = np.concatenate([stiff.ravel(), edge.ravel()])
-        matrix = sp.csc_matrix((data, (self.row, self.column)), shape=(u.size, u.size))
-        return residual.ravel(), push.sum(), matrix[self.free][:, self.free]
+        return residual.ravel(), push.sum(), data
+
+
+def _principal(f: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Singular values of 2 x 2 matrices of positive determinant, with rotations: left diag(values) right."""
+    e, g = 0.5 * (f[..., 0, 0] + f[..., 1, 1]), 0.5 * (f[..., 0, 0] - f[..., 1, 1])
+    h, k = 0.5 * (f[..., 1, 0] - f[..., 0, 1]), 0.5 * (f[..., 1, 0] + f[..., 0, 1])
+    mean, half = np.hypot(e, h), np.hypot(g, k)
+    one, two = np.arctan2(k, g), np.arctan2(h, e)
+    turns = []
+    for angle in (0.5 * (two + one), 0.5 * (two - one)):
+        cos, sin = np.cos(angle), np.sin(angle)
+        turns.append(np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2))
+    return turns[0], np.stack([mean + half, mean - half], -1), turns[1]
 
 
 def _quadratic(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -218,12 +243,11 @@ def _solve(mesh: _Mesh, u: np.ndarray, shape: Shape, depth_m: float, stiffness: 
         found = mesh.forces(u, shape, depth_m, stiffness, tangent=True)
         if found is None:
             return None
-        residual, total, matrix = found
+        residual, total, tangent = found
         size = np.linalg.norm(residual[mesh.free])
         if size < 1e-5 * total + floor:
             return u
-        step = np.zeros(u.size)
-        step[mesh.free] = -splu(matrix).solve(residual[mesh.free])
+        step = -mesh.solve(tangent, residual)
         best, best_size = None, np.inf
         for part in (1.0, 0.5, 0.2, 0.05):
             trial = u + part * step.reshape(u.shape)
@@ -244,7 +268,7 @@ def press(
     depths_m: np.ndarray,
     *,
     centres_m: list[float],
-    fine_m: float = 1.2e-3,
+    fine_m: float = 0.9e-3,
     coarse_m: float = 6e-3,
     layers: int = 5,
     penalty: float = 60.0,

@@ -42,7 +42,7 @@ def hammersley(count: int = 64) -> np.ndarray:
     return (np.column_stack([np.arange(count), reverse]) + 0.5) / count - 0.5
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _interpolated(table, first, step, place):
     """Linear interpolation in an even table, constant beyond its ends."""
     g = (place - first) / step
@@ -54,15 +54,15 @@ def _interpolated(table, first, step, place):
     return table[i] + (g - i) * (table[i + 1] - table[i])
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _surface(x, y, grid, front, body, top, ends, capsules):
     """Which surface is seen at a place."""
-    for k in range(len(capsules)):
-        ax, ay, bx, by, radius = capsules[k]
-        dx, dy = bx - ax, by - ay
+    for k in range(capsules.shape[0]):
+        ax, ay = capsules[k, 0], capsules[k, 1]
+        dx, dy = capsules[k, 2] - ax, capsules[k, 3] - ay
         t = ((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-12)
         t = min(max(t, 0.0), 1.0)
-        if (x - ax - t * dx) ** 2 + (y - ay - t * dy) ** 2 < radius * radius:
+        if (x - ax - t * dx) ** 2 + (y - ay - t * dy) ** 2 < capsules[k, 4] ** 2:
             return SKIN
     if x < 0.0:
         return BASE
@@ -76,32 +76,31 @@ def _surface(x, y, grid, front, body, top, ends, capsules):
     return FLOOR
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _shade(x, y, on_floor, shadows):
     """Fraction of the direct light that arrives."""
     light = 1.0
-    for k in range(len(shadows)):
-        row = shadows[k]
-        px, py = x - row[1], y - row[2]
+    for k in range(shadows.shape[0]):
+        px, py = x - shadows[k, 1], y - shadows[k, 2]
         if on_floor:
-            px, py = px - row[7], py - row[8]
-        ahead = px * row[3] + py * row[4]
-        if row[0] == EDGE:
-            inside = ahead
-        elif row[0] == BAND:
-            inside = row[5] - abs(ahead)
-        elif row[0] == DISC:
-            inside = row[5] - (px * px + py * py) ** 0.5
-        else:
-            inside = min(ahead, px * row[4] - py * row[3])
-        f = min(max(inside / max(row[6], 1e-9) + 0.5, 0.0), 1.0)
-        if row[10] > 0.0:
+            px, py = px - shadows[k, 7], py - shadows[k, 8]
+        ahead = px * shadows[k, 3] + py * shadows[k, 4]
+        shape = shadows[k, 0]
+        inside = ahead
+        if shape == BAND:
+            inside = shadows[k, 5] - abs(ahead)
+        elif shape == DISC:
+            inside = shadows[k, 5] - np.sqrt(px * px + py * py)
+        elif shape == WEDGE:
+            inside = min(ahead, px * shadows[k, 4] - py * shadows[k, 3])
+        f = min(max(inside / max(shadows[k, 6], 1e-9) + 0.5, 0.0), 1.0)
+        if shadows[k, 10] > 0.0:
             f = f * f * (3.0 - 2.0 * f)
-        light *= 1.0 - row[9] * f
+        light *= 1.0 - shadows[k, 9] * f
     return light
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _texture(textures, surface, x, y, texel):
     """Relative brightness of a surface's texture, periodic, bilinear."""
     rows, columns = textures.shape[1], textures.shape[2]
@@ -115,7 +114,7 @@ def _texture(textures, surface, x, y, texel):
     return low * (1.0 - fx) + high * fx
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", inline="always")
 def _radiance(x, y, surface, light, grid, front, textures, texel, offsets):
     """Texture times light of one sample, without the surface's colour."""
     tx, ty = x, y
@@ -124,7 +123,7 @@ def _radiance(x, y, surface, light, grid, front, textures, texel, offsets):
     return light * _texture(textures, surface, tx - offsets[surface, 0], ty - offsets[surface, 1], texel)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def render_light(
     out,
     inverse,
@@ -144,7 +143,7 @@ def render_light(
 ):
     """Paint linear light into ``out`` (rows, columns, channels).
 
-    ``inverse`` maps homogeneous pixels to (x, y, 1); ``grid`` is (first y, step of y, step of x, width at rest);
+    ``inverse`` (2, 3) maps pixels (u, v, 1) to x, y; ``grid`` is (first y, step of y, step of x, width at rest);
     ``front`` and ``body`` are tables over y [m], ``ends`` two tables over x [m], ``top`` is where the body ends;
     ``capsules`` (m, 5) are segments with a radius; ``shadows`` (n, 11) are shape, x, y, normal x, normal y,
     half width, penumbra, floor shift x, floor shift y, darkness, smooth; light is raised to ``tint`` per channel.
@@ -156,9 +155,8 @@ def render_light(
         now = v % 2
         for u in range(columns + 1):
             pu, pv = u - 0.5, v - 0.5
-            scale = inverse[2, 0] * pu + inverse[2, 1] * pv + inverse[2, 2]
-            x = (inverse[0, 0] * pu + inverse[0, 1] * pv + inverse[0, 2]) / scale
-            y = (inverse[1, 0] * pu + inverse[1, 1] * pv + inverse[1, 2]) / scale
+            x = inverse[0, 0] * pu + inverse[0, 1] * pv + inverse[0, 2]
+            y = inverse[1, 0] * pu + inverse[1, 1] * pv + inverse[1, 2]
             seen[now, u] = _surface(x, y, grid, front, body, top, ends, capsules)
             lit[now, u] = _shade(x, y, seen[now, u] == FLOOR, shadows)
         if v == 0:
@@ -168,7 +166,7 @@ def render_light(
             same = c == seen[1, u] and c == seen[0, u + 1] and c == seen[1, u + 1]
             low = min(min(lit[0, u], lit[1, u]), min(lit[0, u + 1], lit[1, u + 1]))
             high = max(max(lit[0, u], lit[1, u]), max(lit[0, u + 1], lit[1, u + 1]))
-            same = same and high - low < 0.02
+            same = same and high - low < 0.1
             count = 1 if same else len(points)
             for ch in range(channels):
                 out[v - 1, u, ch] = 0.0
@@ -176,9 +174,8 @@ def render_light(
                 pu, pv = float(u), float(v - 1)
                 if not same:
                     pu, pv = pu + points[k, 0], pv + points[k, 1]
-                scale = inverse[2, 0] * pu + inverse[2, 1] * pv + inverse[2, 2]
-                x = (inverse[0, 0] * pu + inverse[0, 1] * pv + inverse[0, 2]) / scale
-                y = (inverse[1, 0] * pu + inverse[1, 1] * pv + inverse[1, 2]) / scale
+                x = inverse[0, 0] * pu + inverse[0, 1] * pv + inverse[0, 2]
+                y = inverse[1, 0] * pu + inverse[1, 1] * pv + inverse[1, 2]
                 light = 0.25 * (lit[0, u] + lit[1, u] + lit[0, u + 1] + lit[1, u + 1])
                 if not same:
                     c = _surface(x, y, grid, front, body, top, ends, capsules)

@@ -111,9 +111,8 @@ class World:
         # u to the right is -y, v down is -x, then turned by the angle.
         turn = np.array([[-sin, -cos], [-cos, sin]])
         centre = 0.5 * (np.array([self.columns, self.rows]) - 1)
-        self.inverse = np.eye(3)
-        self.inverse[:2, :2] = turn * self.px_m
-        self.inverse[:2, 2] = np.array(self.middle_m) - turn @ centre * self.px_m
+        linear = turn * self.px_m
+        self.inverse = np.column_stack([linear, np.array(self.middle_m) - linear @ centre])
         half = 0.5 * self.foam.length_m + 0.06
         self.y_m = np.arange(-half, half, _STEP_M)
         self._front0 = np.full(self.y_m.size, self.foam.width_m)
@@ -135,7 +134,7 @@ class World:
 
     def _textures(self) -> None:
         """Relative brightness of each surface, mean 1, texel as large as a pixel; specks and scratches."""
-        rng, shape = self.rng, (256, 2048)
+        rng, shape = self.rng, (256, 1024)
         contrast = {
             BASE: (0.0, 0.06),
             FOAM: (0.01, 0.06),
@@ -164,7 +163,15 @@ class World:
         """Fixed light of the scene and dirt of the lens, (rows, columns, 1)."""
         u, v = np.meshgrid(np.linspace(-1, 1, self.columns), np.linspace(-1, 1, self.rows))
         a, b, c = self.rng.uniform(-0.15, 0.15, 3)
-        self.light = (1 + a * u + 0.5 * b * v - 0.5 * abs(c) * u**2)[..., None].astype(np.float32)
+        light = 1 + a * u + 0.5 * b * v - 0.5 * abs(c) * u**2
+        for _ in range(int(self.rng.integers(1, 6)) * (self.rng.random() < 0.4)):
+            at = self.rng.uniform([0, 0], [self.columns, self.rows])
+            pu, pv = (u + 1) * 0.5 * self.columns - at[0], (v + 1) * 0.5 * self.rows - at[1]
+            radius = self.rng.uniform(3, 15)
+            light *= 1 - self.rng.uniform(0.02, 0.12) / (
+                1 + np.exp(np.minimum((np.hypot(pu, pv) - radius) / 2.0, 50.0))
+            )
+        self.light = light[..., None].astype(np.float32)
 
     # -- what the user knows ------------------------------------------------------------------------------
 
@@ -267,6 +274,6 @@ class World:
 def _noise(shape: tuple[int, int], sigma: float, rng: np.random.Generator) -> np.ndarray:
     """Random field of unit variance with grains of ``sigma`` texels."""
     pad = int(4 * sigma) + 1
-    wide = np.pad(rng.standard_normal(shape), pad, mode="wrap")
+    wide = np.pad(rng.standard_normal(shape, dtype=np.float32), pad, mode="wrap")
     grains = cv2.GaussianBlur(wide, (0, 0), sigma)[pad:-pad, pad:-pad]
     return grains / grains.std()
