@@ -1,0 +1,394 @@
+"""The best plan of a small scene: best-first search over (robot, places of the bodies), then string pulling.
+
+The costs are those of the public description: driving at the inverse speed of Eq. (4.1), a push costs the setup
+and its length at ``v_push_m_s`` (bodies here need less than half of the robot's force, and their tags hold no risk),
+and begins and ends ``STAND_OFF`` cells off the body. Pushes are straight, through the centroid, from a contact whose
+normal is within 8 degrees of the push, by whole steps, orientation kept. Drives between pushes are Dijkstra's on
+nodes of ``step_m`` with 16 neighbours, and the best sequences are string-pulled on exact distances at the end.
+Nothing is pruned but by bounds that never exceed the true cost: where the queue runs empty, or its next bound is
+above the best plan, the sequence is optimal among those. With ``weight`` > 1 it is a solver, and no oracle.
+"""
+
+from __future__ import annotations
+
+import heapq
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+from shapely.affinity import translate
+
+from .maps import Robot, World
+from .plan_checks import Floor, cost_s_per_m, drive_seconds, swept
+
+__all__ = ["Answer", "Push", "contacts", "push_seconds", "solve"]
+
+#: The robot stands off by so many cells of the map before and after a push.
+STAND_OFF = 0.6
+TILT_RAD = np.deg2rad(8.0)
+MAX_PUSH_M = 2.0
+#: Sequences whose grid cost is within this of the best one are string-pulled, too.
+KEEP, POLISHED = 1.04, 6
+_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
+
+
+@dataclass(frozen=True, slots=True)
+class Push:
+    """One push: which body, where the robot's centre is at first contact, how far."""
+
+    body: str
+    shift_m: tuple[float, float]
+    touch_m: tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What was found."""
+
+    cost_s: float  #: with string-pulled drives; infinite where there is none
+    pushes: tuple[Push, ...]
+    finished: bool  #: whether the queue ended, and not the budget
+    expanded: int
+    drives: tuple[np.ndarray, ...] = ()  #: paths of the robot before, between and after the pushes
+
+
+def push_seconds(length_m: float, robot: Robot) -> float:
+    """Setup and length by speed: what a light body costs that was pushed before and never failed."""
+    return robot.setup_time_s + length_m / robot.v_push_m_s
+
+
+def contacts(outline_m: np.ndarray, radius_m: float) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Directions of stable straight pushes and the robot's centre at contact, from the body's centroid.
+
+    Candidates are the inward normals of the hull's sides and, of round outlines, sixteen directions.
+    """
+    shape = shapely.Polygon(outline_m)
+    centre = np.array([shape.centroid.x, shape.centroid.y])
+    shape = translate(shape, *-centre)
+    hull = np.array(shapely.geometry.polygon.orient(shape.convex_hull).exterior.coords)
+    sides = np.diff(hull, axis=0)
+    angles = list(np.arctan2(sides[:, 0], -sides[:, 1]))
+    round_outline = len(sides) >= 12
+    if round_outline:
+        angles = list(np.arange(16) * np.pi / 8)
+    found: list[tuple[np.ndarray, np.ndarray]] = []
+    for angle in angles:
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        if any(float(direction @ other) > np.cos(np.deg2rad(1.0)) for other, _ in found):
+            continue
+        far = 3.0 * float(np.hypot(*hull.T).max()) + 3.0 * radius_m
+        while (gap := shape.distance(shapely.Point(*(-far * direction))) - radius_m) > 1e-7 and far > 0:
+            far -= gap
+        if far <= 0:
+            continue
+        robot = -far * direction
+        line = shapely.shortest_line(shape, shapely.Point(*robot))
+        contact = np.array(line.coords[0])
+        normal = (contact - robot) / np.hypot(*(contact - robot))
+        if float(normal @ direction) < np.cos(TILT_RAD):
+            continue
+        corner = float(np.hypot(*(hull - contact).T).min())
+        if not round_outline and corner < 0.1 * float(np.hypot(*sides.T).min()):
+            continue  # at its tip, a body turns away
+        found.append((direction, robot))
+    return found
+
+
+class _Grid:
+    """Nodes for the robot's centre and the cost of driving between them."""
+
+    def __init__(self, world: World, step_m: float, walls: Floor) -> None:
+        self.step_m, self.robot = step_m, world.robot
+        self.shape = (round(world.size_m[1] / step_m), round(world.size_m[0] / step_m))
+        rows, columns = np.mgrid[0 : self.shape[0], 0 : self.shape[1]]
+        self.points = (np.column_stack([columns.ravel(), rows.ravel()]) + 0.5) * step_m
+        self.clearance = walls.distance_m(self.points)
+        index = np.arange(len(self.points)).reshape(self.shape)
+        one, two, length = [], [], []
+        for dy, dx in _STEPS:
+            a = index[: self.shape[0] - dy, max(0, -dx) : self.shape[1] - max(0, dx)]
+            b = index[dy:, max(0, dx) : self.shape[1] - max(0, -dx)]
+            one.append(a.ravel())
+            two.append(b.ravel())
+            length.append(np.full(a.size, step_m * np.hypot(dy, dx)))
+        free = self.clearance >= self.robot.radius_m
+        self.one, self.two = np.concatenate(one), np.concatenate(two)
+        keep = free[self.one] & free[self.two]
+        self.one, self.two, self.length = self.one[keep], self.two[keep], np.concatenate(length)[keep]
+
+    def clearance_with(self, bodies: list[shapely.Polygon]) -> np.ndarray:
+        """Distance to walls and bodies at every node."""
+        layer = self.clearance.copy()
+        reach = 3.0 * self.robot.radius_m
+        for body in bodies:
+            x0, y0, x1, y1 = body.bounds
+            near = (
+                (self.points[:, 0] > x0 - reach)
+                & (self.points[:, 0] < x1 + reach)
+                & (self.points[:, 1] > y0 - reach)
+                & (self.points[:, 1] < y1 + reach)
+            )
+            layer[near] = np.minimum(layer[near], shapely.distance(body, shapely.points(self.points[near])))
+        return layer
+
+    def field(self, clearance: np.ndarray, at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Seconds from a point to every node, and the node before each."""
+        cost = cost_s_per_m(clearance, self.robot)
+        open_ = clearance >= self.robot.radius_m - 1e-9
+        keep = open_[self.one] & open_[self.two]
+        one, two = self.one[keep], self.two[keep]
+        weight = self.length[keep] * 0.5 * (cost[one] + cost[two])
+        near, seconds = self.near(clearance, at_m)
+        n = len(self.points)
+        rows = np.concatenate([one, two, np.full(len(near), n)])
+        columns = np.concatenate([two, one, near])
+        graph = csr_matrix(
+            (np.concatenate([weight, weight, np.maximum(seconds, 1e-9)]), (rows, columns)), (n + 1, n + 1)
+        )
+        found, before = dijkstra(graph, indices=n, return_predecessors=True)
+        return found, before
+
+    def near(self, clearance: np.ndarray, at_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes within 1.6 steps of a point that a robot may be at, and the seconds to them."""
+        step = self.step_m
+        column, row = np.floor(at_m / step).astype(int)
+        rows = np.arange(max(0, row - 2), min(self.shape[0], row + 3))
+        columns = np.arange(max(0, column - 2), min(self.shape[1], column + 3))
+        nodes = (rows[:, None] * self.shape[1] + columns).ravel()
+        far = np.hypot(*(self.points[nodes] - at_m).T)
+        keep = (far < 1.6 * step) & (clearance[nodes] >= self.robot.radius_m - 1e-9)
+        nodes, far = nodes[keep], far[keep]
+        return nodes, far * cost_s_per_m(clearance[nodes], self.robot)
+
+
+@dataclass(order=True)
+class _State:
+    bound_s: float
+    spent_s: float
+    number: int
+    at_m: np.ndarray = field(compare=False)
+    shifts: dict[str, tuple[float, float]] = field(compare=False)
+    pushes: tuple[Push, ...] = field(compare=False)
+
+
+class _Search:
+    def __init__(self, world: World, cell_m: float, step_m: float, walls: Floor) -> None:
+        self.world, self.stand_off_m, self.step_m, self.walls = world, STAND_OFF * cell_m, step_m, walls
+        self.movable = {body.id: body for body in world.bodies if not body.fixed}
+        fixed = {body.id: body.polygon for body in world.bodies if body.fixed}
+        self.static = Floor([*walls.solid, *fixed.values()], {})
+        self.grid = _Grid(world, step_m, self.static)
+        self.contacts = {
+            name: contacts(body.outline_m, world.robot.radius_m) for name, body in self.movable.items()
+        }
+        self.goal = np.asarray(world.goal_m, dtype=float)
+        self.rest, _ = self.grid.field(self.grid.clearance, self.goal)
+
+    def body_at(self, name: str, shifts: dict[str, tuple[float, float]]) -> shapely.Polygon:
+        return translate(self.movable[name].polygon, *shifts.get(name, (0.0, 0.0)))
+
+    def bound(self, at_m: np.ndarray) -> float:
+        """Seconds to the goal without any body: no plan is cheaper."""
+        near, seconds = self.grid.near(self.grid.clearance, at_m)
+        if not len(near):
+            return float("inf")
+        # The nodes are not the floor: a node may be up to its own distance nearer to the goal.
+        return float(np.max(self.rest[near] - seconds, initial=0.0))
+
+    def pushes_from(self, state: _State, field_s: np.ndarray, layer: np.ndarray) -> list[_State]:
+        found: list[_State] = []
+        robot = self.world.robot
+        for name in self.movable:
+            here = self.body_at(name, state.shifts)
+            others = {o: self.body_at(o, state.shifts) for o in self.movable if o != name}
+            floor = Floor(self.static.solid, others)
+            centre = np.array([here.centroid.x, here.centroid.y])
+            for direction, offset in self.contacts[name]:
+                touch = centre + offset
+                stand = touch - self.stand_off_m * direction
+                near, seconds = self.grid.near(layer, stand)
+                if not len(near):
+                    continue
+                reach_s = float((field_s[near] + seconds).min())
+                if not np.isfinite(reach_s):
+                    continue
+                found += self._along(state, name, floor, here, direction, touch, reach_s)
+        return found
+
+    def _along(
+        self,
+        state: _State,
+        name: str,
+        floor: Floor,
+        here: shapely.Polygon,
+        direction: np.ndarray,
+        touch: np.ndarray,
+        reach_s: float,
+    ) -> list[_State]:
+        """A push in one direction, by one step, two, ... until something is in the way."""
+        found: list[_State] = []
+        robot, done = self.world.robot, state.shifts.get(name, (0.0, 0.0))
+        back = touch - self.stand_off_m * direction
+        for count in range(1, int(MAX_PUSH_M / self.step_m + 1e-9) + 1):
+            shift, before = count * self.step_m * direction, (count - 1) * self.step_m * direction
+            piece = swept(translate(here, *before), self.step_m * direction).buffer(-1e-4)
+            if floor.gap_m(piece)[0] <= 0.0:
+                break
+            start = back if count == 1 else touch + before
+            if floor.gap_m(shapely.LineString([start, touch + shift]))[0] < robot.radius_m - 1e-9:
+                break
+            spent_s = state.spent_s + reach_s + push_seconds(count * self.step_m, robot)
+            at = touch + shift - self.stand_off_m * direction
+            total = (round(done[0] + shift[0], 6), round(done[1] + shift[1], 6))
+            push = Push(name, (float(shift[0]), float(shift[1])), (float(touch[0]), float(touch[1])))
+            shifts = {**state.shifts, name: total}
+            found.append(_State(0.0, spent_s, 0, at, shifts, (*state.pushes, push)))
+        return found
+
+
+def solve(
+    world: World,
+    cell_m: float,
+    *,
+    step_m: float = 0.05,
+    max_expansions: int = 2000,
+    weight: float = 1.0,
+    walls: Floor | None = None,
+) -> Answer:
+    """The cheapest plan of a world, as defined above.
+
+    Parameters
+    ----------
+    cell_m
+        Cell size of the map that the planner has: pushes begin and end 0.6 of it off the body.
+    step_m
+        Distance of the nodes, and unit of the push lengths.
+    weight
+        Of the bound; above 1 the first plan is taken.
+    walls
+        What is solid where that is not the world's walls, e.g. the squares of a real map.
+    """
+    search = _Search(world, cell_m, step_m, walls or Floor(world.walls, {}))
+    start = np.asarray(world.start_m, dtype=float)
+    queue = [_State(weight * search.bound(start), 0.0, 0, start, {}, ())]
+    best = float("inf")
+    complete: list[tuple[float, tuple[Push, ...]]] = []
+    fields: dict[tuple[tuple[str, tuple[float, float]], ...], list[tuple[float, np.ndarray]]] = {}
+    number = expanded = 0
+    while queue and expanded < max_expansions:
+        state = heapq.heappop(queue)
+        if state.bound_s > KEEP * best or (weight > 1 and complete):
+            break
+        bodies = [search.body_at(name, state.shifts) for name in search.movable]
+        layer = search.grid.clearance_with(bodies)
+        key = tuple(sorted(state.shifts.items()))
+        near, seconds = search.grid.near(layer, state.at_m)
+        if any(
+            len(near) and spent + float((f[near] + seconds).min()) <= state.spent_s + 1e-9
+            for spent, f in fields.get(key, ())
+        ):
+            continue  # somebody stood there before with the same bodies, and earlier
+        expanded += 1
+        field_s, _ = search.grid.field(layer, state.at_m)
+        fields.setdefault(key, []).append((state.spent_s, field_s))
+        ends, end_s = search.grid.near(layer, search.goal)
+        if len(ends) and np.isfinite(total := state.spent_s + float((field_s[ends] + end_s).min())):
+            best = min(best, total)
+            complete.append((total, state.pushes))
+        for child in search.pushes_from(state, field_s, layer):
+            bound = search.bound(child.at_m)
+            if child.spent_s + bound > KEEP * best:
+                continue
+            number += 1
+            child.bound_s, child.number = child.spent_s + weight * bound, number
+            heapq.heappush(queue, child)
+    finished = not queue or queue[0].bound_s > KEEP * best
+    if not complete:
+        return Answer(float("inf"), (), finished and expanded < max_expansions, expanded)
+    kept = sorted(complete, key=lambda item: item[0])[:POLISHED]
+    pulled = [_pulled(search, pushes) for cost, pushes in kept if cost <= KEEP * best]
+    cost_s, pushes, drives = min(pulled, key=lambda item: item[0])
+    return Answer(cost_s, pushes, finished, expanded, drives)
+
+
+def _pulled(
+    search: _Search, pushes: tuple[Push, ...]
+) -> tuple[float, tuple[Push, ...], tuple[np.ndarray, ...]]:
+    """Cost of a sequence with its drives string-pulled on exact distances."""
+    at, shifts = np.asarray(search.world.start_m, dtype=float), {}
+    total, drives, robot = 0.0, [], search.world.robot
+    for push in (*pushes, None):
+        end = search.goal
+        if push is not None:
+            direction = np.array(push.shift_m) / np.hypot(*push.shift_m)
+            end = np.array(push.touch_m) - search.stand_off_m * direction
+        bodies = {name: search.body_at(name, shifts) for name in search.movable}
+        floor = Floor(search.static.solid, bodies)
+        path = _path(search.grid, search.grid.clearance_with(list(bodies.values())), at, end)
+        path = _string(floor, path, robot)
+        drives.append(path)
+        total += drive_seconds(floor, path, robot)
+        if push is not None:
+            total += push_seconds(float(np.hypot(*push.shift_m)), robot)
+            old = shifts.get(push.body, (0.0, 0.0))
+            shifts = {
+                **shifts,
+                push.body: (round(old[0] + push.shift_m[0], 6), round(old[1] + push.shift_m[1], 6)),
+            }
+            at = end + np.array(push.shift_m)
+    return total, pushes, tuple(drives)
+
+
+def _path(grid: _Grid, layer: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """The path over the nodes."""
+    seconds, before = grid.field(layer, start)
+    near, more = grid.near(layer, end)
+    node = int(near[int((seconds[near] + more).argmin())])
+    points = [end]
+    while node < len(grid.points):
+        points.append(grid.points[node])
+        node = int(before[node])
+    return np.array([*points, start])[::-1]
+
+
+def _string(floor: Floor, path: np.ndarray, robot: Robot, rounds: int = 4) -> np.ndarray:
+    """Best subsequence of the path's points under straight chords, repeated on points between its corners."""
+    best = drive_seconds(floor, path, robot)
+    for _ in range(rounds):
+        cost, came = np.full(len(path), np.inf), np.zeros(len(path), dtype=int)
+        cost[0] = 0.0
+        for i in range(len(path) - 1):
+            chords = _chords(floor, path[i], path[i + 1 :], robot) + cost[i]
+            better = chords < cost[i + 1 :]
+            cost[i + 1 :][better] = chords[better]
+            came[i + 1 :][better] = i
+        if not cost[-1] < best * (1.0 - 1e-4):
+            break
+        best, kept = float(cost[-1]), [len(path) - 1]
+        while kept[-1]:
+            kept.append(int(came[kept[-1]]))
+        path = _between(path[kept[::-1]], 48)
+    return path
+
+
+def _chords(floor: Floor, start: np.ndarray, ends: np.ndarray, robot: Robot) -> np.ndarray:
+    """Seconds of straight drives from a point to several; infinite where the robot does not fit."""
+    lengths = np.hypot(*(ends - start).T)
+    count = np.maximum(2, np.ceil(lengths / 0.02).astype(int) + 1)
+    part = np.concatenate([np.linspace(0, 1, n) for n in count])
+    of = np.repeat(np.arange(len(ends)), count)
+    distance = floor.distance_m(start + part[:, None] * (ends - start)[of])
+    value = cost_s_per_m(distance, robot)
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
+    sums = np.add.reduceat(value, first) - 0.5 * (value[first] + value[first + count - 1])
+    seconds = np.where(lengths > 0, sums * lengths / (count - 1), 0.0)
+    return np.where(np.minimum.reduceat(distance, first) >= robot.radius_m - 1e-6, seconds, np.inf)
+
+
+def _between(path: np.ndarray, count: int) -> np.ndarray:
+    """The corners of a path and points between them."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    places = np.union1d(along, np.linspace(0.0, along[-1], count))
+    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
