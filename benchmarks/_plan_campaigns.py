@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from tests.worlds.floor_scenes import campus, closed_room, doors_in_series, idle_objects, random_rooms
-from tests.worlds.maps import World, raster
-from tests.worlds.plan_checks import Floor, check_plan, drive_seconds
+from tests.worlds.maps import raster
+from tests.worlds.plan_checks import Floor
 
-from ._plan_child import Planner, described, described_cells
+from ._plan_child import Planner, described_cells
+from ._plan_judge import FAULT_M, Row, Rows, answer_of, asked, faults_row, quantile
+from ._plan_physics import oracle, oracle_table, push_ends, push_ends_table, room, room_keys, rooms_table
 from .nav_doors import data_folder
 
-__all__ = ["CAMPAIGNS", "Campaign", "answer_of", "judged"]
+__all__ = ["CAMPAIGNS", "Campaign"]
 
-Row = dict[str, Any]
-Rows = dict[str, Row]
-
-#: Deeper than this a fault is one: what rounding and the written micrometres can't explain [m].
-FAULT_M = 1e-3
 CELLS_M = (0.1, 0.05, 0.02, 0.01)
 
 
@@ -33,69 +29,6 @@ class Campaign:
     table: Callable[[Rows], list[Row]]
 
 
-def answer_of(reply: dict[str, Any]) -> str:
-    """One word for an answer: plan, proved, not proved, or why there is none (time, memory, an error)."""
-    plan = reply.get("plan")
-    if plan is None:
-        return str(reply["status"])
-    if plan["reachable"]:
-        return "plan"
-    return "proved" if plan.get("proved") else "not proved"
-
-
-def judged(world: World, resolution_m: float, reply: dict[str, Any]) -> Row:
-    """The answer in short; a plan is played in polygons and its driving priced on exact distances."""
-    row: Row = {"answer": answer_of(reply)}
-    row |= {name: reply[name] for name in ("cpu_s", "wall_s", "peak_MB", "message") if name in reply}
-    if row["answer"] != "plan":
-        return row
-    tasks = reply["plan"]["tasks"]
-    cells = raster(world, resolution_m, bodies=False)
-    bodies = {body.id: body.polygon for body in world.bodies}
-    floor = Floor.of_cells(cells, resolution_m, bodies)
-    faults = check_plan(floor, tasks, world.robot, world.start_m, world.goal_m)
-    return row | {
-        "cost_s": reply["plan"]["cost_s"],
-        "pushes": sum(task["kind"] == "push" for task in tasks),
-        "fault_m": max((fault.depth_m for fault in faults), default=0.0),
-        "fault": next((fault.what for fault in faults if fault.depth_m > FAULT_M), ""),
-        "true_cost_s": _true_cost(Floor.of_cells(cells, resolution_m, bodies), tasks, world),
-    }
-
-
-def _true_cost(floor: Floor, tasks: list[Row], world: World) -> float:
-    """Seconds of a plan with its drives priced on exact distances; pushes as they were declared."""
-    from shapely.affinity import translate
-
-    total = 0.0
-    for task in tasks:
-        if task["kind"] == "navigate":
-            total += drive_seconds(floor, np.array(task["path_m"]), world.robot)
-            continue
-        total += task["cost_s"]
-        if task["kind"] == "push":
-            body = floor.bodies[task["object"]]
-            floor.bodies[task["object"]] = translate(body, *task["displacement_m"])
-    return round(total, 4)
-
-
-def _ask(planner: Planner, world: World, cell_m: float, **options: Any) -> Row:
-    reply = planner.ask({"do": "plan", "problem": described(world, cell_m), **options})
-    return judged(world, cell_m, reply)
-
-
-def _quantile(values: Iterable[float], part: float) -> float | None:
-    values = sorted(values)  # an unanswered call is infinitely slow: no interpolation
-    return float(values[min(int(part * len(values)), len(values) - 1)]) if values else None
-
-
-def _faults_row(name: str, plans: list[Row]) -> Row:
-    bad = [plan for plan in plans if plan.get("fault_m", 0.0) > FAULT_M]
-    note = f"{len(bad)} of {len(plans)}; {bad[0]['fault']}" if bad else f"of {len(plans)}"
-    worst = max((plan.get("fault_m", 0.0) for plan in plans), default=0.0)
-    return {"name": f"{name}: deepest fault", "ours": 1e3 * worst, "unit": "mm", "floor": 1.0, "note": note}
-
-
 # -- resolution ----------------------------------------------------------------------------------------------------
 
 
@@ -106,9 +39,9 @@ def _resolution_keys(seeds: list[int]) -> list[str]:
 def _resolution(planner: Planner, key: str) -> Row:
     if key == "two doors":
         world = doors_in_series(0, 2)
-        return {str(cell): _ask(planner, world, cell, repeats=3) for cell in CELLS_M}
+        return {str(cell): asked(planner, world, cell, repeats=3) for cell in CELLS_M}
     world = random_rooms(int(key.split()[1]))
-    return {str(cell): _ask(planner, world, cell) for cell in CELLS_M[:3]}
+    return {str(cell): asked(planner, world, cell) for cell in CELLS_M[:3]}
 
 
 def _resolution_table(rows: Rows) -> list[Row]:
@@ -154,7 +87,7 @@ def _resolution_table(rows: Rows) -> list[Row]:
     table.append(
         {"name": "finer map, no plan where the coarse one has one", "ours": lost, "unit": "", "floor": 0}
     )
-    table.append(_faults_row("resolution", [one for row in rows.values() for one in row.values()]))
+    table.append(faults_row("resolution", [one for row in rows.values() for one in row.values()]))
     return table
 
 
@@ -162,7 +95,9 @@ def _resolution_table(rows: Rows) -> list[Row]:
 
 
 def _idle(planner: Planner, key: str) -> Row:
-    return {str(count): _ask(planner, idle_objects(int(key), count), 0.05, repeats=3) for count in (0, 8, 20)}
+    return {
+        str(count): asked(planner, idle_objects(int(key), count), 0.05, repeats=3) for count in (0, 8, 20)
+    }
 
 
 def _idle_table(rows: Rows) -> list[Row]:
@@ -174,14 +109,14 @@ def _idle_table(rows: Rows) -> list[Row]:
         table.append(
             {
                 "name": f"{count} idle objects, median",
-                "ours": _quantile(times, 0.5),
+                "ours": quantile(times, 0.5),
                 "unit": "ms",
                 "floor": 100,
                 "aim": 60,
                 "note": note,
             }
         )
-    table.append(_faults_row("idle", [one for row in rows.values() for one in row.values()]))
+    table.append(faults_row("idle", [one for row in rows.values() for one in row.values()]))
     return table
 
 
@@ -195,7 +130,7 @@ def _no_plan(planner: Planner, key: str) -> Row:
     truth = impossible(world)
     if truth is not True:
         return {"truth": truth, "answer": "left out"}
-    return {"truth": True, "bodies": len(world.bodies), **_ask(planner, world, 0.05)}
+    return {"truth": True, "bodies": len(world.bodies), **asked(planner, world, 0.05)}
 
 
 def _no_plan_table(rows: Rows) -> list[Row]:
@@ -221,7 +156,7 @@ def _no_plan_table(rows: Rows) -> list[Row]:
         },
         {
             "name": "no plan: time of the proofs, p90",
-            "ours": _quantile(times, 0.9),
+            "ours": quantile(times, 0.9),
             "unit": "s",
             "floor": 2,
             "aim": 1,
@@ -234,7 +169,7 @@ def _no_plan_table(rows: Rows) -> list[Row]:
 
 def _campus(planner: Planner, key: str) -> Row:
     planner.close()  # a fresh process: its peak of memory is this plan's
-    row = _ask(planner, campus(int(key)), 0.05)
+    row = asked(planner, campus(int(key)), 0.05)
     planner.close()
     return row
 
@@ -246,7 +181,7 @@ def _campus_table(rows: Rows) -> list[Row]:
     return [
         {
             "name": "campus, 4000 x 4000 cells, 200 objects: plan across",
-            "ours": _quantile((p["cpu_s"] for p in done), 0.5),
+            "ours": quantile((p["cpu_s"] for p in done), 0.5),
             "unit": "s",
             "floor": 1,
             "aim": 0.15,
@@ -258,7 +193,7 @@ def _campus_table(rows: Rows) -> list[Row]:
             "unit": "GB",
             "floor": 1,
         },
-        _faults_row("campus", plans),
+        faults_row("campus", plans),
     ]
 
 
@@ -376,7 +311,7 @@ def _scene_table(rows: Rows) -> list[Row]:
         },
         {
             "name": "scenes of others, median",
-            "ours": _quantile(times, 0.5),
+            "ours": quantile(times, 0.5),
             "unit": "ms",
             "floor": 2000,
             "aim": 200,
@@ -391,6 +326,9 @@ def _seeded(seeds: list[int]) -> list[str]:
 CAMPAIGNS: dict[str, Campaign] = {
     "resolution": Campaign(_resolution_keys, _resolution, _resolution_table),
     "idle": Campaign(_seeded, _idle, _idle_table),
+    "rooms": Campaign(room_keys, room, rooms_table),
+    "oracle": Campaign(_seeded, oracle, oracle_table),
+    "push_ends": Campaign(_seeded, push_ends, push_ends_table),
     "no_plan": Campaign(_seeded, _no_plan, _no_plan_table),
     "campus": Campaign(lambda seeds: _seeded(seeds[:2]), _campus, _campus_table),
     "route_edges": Campaign(_route_keys, _route, _route_table),

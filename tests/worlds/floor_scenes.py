@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import shapely
 
 from .maps import Body, Robot, World, at, bar, box, disc, ell, place_bodies, walled
 
 __all__ = [
-    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "random_rooms", "six_boxes",
+    "blind_corridor", "campus", "closed_room", "doors_in_series", "idle_objects", "off_centre", "random_body", "random_rooms", "six_boxes",
     "small_room",
 ]  # fmt: skip
 
@@ -82,9 +84,9 @@ def idle_objects(seed: int, count: int) -> World:
 def blind_corridor(seed: int = 0, others: int = 1) -> World:
     """A goal at the end of a blind corridor behind a box that fills it, and bodies elsewhere: no plan exists."""
     rng = _rng(3, seed)
-    walls = [*walled(6.0, 4.0), bar(3.0, 0.1, 5.9, 1.6), bar(3.0, 2.4, 5.9, 3.9)]
+    walls = [*walled(6.0, 4.0), bar(3.0, 0.1, 5.9, 1.62), bar(3.0, 2.38, 5.9, 3.9)]
     x = 3.6 if seed == 0 else _cm(rng.uniform(3.4, 4.4))
-    bodies = [Body("plug", at(box(0.5, 0.5), x, 2.0))]
+    bodies = [Body("plug", at(box(0.58, 0.58), x, 2.0))]
     shapes = [_shape(rng, 0.25, 0.4) for _ in range(others)]
     placed = place_bodies(rng, shapes, [(0.4, 0.4, 2.4, 3.6)] * others, walls, [(0.7, 2.0)])
     for index, (outline, round_m) in enumerate(placed or ()):
@@ -125,6 +127,13 @@ def _body(name: str, outline: np.ndarray, round_m: float, rng: np.random.Generat
     """Friction of 2 to 9 N: pushed at full speed by a robot of 20 N."""
     force_N = float(rng.uniform(2.0, 9.0))
     return Body(name, outline, round(force_N / (9.81 * 0.3), 4), 0.3, round_m=round_m)
+
+
+def random_body(name: str, rng: np.random.Generator) -> Body:
+    """A body of 0.2 to 0.55 m about the origin, the mass a centimetre or two off."""
+    outline, round_m = _shape(rng, 0.2, 0.55)
+    offset = rng.normal(0.0, 0.015, 2)
+    return replace(_body(name, outline, round_m, rng), centre_offset_m=(float(offset[0]), float(offset[1])))
 
 
 def random_rooms(seed: int, objects: int | None = None) -> World:
@@ -208,7 +217,9 @@ def small_room(seed: int) -> World:
         shapes, where = [], []
         for index in range(1 + int(rng.random() < 0.5)):
             side = round(float(rng.uniform(0.25, 0.4)), 2)
-            shapes.append((box(side, side), 0.0) if rng.random() < 0.7 else (disc(side / 2), side / 2))
+            shapes.append(
+                (box(side, side), 0.0) if index or rng.random() < 0.7 else (disc(side / 2), side / 2)
+            )
             y = middles[index % len(middles)]
             near = 0.1 if index < len(middles) else 0.5
             where.append((wall + 0.05 - near, y - 0.05, wall + 0.05 + near, y + 0.05))
@@ -217,6 +228,24 @@ def small_room(seed: int) -> World:
             break
     bodies = tuple(_body(f"body{i}", outline, r, rng) for i, (outline, r) in enumerate(placed))
     return World(f"small room {seed}", (4.0, 3.0), tuple(walls), bodies, start, goal)
+
+
+def off_centre(seed: int) -> World:
+    """Two rooms, and in the only door a body whose mass is about a centimetre off its centroid."""
+    rng = _rng(9, seed)
+    walls = [*walled(7.0, 4.0), *_wall_with_doors(3.4, 4.0, [(2.0, 1.0)])]
+    turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
+    outline, round_m = _shape(rng, 0.3, 0.45)
+    outline = at(outline @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 3.5, 2.0)
+    offset = rng.normal(0.0, 0.01, 2)
+    body = replace(
+        _body("thing", outline, round_m, rng), centre_offset_m=(float(offset[0]), float(offset[1]))
+    )
+    start, goal = (
+        (_cm(rng.uniform(0.6, 2.4)), _cm(rng.uniform(0.6, 3.4))),
+        (_cm(rng.uniform(5.0, 6.4)), _cm(rng.uniform(0.6, 3.4))),
+    )
+    return World(f"off centre {seed}", (7.0, 4.0), tuple(walls), (body,), start, goal)
 
 
 def closed_room(seed: int) -> World:
@@ -235,7 +264,7 @@ def closed_room(seed: int) -> World:
     others = int(rng.integers(0, 3))
     if kind in (0, 1):
         walls += [bar(2.4, 0.1, 4.9, 1.5 - half), bar(2.4, 1.5 + half, 4.9, 2.9)]
-        radius = round(half - float(rng.uniform(0.06, 0.1)), 2)
+        radius = round(half - float(rng.uniform(0.04, 0.08)), 2)
         for index in range(1 + kind):
             outline = disc(radius) if rng.random() < 0.5 else box(2 * radius, 2 * radius)
             bodies.append(Body(f"plug{index}", at(outline, 2.8 + 0.75 * index, 1.5)))
@@ -248,9 +277,9 @@ def closed_room(seed: int) -> World:
         bodies.append(Body("fixed", at(box(0.46, 0.46), 2.7, 1.5), fixed=True))
         others = min(others, 2)
     else:
-        depth = round(float(rng.uniform(0.5, 0.7)), 2)
+        depth = round(float(rng.uniform(0.62, 0.8)), 2)
         walls += [bar(4.9 - depth, 0.1, 4.9, 1.5 - half), bar(4.9 - depth, 1.5 + half, 4.9, 2.9)]
-        bodies.append(Body("cork", at(box(2 * half - 0.14, 2 * half - 0.14), 5.02 - depth, 1.5)))
+        bodies.append(Body("cork", at(box(2 * half - 0.14, 2 * half - 0.14), 5.12 - depth, 1.5)))
         goal = (4.7, 1.5)
         others = min(others, 2)
     shapes = [_shape(rng, 0.25, 0.4) for _ in range(others)]

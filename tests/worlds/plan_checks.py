@@ -36,9 +36,14 @@ class Fault:
 class Floor:
     """Solid walls and where every body is now."""
 
-    def __init__(self, solid: Sequence[BaseGeometry], bodies: Mapping[str, shapely.Polygon]) -> None:
-        self.solid = [part for shape in solid for part in shapely.get_parts(shape)]
-        self.tree = shapely.STRtree(self.solid)
+    def __init__(
+        self,
+        solid: Sequence[BaseGeometry],
+        bodies: Mapping[str, shapely.Polygon],
+        tree: shapely.STRtree | None = None,
+    ) -> None:
+        self.solid = list(solid)
+        self.tree = tree or shapely.STRtree(self.solid)
         self.bodies = dict(bodies)
 
     @classmethod

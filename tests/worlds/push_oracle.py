@@ -3,7 +3,7 @@
 The costs are those of the public description: driving at the inverse speed of Eq. (4.1), a push costs the setup
 and its length at ``v_push_m_s`` (bodies here need less than half of the robot's force, and their tags hold no risk),
 and begins and ends ``STAND_OFF`` cells off the body. Pushes are straight, through the centroid, from a contact whose
-normal is within 8 degrees of the push, by whole steps, orientation kept. Drives between pushes are Dijkstra's on
+normal is within 8 degrees of the push, by whole double steps, orientation kept. Drives between pushes are Dijkstra's on
 nodes of ``step_m`` with 16 neighbours, and the best sequences are string-pulled on exact distances at the end.
 Nothing is pruned but by bounds that never exceed the true cost: where the queue runs empty, or its next bound is
 above the best plan, the sequence is optimal among those. With ``weight`` > 1 it is a solver, and no oracle.
@@ -21,9 +21,9 @@ from scipy.sparse.csgraph import dijkstra
 from shapely.affinity import translate
 
 from .maps import Robot, World
-from .plan_checks import Floor, cost_s_per_m, drive_seconds, swept
+from .plan_checks import Floor, cost_s_per_m, drive_seconds
 
-__all__ = ["Answer", "Push", "contacts", "push_seconds", "solve"]
+__all__ = ["Answer", "DriveGrid", "Push", "contacts", "grid_path", "push_seconds", "solve", "travel_m"]
 
 #: The robot stands off by so many cells of the map before and after a push.
 STAND_OFF = 0.6
@@ -96,7 +96,7 @@ def contacts(outline_m: np.ndarray, radius_m: float) -> list[tuple[np.ndarray, n
     return found
 
 
-class _Grid:
+class DriveGrid:
     """Nodes for the robot's centre and the cost of driving between them."""
 
     def __init__(self, world: World, step_m: float, walls: Floor) -> None:
@@ -175,11 +175,11 @@ class _State:
 
 class _Search:
     def __init__(self, world: World, cell_m: float, step_m: float, walls: Floor) -> None:
-        self.world, self.stand_off_m, self.step_m, self.walls = world, STAND_OFF * cell_m, step_m, walls
+        self.world, self.stand_off_m, self.push_m = world, STAND_OFF * cell_m, 2 * step_m
         self.movable = {body.id: body for body in world.bodies if not body.fixed}
         fixed = {body.id: body.polygon for body in world.bodies if body.fixed}
         self.static = Floor([*walls.solid, *fixed.values()], {})
-        self.grid = _Grid(world, step_m, self.static)
+        self.grid = DriveGrid(world, step_m, self.static)
         self.contacts = {
             name: contacts(body.outline_m, world.robot.radius_m) for name, body in self.movable.items()
         }
@@ -198,54 +198,78 @@ class _Search:
         return float(np.max(self.rest[near] - seconds, initial=0.0))
 
     def pushes_from(self, state: _State, field_s: np.ndarray, layer: np.ndarray) -> list[_State]:
+        """All pushes that the robot can drive to, by one step, two, ... until something is in the way."""
         found: list[_State] = []
-        robot = self.world.robot
         for name in self.movable:
             here = self.body_at(name, state.shifts)
             others = {o: self.body_at(o, state.shifts) for o in self.movable if o != name}
-            floor = Floor(self.static.solid, others)
             centre = np.array([here.centroid.x, here.centroid.y])
             for direction, offset in self.contacts[name]:
                 touch = centre + offset
-                stand = touch - self.stand_off_m * direction
-                near, seconds = self.grid.near(layer, stand)
-                if not len(near):
-                    continue
-                reach_s = float((field_s[near] + seconds).min())
+                near, seconds = self.grid.near(layer, touch - self.stand_off_m * direction)
+                reach_s = float((field_s[near] + seconds).min(initial=np.inf))
                 if not np.isfinite(reach_s):
                     continue
-                found += self._along(state, name, floor, here, direction, touch, reach_s)
+                length = self.free_m(name, here, others, direction, touch)
+                lengths = self.push_m * np.arange(1, int(length / self.push_m + 1e-9) + 1)
+                found += [self._after(state, name, touch, x * direction, reach_s) for x in lengths]
         return found
 
-    def _along(
+    def free_m(
         self,
-        state: _State,
         name: str,
-        floor: Floor,
         here: shapely.Polygon,
+        others: dict[str, shapely.Polygon],
         direction: np.ndarray,
         touch: np.ndarray,
-        reach_s: float,
-    ) -> list[_State]:
-        """A push in one direction, by one step, two, ... until something is in the way."""
-        found: list[_State] = []
-        robot, done = self.world.robot, state.shifts.get(name, (0.0, 0.0))
-        back = touch - self.stand_off_m * direction
-        for count in range(1, int(MAX_PUSH_M / self.step_m + 1e-9) + 1):
-            shift, before = count * self.step_m * direction, (count - 1) * self.step_m * direction
-            piece = swept(translate(here, *before), self.step_m * direction).buffer(-1e-4)
-            if floor.gap_m(piece)[0] <= 0.0:
-                break
-            start = back if count == 1 else touch + before
-            if floor.gap_m(shapely.LineString([start, touch + shift]))[0] < robot.radius_m - 1e-9:
-                break
-            spent_s = state.spent_s + reach_s + push_seconds(count * self.step_m, robot)
-            at = touch + shift - self.stand_off_m * direction
-            total = (round(done[0] + shift[0], 6), round(done[1] + shift[1], 6))
-            push = Push(name, (float(shift[0]), float(shift[1])), (float(touch[0]), float(touch[1])))
-            shifts = {**state.shifts, name: total}
-            found.append(_State(0.0, spent_s, 0, at, shifts, (*state.pushes, push)))
-        return found
+    ) -> float:
+        """How far a body can be pushed until it, or the robot behind it, meets something."""
+        start = touch - self.stand_off_m * direction
+        along = np.arange(0.0, MAX_PUSH_M + self.stand_off_m, 0.01)
+        clear = Floor(self.static.solid, others, self.static.tree).distance_m(
+            start + along[:, None] * direction
+        )
+        blocked = np.flatnonzero(clear < self.world.robot.radius_m - 1e-6)
+        robot_m = along[blocked[0] - 1] - self.stand_off_m if len(blocked) else MAX_PUSH_M
+        moving = np.array(here.buffer(-1e-4, join_style="mitre").exterior.coords)[:-1]
+        ahead = shapely.box(
+            *np.minimum(here.bounds[:2], np.array(here.bounds[:2]) + MAX_PUSH_M * direction),
+            *np.maximum(here.bounds[2:], np.array(here.bounds[2:]) + MAX_PUSH_M * direction),
+        )
+        shapes = [self.static.solid[i] for i in self.static.tree.query(ahead)] + list(others.values())
+        return min(
+            [
+                robot_m,
+                MAX_PUSH_M,
+                *(travel_m(moving, np.array(p.exterior.coords)[:-1], direction) for p in shapes),
+            ]
+        )
+
+    def _after(
+        self, state: _State, name: str, touch: np.ndarray, shift: np.ndarray, reach_s: float
+    ) -> _State:
+        done = state.shifts.get(name, (0.0, 0.0))
+        spent_s = state.spent_s + reach_s + push_seconds(float(np.hypot(*shift)), self.world.robot)
+        at = touch + shift - self.stand_off_m * shift / np.hypot(*shift)
+        total = (round(done[0] + shift[0], 6), round(done[1] + shift[1], 6))
+        push = Push(name, (float(shift[0]), float(shift[1])), (float(touch[0]), float(touch[1])))
+        return _State(0.0, spent_s, 0, at, {**state.shifts, name: total}, (*state.pushes, push))
+
+
+def travel_m(moving: np.ndarray, fixed: np.ndarray, direction: np.ndarray) -> float:
+    """How far a polygon can be shifted until it meets another one: rays from the corners of each to the sides of the other."""
+
+    def rays(corners: np.ndarray, ring: np.ndarray, along: np.ndarray) -> float:
+        sides = np.roll(ring, -1, axis=0) - ring
+        off = ring[None] - corners[:, None]
+        cross = along[0] * sides[:, 1] - along[1] * sides[:, 0]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            t = (off[..., 0] * sides[:, 1] - off[..., 1] * sides[:, 0]) / cross
+            u = (off[..., 0] * along[1] - off[..., 1] * along[0]) / cross
+        hit = (np.abs(cross) > 1e-12) & (u >= 0) & (u <= 1) & (t >= 0)
+        return float(t[hit].min(initial=np.inf))
+
+    return min(rays(moving, fixed, direction), rays(fixed, moving, -direction))
 
 
 def solve(
@@ -326,7 +350,7 @@ def _pulled(
             end = np.array(push.touch_m) - search.stand_off_m * direction
         bodies = {name: search.body_at(name, shifts) for name in search.movable}
         floor = Floor(search.static.solid, bodies)
-        path = _path(search.grid, search.grid.clearance_with(list(bodies.values())), at, end)
+        path = grid_path(search.grid, search.grid.clearance_with(list(bodies.values())), at, end)
         path = _string(floor, path, robot)
         drives.append(path)
         total += drive_seconds(floor, path, robot)
@@ -341,7 +365,7 @@ def _pulled(
     return total, pushes, tuple(drives)
 
 
-def _path(grid: _Grid, layer: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+def grid_path(grid: DriveGrid, layer: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """The path over the nodes."""
     seconds, before = grid.field(layer, start)
     near, more = grid.near(layer, end)
