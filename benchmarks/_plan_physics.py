@@ -200,7 +200,7 @@ def push_ends_table(rows: Rows) -> list[Row]:
 
 def oracle(planner: Planner, key: str) -> Row:
     """A plan beside the optimum, both priced on exact distances."""
-    world, cell_m = small_room(int(key)), 0.1
+    world, cell_m = small_room(int(key)), 0.05
     best = solve(world, cell_m, max_expansions=400)
     known = {
         "oracle_s": best.cost_s if np.isfinite(best.cost_s) else None,

@@ -216,7 +216,7 @@ def small_room(seed: int) -> World:
         goal = (_cm(rng.uniform(wall + 0.4, 3.6)), _cm(rng.uniform(0.4, 2.6)))
         shapes, where = [], []
         for index in range(1 + int(rng.random() < 0.5)):
-            side = round(float(rng.uniform(0.25, 0.4)), 2)
+            side = round(float(rng.uniform(0.32, 0.45)), 2)
             shapes.append(
                 (box(side, side), 0.0) if index or rng.random() < 0.7 else (disc(side / 2), side / 2)
             )

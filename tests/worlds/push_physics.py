@@ -8,6 +8,7 @@ planner expects: ``drive`` says whether the end of the path was reached, and ``b
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import mujoco
 import numpy as np
@@ -169,7 +170,7 @@ def _body(body: Body) -> str:
         shell = "".join(
             f'<geom type="capsule" fromto="{a[0]:.6f} {a[1]:.6f} {h} {b[0]:.6f} {b[1]:.6f} {h}" size="{EDGE_M}" '
             f'mass="0" contype="2" conaffinity="2" friction="{WALL_FRICTION} 0 0" solref="0.008 1"/>'
-            for a, b in zip(ring[:-1], ring[1:], strict=True)
+            for a, b in pairwise(ring)
         )
         feet = np.array(shapely.Polygon(outline).buffer(-INSET_M, join_style="mitre").exterior.coords)[:-1]
     feet_text = "".join(

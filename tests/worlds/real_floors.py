@@ -10,10 +10,10 @@ import numpy as np
 import shapely
 import yaml
 
+from .drive_grid import DriveGrid, grid_path
 from .floor_scenes import random_body
 from .maps import Body, World
 from .plan_checks import Floor
-from .push_oracle import DriveGrid, grid_path
 
 __all__ = ["load", "names", "real_scene"]
 
@@ -29,7 +29,7 @@ MAPS: dict[str, float | None] = {
     "intel_lab/intel.yaml": None,
     "nav2/depot.yaml": None,
     "strands_tsc_y4/tsc_1701.yaml": None,
-    "strands_umic/UMIC_first_floor.yaml": None,
+    "strands_umic/UMIC_first_floor.pgm": 0.02,
     "tuw_freihaus_eg/map.yaml": None,
     "ut_gdc_1/1.yaml": None,
     "ut_gdc_3/3.yaml": None,
