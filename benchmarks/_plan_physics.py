@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from tests.worlds.floor_scenes import off_centre, random_rooms, small_room
+from tests.worlds.floor_scenes import off_centre, small_room
 from tests.worlds.maps import World
 from tests.worlds.push_oracle import solve
 from tests.worlds.push_physics import FloorPhysics
-from tests.worlds.real_floors import real_scene
+from tests.worlds.real_floors import real_scene, room_scene
 
 from ._plan_child import Planner, described
 from ._plan_judge import Row, Rows, answer_of, asked, faults_row, quantile
@@ -83,7 +83,7 @@ def room_keys(seeds: list[int]) -> list[str]:
 def room(planner: Planner, key: str) -> Row:
     """One scene in physics."""
     kind, seed = key.split()
-    world = real_scene(data_folder(), int(seed)) if kind == "real" else random_rooms(int(seed))
+    world = real_scene(data_folder(), int(seed)) if kind == "real" else room_scene(int(seed))
     cell_m = float(world.notes.get("cell_m", 0.05))
     row = {"bodies": len(world.bodies), **execute(planner, world, cell_m)}
     if not row["reached"]:

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 from .maps import Robot, World
 from .plan_checks import Floor, cost_s_per_m, drive_seconds
 
-__all__ = ["DriveGrid", "grid_path", "pull_string"]
+__all__ = ["DriveGrid", "blocked", "grid_path", "pull_string"]
 
 _STEPS = ((0, 1), (1, 0), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1))
 
@@ -80,6 +80,15 @@ class DriveGrid:
         keep = (far < 1.6 * step) & (clearance[nodes] >= self.robot.radius_m - 1e-9)
         nodes, far = nodes[keep], far[keep]
         return nodes, far * cost_s_per_m(clearance[nodes], self.robot)
+
+
+def blocked(world: World, step_m: float = 0.05) -> bool:
+    """Whether the goal cannot be driven to over the nodes while all bodies stay where they are."""
+    grid = DriveGrid(world, step_m, Floor(world.walls, {}))
+    layer = grid.clearance_with([body.polygon for body in world.bodies])
+    near, _ = grid.near(layer, np.asarray(world.goal_m, dtype=float))
+    seconds, _ = grid.field(layer, np.asarray(world.start_m, dtype=float))
+    return not np.isfinite(seconds[near]).any()
 
 
 def grid_path(grid: DriveGrid, layer: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:

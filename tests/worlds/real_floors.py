@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 import yaml
 
-from .drive_grid import DriveGrid, grid_path
-from .floor_scenes import random_body
+from .drive_grid import DriveGrid, blocked, grid_path
+from .floor_scenes import random_body, random_rooms
 from .maps import Body, World
 from .plan_checks import Floor
 
-__all__ = ["load", "names", "real_scene"]
+__all__ = ["load", "names", "real_scene", "room_scene"]
 
 #: Maps with rooms and passages: file, and the resolution of those that have no YAML file [m].
 MAPS: dict[str, float | None] = {
@@ -86,15 +86,33 @@ def rectangles(solid: np.ndarray, cell_m: float) -> list[shapely.Polygon]:
     return found
 
 
+#: Of four scenes, so many have no way without a push.
+BLOCKED_OF_4 = 3
+
+
+def room_scene(seed: int) -> World:
+    """Generated rooms, three of four scenes with no way without a push."""
+    needed, count = seed // 4 % 4 < BLOCKED_OF_4, 1 + seed // 4 % 10
+    for attempt in range(1000):
+        world = random_rooms(seed + 1_000_000 * attempt, count)
+        if not needed or blocked(world):
+            return world
+    raise RuntimeError(f"no scene {seed} after 1000 attempts")
+
+
 def real_scene(folder: Path, seed: int) -> World:
-    """A window of a real floor, a drive of 5 m or more, and 1 to 10 bodies on its way and beside it."""
+    """A window of a real floor, a drive of 5 m or more, and 1 to 10 bodies on its way and beside it.
+
+    Three of four scenes have no way without a push.
+    """
+    needed, count = seed // 4 % 4 < BLOCKED_OF_4, 1 + seed // 4 % 10
     rng = np.random.default_rng([20261122, 10, seed])
     there = [name for name in names(folder) if load(folder, name)[1] <= 0.06]
     while True:
         name = there[int(rng.integers(len(there)))]
         cells, cell_m = load(folder, name)
-        world = _window(cells, round(cell_m, 4), rng)
-        if world is not None:
+        world = _window(cells, round(cell_m, 4), count, rng)
+        if world is not None and (not needed or blocked(world)):
             return World(
                 f"{name} {seed}",
                 world.size_m,
@@ -106,7 +124,7 @@ def real_scene(folder: Path, seed: int) -> World:
             )
 
 
-def _window(cells: np.ndarray, cell_m: float, rng: np.random.Generator) -> World | None:
+def _window(cells: np.ndarray, cell_m: float, count: int, rng: np.random.Generator) -> World | None:
     side = min(round(WINDOW_M / cell_m), *cells.shape)
     row, column = (int(rng.integers(0, n - side + 1)) for n in cells.shape)
     solid = cells[row : row + side, column : column + side] != 0
@@ -130,26 +148,26 @@ def _window(cells: np.ndarray, cell_m: float, rng: np.random.Generator) -> World
     path = grid_path(grid, grid.clearance, start, goal)
     if np.hypot(*np.diff(path, axis=0).T).sum() < 5.0:
         return None
-    bodies = _bodies(path, walls, start, goal, rng)
+    bodies = _bodies(path, walls, (start, goal), count, rng)
     ends = [(round(float(p[0]), 4), round(float(p[1]), 4)) for p in (start, goal)]
-    return World("", size, tuple(walls), bodies, *ends) if bodies else None
+    return World("", size, tuple(walls), bodies, *ends) if len(bodies) == count else None
 
 
 def _bodies(
     path: np.ndarray,
     walls: list[shapely.Polygon],
-    start: np.ndarray,
-    goal: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray],
+    count: int,
     rng: np.random.Generator,
 ) -> tuple[Body, ...]:
     """The first in a narrow place of the way, others there or beside it."""
-    floor = Floor(walls, {})
+    floor, (start, goal) = Floor(walls, {}), ends
     inside = path[(np.hypot(*(path - start).T) > 0.9) & (np.hypot(*(path - goal).T) > 0.9)]
     if len(inside) < 5:
         return ()
     narrow = inside[np.argsort(floor.distance_m(inside))[: max(5, len(inside) // 4)]]
     placed: list[Body] = []
-    for number in range(int(rng.integers(1, 11))):
+    for number in range(count):
         for _ in range(60):
             close = not placed or rng.random() < 0.5
             middle = rng.choice(narrow if close else inside) + rng.normal(0, 0.1 if close else 0.6, 2)
