@@ -169,7 +169,7 @@ def test_uvc_driver_fixes_focus_and_exposure() -> None:
     backend.close()
     with pytest.raises(DeviceError, match=r"no mode 320 x 240; it has 640 x 480 @ 30"):
         UvcBackend(uvc, "0", CameraSettings(320, 240)).open()
-    with pytest.raises(DeviceError, match="no camera uvc:nothing; found: uvc:0 'Wide Cam'"):
+    with pytest.raises(DeviceError, match="no camera 'nothing'; found: camera:0 'Wide Cam'"):
         UvcBackend(uvc, "nothing", settings).open()
 
 

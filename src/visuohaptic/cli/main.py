@@ -11,8 +11,8 @@ A verb is a line of ``VERBS`` (what it does) and a module with
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
-Exit codes: 0 done, 2 bad input or usage, 1 internal error, 130 interrupted,
-141 the reader of our output has gone.
+Exit codes: 0 done, 2 bad input or usage, 3 sound input without a solution (no plan), 1 internal error,
+130 interrupted, 141 the reader of our output has gone.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from __future__ import annotations
 import argparse
 import importlib
 import os
+import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import ModuleType
 from typing import NoReturn
 
@@ -37,6 +38,11 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.verbs.system.demo",
         "run the end-to-end demo: a simulated robot looks, touches and remembers",
     ),
+    "start": (
+        "visuohaptic.cli.verbs.system.start",
+        "set up a foam sensor step by step, from a camera to live newtons",
+    ),
+    "cameras": ("visuohaptic.cli.verbs.system.cameras", "list the cameras that are connected"),
     "sense foam": (
         "visuohaptic.cli.verbs.sensing.sense_foam",
         "measure force and shape with a strip of foam that a camera watches",
@@ -197,7 +203,7 @@ options, with every verb:
   -q, --quiet        say nothing but errors
   --version          print the version
 
-example: visuohaptic calibrate foam data.csv --width 0.02 --height 0.01 --out foam.yaml"""
+first: visuohaptic demo --quick, and with a camera of yours: visuohaptic start"""
 
 
 class UsageError(VisuohapticError):
@@ -208,6 +214,9 @@ class _Parser(argparse.ArgumentParser):
     """argparse with one line for an error instead of the whole usage."""
 
     def error(self, message: str) -> NoReturn:
+        unknown = re.search(r"unrecognized arguments: (--?[\w-]+)", message)
+        if unknown and (near := _near(unknown[1], self._option_string_actions)):
+            message += f"; did you mean {near}?"
         raise UsageError(f"{self.prog.partition(' ')[2]}: {message}; see {self.prog} --help")
 
 
@@ -365,10 +374,21 @@ def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:
 
 
 def _unknown(name: str, verbs: Mapping[str, tuple[str, str]]) -> UsageError:
+    # A group alone is a word that people write, too.
+    words = {verb: verb for verb in verbs} | {
+        verb.partition(" ")[0]: verb.partition(" ")[0] for verb in verbs
+    }
+    words |= {verb.replace(" ", "-"): verb for verb in verbs}
+    near = _near(name, words)
+    advice = f"did you mean '{words[near]}'?" if near else "see visuohaptic --help"
+    return UsageError(f"unknown verb '{name}'; {advice}")
+
+
+def _near(name: str, known: Iterable[str]) -> str:
+    """What is almost written like it; empty without."""
     import difflib
 
-    near = difflib.get_close_matches(name, verbs, n=1)
-    return UsageError(f"unknown verb '{name}', expected {_listed(near or list(verbs))}")
+    return next(iter(difflib.get_close_matches(name, list(known), n=1)), "")
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -10,7 +10,10 @@ if TYPE_CHECKING:
     from ....navigation.problem.path_plan import Plan
     from ....navigation.problem.planning_problem import PlanningProblem
 
-__all__ = ["EPILOG", "add_arguments", "run"]
+__all__ = ["EPILOG", "NO_PLAN", "add_arguments", "run"]
+
+#: Exit code of a problem that is well posed and has no plan.
+NO_PLAN = 3
 
 
 EPILOG = """\
@@ -22,6 +25,7 @@ reads
 writes
   --plot       the map with objects, path and pushes
 
+Exit code 3: there is no plan, and the line says why; 0 with a plan.
 An object with fixed or falls is never pushed. The tasks' seconds add up to cost_s.
 contact_m is where the robot touches the outline, goal_m where the object's centre goes.
 
@@ -73,6 +77,8 @@ def run(args: Any) -> dict[str, Any]:
         found = make_plan(problem)
         plans = {found.name: found}
     result = found.to_json()
+    if not found.reachable:
+        args.exit_code = NO_PLAN
     _report(args, found)
     if args.compare:
         result["compare"] = {name: plan.to_json() for name, plan in plans.items() if name != "cheapest"}

@@ -25,7 +25,7 @@ __all__ = ["EPILOG", "add_arguments", "run"]
 EPILOG = """\
 reads
   --templates  folder of images with a dpi value, and tags.yaml (tags: {name: {id: 7, size_m: 0.04}})
-  --source     a video file, a folder of images, recording.mcap[:/topic], or a live camera (camera:0)
+  --source     a video file, a folder of images, recording.mcap[:/topic], or a camera: 0, rtsp://...
   --camera     camera.yaml, a ROS camera_info file
 writes
   --out        poses.mcap with geometry_msgs/PoseWithCovarianceStamped on /template/NAME
