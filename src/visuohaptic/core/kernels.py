@@ -65,7 +65,19 @@ _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_opera
 _NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
 #: Processor that shipped machine code is made for, and what it has beyond x86-64 (System V ABI, AMD64 supplement 1.0).
 SHIPPED_CPU = "x86-64-v3"
-_SHIPPED_FEATURES = ["avx", "avx2", "bmi", "bmi2", "cx16", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2"]
+_SHIPPED_FEATURES = [
+    "avx",
+    "avx2",
+    "bmi",
+    "bmi2",
+    "cx16",
+    "f16c",
+    "fma",
+    "lzcnt",
+    "movbe",
+    "popcnt",
+    "sse4.2",
+]
 
 
 def kernel(
