@@ -19,7 +19,7 @@ SIZE = (300, 300)
 
 def moved_corners(view, rng: np.random.Generator, distance: float, at: float = 55.0) -> tuple:
     """True homography near the middle of the frame, and a start whose corners are ``distance`` off."""
-    from plane_view import corner_homography
+    from benchmarks._plane_view import corner_homography
 
     true = view.corners + at + rng.uniform(-3, 3, (4, 2))
     angle = rng.uniform(0, 2 * np.pi, 4)
