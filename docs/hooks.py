@@ -1,8 +1,9 @@
-"""Pages that are made from the code: the command line, the changelog, and blocks that are not run."""
+"""Pages that are made from the code: the command line, the changelog, notebooks, and blocks that are not run."""
 
 from __future__ import annotations
 
 import io
+import json
 import logging
 import re
 import sys
@@ -17,6 +18,25 @@ _log = logging.getLogger("mkdocs.hooks")
 
 _COMMANDS = "<!-- commands -->"
 _CHANGELOG = "<!-- changelog -->"
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """A page for every notebook; the notebook itself stays beside it, to be downloaded."""
+    from mkdocs.structure.files import File
+
+    for path in sorted((ROOT / "docs" / "notebooks").glob("*.ipynb")):
+        files.append(File.generated(config, f"notebooks/{path.stem}.md", content=notebook_page(path)))
+    return files
+
+
+def notebook_page(path: Path) -> str:
+    """Text and code of a notebook."""
+    parts = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        parts.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+    title, *rest = parts
+    return "\n\n".join([title, f"[Download the notebook]({path.name})", *rest])
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
