@@ -7,6 +7,7 @@ pictures as JPEG. Nothing is computed when it is replayed, so that it needs no e
 from __future__ import annotations
 
 import json
+import re
 import time
 import zipfile
 from collections.abc import Callable, Mapping
@@ -32,6 +33,8 @@ __all__ = ["RECORDED", "MissionRecorder", "replay"]
 RECORDED = Path(__file__).with_name("mission.zip")
 #: Every n-th state of the platform is kept, its pictures this wide [px].
 _EVERY, _WIDTH_PX, _QUALITY = 8, 480, 45
+#: What a line said of the recording's own computing time.
+_TIME_LEFT = re.compile(r" +\((?:about )?\d+ s(?: left)?\)$")
 
 
 class MissionRecorder:
@@ -218,7 +221,7 @@ def replay(
             for event in events:
                 picture = next(pictures) if event[0] == "update" else None
                 if event[0] == "line":
-                    on_message(event[1])
+                    on_message(_TIME_LEFT.sub("", event[1]))
                 elif page is not None:
                     _show(page, event, picture)
                 else:
