@@ -55,6 +55,16 @@ def on_page_content(html: str, **_: Any) -> str:
     return html
 
 
+def on_post_build(config: Any, **_: Any) -> None:
+    """The search index as a script, which a browser also loads from the disk; the page ``search`` reads it."""
+    folder = Path(config["site_dir"]) / "search"
+    index = json.loads((folder / "search_index.json").read_text(encoding="utf-8"))
+    for entry in index["docs"]:
+        entry["text"] = re.sub(r"<[^>]+>", "", entry["text"])
+    script = f"var searchIndex = {json.dumps(index['docs'], ensure_ascii=False)};"
+    (folder / "search_index.js").write_text(script, encoding="utf-8")
+
+
 def on_post_page(output: str, page: Any, **_: Any) -> str:
     """Warn, which ends a strict build, when a page would load something from elsewhere."""
     if found := re.search(

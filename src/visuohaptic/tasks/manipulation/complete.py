@@ -332,14 +332,15 @@ def complete_by_touch(
     >>> from visuohaptic.simulation.tabletop import ProbeCell, SimulatedArm, random_bottle
     >>> rng = np.random.default_rng(4)
     >>> bottle = random_bottle(rng, "elliptic")
-    >>> completion = Completion(*virtual_completion.scene(bottle))
+    >>> place = Pose(np.eye(3), np.array([0.5, 0.1, 0.0]))  # of the bottle before the arm
+    >>> completion = Completion(*virtual_completion.scene(bottle), T_visual_haptic=place.inverse())
     >>> before_m = completion.expected_error_m()
     >>> arm = SimulatedArm(Pose(np.eye(3), np.array([0.3, 0.0, 0.3])), rng=rng)
-    >>> cell = ProbeCell(arm, bottle, rng, force_sigma_N=0.02)
+    >>> cell = ProbeCell(arm, bottle, rng, T_base_bottle=place, force_sigma_N=0.02)
     >>> def feel(frame):
     ...     return Wrench(frame.t_s, True, Reason.OK, cell.force(), np.zeros(3), 4e-4 * np.eye(6))
     >>> settings = CompleteSettings(bound_m=0.0005, touches=2, top_m=bottle.height_m)
-    >>> done = complete_by_touch(arm, cell, feel, completion, settings)
+    >>> done = complete_by_touch(arm, cell, feel, completion, settings, T_base_visual=place)
     >>> len(done.touches), done.error_m < before_m
     (2, True)
     """
