@@ -447,6 +447,7 @@ def _sense_foam(folder: Path, results: list[Any]) -> None:
     truth = max(float(row["force_N"]) for row in rows(folder / "truth.csv"))
     read = max(float(row["force_N"]) for row in rows(folder / "run.csv") if row["valid"] in {"1", "true"})
     assert read == pytest.approx(truth, rel=0.03)  # the sensor's figure is 2.5 % of a force
+    assert (folder / "force.png").stat().st_size > 5000
 
 
 def _sense_scene(folder: Path, results: list[Any]) -> None:
@@ -576,6 +577,7 @@ def _demo(folder: Path, results: list[Any]) -> None:
 
 
 STORIES: dict[str, Story] = {
+    "cameras": Story(lambda f, r: _cameras(r)),
     "sense foam": Story(_sense_foam, _flatten("example foam")),
     "sense scene": Story(_sense_scene, _scene),
     "track": Story(lambda f, r: _all_seen(r), _tags),
@@ -619,12 +621,17 @@ STORIES: dict[str, Story] = {
 #: Verbs whose examples are run elsewhere, and where.
 ELSEWHERE = {
     "demo": "make demo; the part that takes seconds below, the others longer than all examples here may",
+    "start": "tests/cli/test_start.py, on a recording of its steps: a camera of this machine would see no foam",
     "objects recognise": "tests/cli/test_objects_verbs.py, on rendered views of a small database",
 }
 
 
 def _all_seen(results: list[Any]) -> None:
     assert set(results[0]["seen"].values()) == {results[0]["frames"]}
+
+
+def _cameras(results: list[Any]) -> None:
+    assert isinstance(results[0]["cameras"], list)
 
 
 def _pdf(path: Path) -> None:

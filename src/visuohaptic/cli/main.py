@@ -365,7 +365,8 @@ def _find_verb(words: list[str], verbs: Mapping[str, tuple[str, str]]) -> tuple[
             if candidate not in verbs and len(named) > 1 and not named[1].startswith("-"):
                 raise _unknown(" ".join(named[:2]), verbs)
             return candidate, rest
-    raise _unknown(named[0], verbs)
+    both = " ".join(named[:2])
+    raise _unknown(both if _near(both, verbs) else named[0], verbs)
 
 
 def _group(name: str, verbs: Mapping[str, tuple[str, str]]) -> list[str]:

@@ -271,7 +271,7 @@ def _grasp_figure(plan: GraspPlan, lift: LiftPlan, outline_m: np.ndarray | None,
     around = np.degrees(np.arctan2(points[used, 1], points[used, 0]))
     stiffness = 1e-3 * np.asarray(plan.surface.stiffness_N_per_m)[used]
     # A rim that is a hundred times as stiff as the wall would leave one colour for the wall.
-    low, high = np.nanpercentile(stiffness, [2, 98])
+    low, high = np.percentile(stiffness[np.isfinite(stiffness)], [2, 98])
     fields: tuple[tuple[np.ndarray, str, dict[str, Any]], ...] = (
         (plan.scores.pair[used], "score of both fingers", {}),
         (stiffness, "stiffness [N/mm]", {"norm": "log", "vmin": low, "vmax": high}),

@@ -53,7 +53,7 @@ def file_size(path: Path | str, max_bytes: int | None = None, *, error: type[Inp
 
 
 def similar_names(path: Path | str) -> str:
-    """What a missing file may have been meant to be: files beside it with almost its name.
+    """What a missing file may have been meant to be: a file beside it with almost its name.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def similar_names(path: Path | str) -> str:
         beside = [other.name for other in islice(path.parent.iterdir(), MAX_BESIDE)]
     except (OSError, ValueError):
         return ""
-    found = get_close_matches(path.name, [name for name in beside if name != path.name], n=2)
-    return f"did you mean {' or '.join(str(path.parent / name) for name in found)}?" if found else ""
+    found = get_close_matches(path.name, [name for name in beside if name != path.name], n=1)
+    return f"did you mean {path.parent / found[0]}?" if found else ""
 
 
 def read_bytes(path: Path | str, max_bytes: int, *, error: type[InputError] = InputError) -> bytes:

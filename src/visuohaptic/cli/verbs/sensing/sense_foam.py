@@ -34,7 +34,7 @@ writes
 
 examples
   visuohaptic sense foam --config sensor.yaml --source rest.mp4 --zero
-  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv
+  visuohaptic sense foam --config sensor.yaml --source push.mp4 --out run.mcap --csv run.csv --plot force.png
 """
 
 
