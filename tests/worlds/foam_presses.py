@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import hashlib
+import tempfile
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -97,5 +101,27 @@ def pushed(kind: str, number: int) -> Pushed:
     limit = 0.5 * foam.length_m
     spans = [(a, b) for a, b in spans if b > -limit and a < limit]
     fine, depths = (4e-4, _DEPTHS_M[:15]) if kind == "box" else (9e-4, _DEPTHS_M)
-    steps = press(foam, shape, depths, spans_m=spans, fine_m=fine)
+    steps = _kept(f"{kind}{number}", lambda: press(foam, shape, depths, spans_m=spans, fine_m=fine))
     return Pushed(shape, (y - half, y + half), tuple(steps), {"body": kind, "y_m": y, **about})
+
+
+def _kept(name: str, solve: Callable[[], list[Press]]) -> list[Press]:
+    """States of a press, in a file of the machine's temporary folder that belongs to this very source."""
+    source = "".join(
+        Path(__file__).with_name(f).read_text("utf-8") for f in ("foam_mechanics.py", "foam_presses.py")
+    )
+    digest = hashlib.sha256(source.encode()).hexdigest()[:16]
+    path = Path(tempfile.gettempdir()) / f"foam_presses_{digest}" / f"{name}.npz"
+    if not path.exists():
+        states = solve()
+        path.parent.mkdir(exist_ok=True)
+        columns = (np.array(column) for column in zip(*map(astuple, states), strict=True))
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=".npz", delete=False) as stream:
+            np.savez(stream, *columns)
+        Path(stream.name).replace(path)
+    with np.load(path) as stored:
+        columns = [stored[name] for name in stored.files]
+    return [
+        Press(float(row[0]), float(row[1]), *row[2:6], (float(row[6][0]), float(row[6][1])))
+        for row in zip(*columns, strict=True)
+    ]

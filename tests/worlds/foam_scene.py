@@ -142,7 +142,7 @@ class World:
         rng, shape = self.rng, (256, 1024)
         contrast = {
             BASE: (0.0, 0.06),
-            FOAM: (0.01, 0.06),
+            FOAM: (0.01, 0.045),
             FLOOR: (0.02, 0.15),
             BODY: (0.01, 0.15),
             SKIN: (0.02, 0.06),

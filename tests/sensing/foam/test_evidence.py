@@ -176,38 +176,60 @@ def test_shadows_come_as_they_should() -> None:
     assert onsets == {"first", "creeping", "sudden", "leaving"}
 
 
-def test_a_press_is_seen_where_it_is_and_at_its_depth() -> None:
+@pytest.fixture
+def one_press(monkeypatch) -> presses.Pushed:
+    """Every press is this one: half a second instead of some seconds for each of a pool."""
+    shape = cylinder(0.03, 0.02)
+    states = press(
+        Foam(), shape, presses.STEP_M * np.arange(1, 28), spans_m=[(0.02, 0.02)], fine_m=3e-3, layers=3
+    )
+    only = presses.Pushed(shape, (-0.005, 0.045), tuple(states), {"body": "cylinder", "y_m": 0.02})
+    monkeypatch.setattr(disturbances, "pushed", lambda kind, number: only)
+    return only
+
+
+def test_forces_are_those_of_the_simulated_depths_and_of_the_stiffness(one_press) -> None:
     sequence = disturbances.forces(0)
     shots = [shot for shot, _ in sequence.moments]
-    what = presses.pushed(sequence.about["body"], 0)
     scale = sequence.world.foam.mu_Pa[0] / Foam().mu_Pa[0]
-    by_depth = {round(step.depth_m, 9): step.force_N for step in what.steps}
-    pressed = [shot for shot in shots if shot.depth_m > 1e-9]
-    assert len(pressed) >= len(what.steps)
-    assert sum(not shot.counted for shot in shots) == 4
-    if sequence.about["y_m"] == what.about["y_m"]:  # that press of the pool was drawn
-        for shot in pressed:
-            assert shot.force_N == pytest.approx(scale * by_depth[round(shot.depth_m, 9)], rel=1e-9)
+    assert sum(not shot.counted for shot in shots) == 5  # before it touches, and when it does
+    pressed = [shot for shot in shots if shot.counted]
+    assert len(pressed) == len(one_press.steps) + 2  # held at the end
+    for shot, step in zip(pressed, one_press.steps, strict=False):
+        assert shot.depth_m == pytest.approx(step.depth_m)
+        assert shot.force_N == pytest.approx(scale * step.force_N, rel=1e-9)
 
 
-def test_fast_presses_are_blurred_and_hands_come_and_go() -> None:
+def test_presses_are_kept(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(presses.tempfile, "tempdir", str(tmp_path))
+    states = press(Foam(), cylinder(0.03), np.array([0.001]), spans_m=[(0.0, 0.0)], fine_m=3e-3, layers=3)
+    first = presses._kept("one", lambda: states)
+    again = presses._kept("one", lambda: pytest.fail("solved again"))
+    for state in (*first, *again):
+        assert state.force_N == states[0].force_N
+        assert state.pressed_m == states[0].pressed_m
+        assert np.array_equal(state.delta_m, states[0].delta_m)
+
+
+def test_fast_presses_are_blurred_and_hands_come_and_go(one_press) -> None:
     fast = disturbances.disturbed("speed 60 mm/s", 2)
     assert {len(moments) for _, moments in fast.moments} != {1}
     hand = disturbances.disturbed("hand", 2)
     covered = [bool(len(moments[0].capsules)) for _, moments in hand.moments]
     assert 5 < sum(covered) < 15
-    assert not covered[0] and not covered[-1]
+    assert not covered[0]
+    assert not covered[-1]
     assert covered == [shot.disturbed for shot, _ in hand.moments]
 
 
-def test_every_fault_is_drawn_and_can_be_seen() -> None:
+def test_every_fault_is_drawn_and_can_be_seen(one_press) -> None:
     seen = set()
     for seed in range(0, 2 * len(disturbances.FAULTS), 2):
-        # All presses of one body: the faults are what is looked at.
         sequence = disturbances.faulty(seed)
         seen |= set(sequence.about["kind"].split(" + "))
         image = next(sequence.shots()).image
-        assert image.dtype == np.uint8 and image.shape[:2] == (sequence.world.rows, sequence.world.columns)
+        assert image.dtype == np.uint8
+        assert image.shape[:2] == (sequence.world.rows, sequence.world.columns)
     assert seen == set(disturbances.FAULTS)
 
 
