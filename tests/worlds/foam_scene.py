@@ -257,10 +257,10 @@ class World:
         render_light(
             out,
             self._seen_from(moment.camera),
-            np.array([self.y_m[0], _STEP_M, self._heights[1], self.foam.width_m]),
+            np.array([self.y_m[0], _STEP_M, self._heights[1], self.foam.width_m, front.max()]),
             front,
             body,
-            self.foam.width_m - moment.body_low_m + 0.03,
+            self.foam.width_m - moment.body_low_m + 0.03 if moment.body is not None else -1.0,
             ends,
             np.ascontiguousarray(moment.capsules),
             np.array(moment.shadows) if moment.shadows else _NO_ROWS,
