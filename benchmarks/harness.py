@@ -36,6 +36,7 @@ CAMPAIGNS = (
     "build_faults",
     "completion",
     "crown_cap",
+    "foam_evidence",
     "foam_faults",
     "foam_tags",
     "grasp",

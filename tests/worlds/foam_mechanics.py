@@ -110,10 +110,10 @@ def together(*shapes: tuple[Shape, float]) -> Shape:
     return shape
 
 
-def _graded(half_m: float, centres: list[float], fine_m: float, coarse_m: float) -> np.ndarray:
-    """Corners of elements from -half to half, fine near the centres."""
+def _graded(half_m: float, spans: list[tuple[float, float]], fine_m: float, coarse_m: float) -> np.ndarray:
+    """Corners of elements from -half to half, fine within the spans."""
     y = np.linspace(-half_m, half_m, 4001)
-    away = np.min(np.abs(y[:, None] - np.array(centres)[None]), axis=1)
+    away = np.min([np.maximum(np.maximum(low - y, y - high), 0.0) for low, high in spans], axis=0)
     density = 1.0 / np.minimum(coarse_m, fine_m + 0.15 * away)
     total = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(y))])
     return np.interp(np.linspace(0, total[-1], int(np.ceil(total[-1])) + 1), total, y)
@@ -267,7 +267,7 @@ def press(
     shape: Shape,
     depths_m: np.ndarray,
     *,
-    centres_m: list[float],
+    spans_m: list[tuple[float, float]],
     fine_m: float = 0.9e-3,
     coarse_m: float = 6e-3,
     layers: int = 5,
@@ -275,10 +275,10 @@ def press(
 ) -> list[Press]:
     """Press a body into the strip; stops early where no equilibrium is found.
 
-    ``centres_m`` are where the mesh is fine; ``penalty`` is the contact's stiffness in units of the foam's
+    ``spans_m`` are intervals of y where the mesh is fine; ``penalty`` is the contact's stiffness in units of the foam's
     initial modulus per width.
     """
-    mesh = _Mesh(foam, _graded(0.5 * foam.length_m, centres_m, fine_m, coarse_m), layers)
+    mesh = _Mesh(foam, _graded(0.5 * foam.length_m, spans_m, fine_m, coarse_m), layers)
     modulus = 2 * sum(foam.mu_Pa)
     stiffness = penalty * modulus / foam.width_m * 40.0
     u, before, reached, done = np.zeros_like(mesh.nodes), None, 0.0, []

@@ -66,7 +66,7 @@ def _surface(x, y, grid, front, body, top, ends, capsules):
             return SKIN
     if x < 0.0:
         return BASE
-    if x <= _interpolated(front, grid[0], grid[1], y):
+    if x <= grid[4] and x <= _interpolated(front, grid[0], grid[1], y):
         low = _interpolated(ends[0], 0.0, grid[2], x)
         high = _interpolated(ends[1], 0.0, grid[2], x)
         if low <= y <= high:
@@ -115,12 +115,12 @@ def _texture(textures, surface, x, y, texel):
 
 
 @numba.njit(cache=True, error_model="numpy", inline="always")
-def _radiance(x, y, surface, light, grid, front, textures, texel, offsets):
-    """Texture times light of one sample, without the surface's colour."""
+def _brightness(x, y, surface, grid, front, textures, texel, offsets):
+    """Texture of a surface at a place; that of the foam is compressed with it."""
     tx, ty = x, y
     if surface == FOAM:
         tx = x * grid[3] / max(_interpolated(front, grid[0], grid[1], y), 1e-6)
-    return light * _texture(textures, surface, tx - offsets[surface, 0], ty - offsets[surface, 1], texel)
+    return _texture(textures, surface, tx - offsets[surface, 0], ty - offsets[surface, 1], texel)
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -143,7 +143,8 @@ def render_light(
 ):
     """Paint linear light into ``out`` (rows, columns, channels).
 
-    ``inverse`` (2, 3) maps pixels (u, v, 1) to x, y; ``grid`` is (first y, step of y, step of x, width at rest);
+    ``inverse`` (2, 3) maps pixels (u, v, 1) to x, y; ``grid`` is (first y, step of y, step of x, width at rest,
+    highest front);
     ``front`` and ``body`` are tables over y [m], ``ends`` two tables over x [m], ``top`` is where the body ends;
     ``capsules`` (m, 5) are segments with a radius; ``shadows`` (n, 11) are shape, x, y, normal x, normal y,
     half width, penumbra, floor shift x, floor shift y, darkness, smooth; light is raised to ``tint`` per channel.
@@ -151,6 +152,7 @@ def render_light(
     rows, columns, channels = out.shape
     seen = np.empty((2, columns + 1), np.int8)
     lit = np.empty((2, columns + 1), np.float64)
+    bright = np.empty(5, np.float64)
     for v in range(rows + 1):
         now = v % 2
         for u in range(columns + 1):
@@ -170,6 +172,7 @@ def render_light(
             count = 1 if same else len(points)
             for ch in range(channels):
                 out[v - 1, u, ch] = 0.0
+            bright[:] = -1.0
             for k in range(count):
                 pu, pv = float(u), float(v - 1)
                 if not same:
@@ -180,10 +183,11 @@ def render_light(
                 if not same:
                     c = _surface(x, y, grid, front, body, top, ends, capsules)
                     light = _shade(x, y, c == FLOOR, shadows)
-                bright = _radiance(x, y, c, 1.0, grid, front, textures, texel, offsets) / count
+                if bright[c] < 0.0:  # textures are smooth: once for each surface of a pixel
+                    bright[c] = _brightness(x, y, c, grid, front, textures, texel, offsets) / count
                 for ch in range(channels):
                     part = light if channels == 1 or light == 1.0 else light ** tint[ch]
-                    out[v - 1, u, ch] += np.float32(albedo[c, ch] * part * bright)
+                    out[v - 1, u, ch] += np.float32(albedo[c, ch] * part * bright[c])
 
 
 def point_spread(

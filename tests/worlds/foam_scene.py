@@ -54,6 +54,11 @@ class Moment:
     shadows: list[np.ndarray] = field(default_factory=list)
     capsules: np.ndarray = field(default_factory=lambda: np.zeros((0, 5)))  #: fingers before the strip
     floor_m: tuple[float, float] = (0.0, 0.0)  #: how far the floor has moved
+    camera: tuple[float, float, float] = (
+        0.0,
+        0.0,
+        0.0,
+    )  #: shift of the image [px] and turn about its centre [rad]
     gain: float = 1.0  #: exposure
     flicker: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: modulation, frequency [Hz], time [s]
     spread: np.ndarray | None = None  #: point spread; None: that of the lens
@@ -137,7 +142,7 @@ class World:
         rng, shape = self.rng, (256, 1024)
         contrast = {
             BASE: (0.0, 0.06),
-            FOAM: (0.01, 0.06),
+            FOAM: (0.01, 0.045),
             FLOOR: (0.02, 0.15),
             BODY: (0.01, 0.15),
             SKIN: (0.02, 0.06),
@@ -230,6 +235,16 @@ class World:
             body = np.where(inside, outline, 10.0)
         return self._front0 - delta, body, ends
 
+    def _seen_from(self, camera: tuple[float, float, float]) -> np.ndarray:
+        """Pixels to metres of a camera that has moved."""
+        du, dv, turned = camera
+        cos, sin = np.cos(turned), np.sin(turned)
+        centre = 0.5 * (np.array([self.columns, self.rows]) - 1)
+        turn = np.array([[cos, sin], [-sin, cos]])
+        shift = centre - turn @ (centre + np.array([du, dv]))
+        linear = self.inverse[:, :2]
+        return np.column_stack([linear @ turn, linear @ shift + self.inverse[:, 2]])
+
     def light_of(self, moment: Moment) -> np.ndarray:
         """Linear light before the lens, (rows, columns, channels)."""
         front, body, ends = self.tables(moment)
@@ -241,11 +256,11 @@ class World:
             offsets[SKIN] = moment.capsules[0, :2]
         render_light(
             out,
-            self.inverse,
-            np.array([self.y_m[0], _STEP_M, self._heights[1], self.foam.width_m]),
+            self._seen_from(moment.camera),
+            np.array([self.y_m[0], _STEP_M, self._heights[1], self.foam.width_m, front.max()]),
             front,
             body,
-            self.foam.width_m - moment.body_low_m + 0.03,
+            self.foam.width_m - moment.body_low_m + 0.03 if moment.body is not None else -1.0,
             ends,
             np.ascontiguousarray(moment.capsules),
             np.array(moment.shadows) if moment.shadows else _NO_ROWS,
