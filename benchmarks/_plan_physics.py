@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from tests.worlds.floor_scenes import off_centre, small_room
+from tests.worlds.floor_scenes import off_centre, six_boxes, small_room
 from tests.worlds.maps import World
 from tests.worlds.push_oracle import solve
 from tests.worlds.push_physics import FloorPhysics
@@ -75,15 +75,18 @@ def _done(physics: FloorPhysics, world: World, task: Row) -> bool:
 
 
 def room_keys(seeds: list[int]) -> list[str]:
-    """Half of the scenes on generated floors, half on real ones."""
+    """Half of the scenes on generated floors, half on real ones; and six boxes on 8 x 5 m."""
     real = data_folder().exists()
-    return [f"{'real' if real and seed // 2 % 2 else 'rooms'} {seed}" for seed in seeds]
+    return ["boxes 0", *(f"{'real' if real and seed // 2 % 2 else 'rooms'} {seed}" for seed in seeds)]
 
 
 def room(planner: Planner, key: str) -> Row:
     """One scene in physics."""
     kind, seed = key.split()
-    world = real_scene(data_folder(), int(seed)) if kind == "real" else room_scene(int(seed))
+    if kind == "boxes":
+        world = six_boxes(int(seed))
+    else:
+        world = real_scene(data_folder(), int(seed)) if kind == "real" else room_scene(int(seed))
     cell_m = float(world.notes.get("cell_m", 0.05))
     row = {"bodies": len(world.bodies), **execute(planner, world, cell_m)}
     if not row["reached"]:
