@@ -143,9 +143,9 @@ def _no_plan(planner: Planner, key: str) -> Row:
 
 def _no_plan_table(rows: Rows) -> list[Row]:
     true = [row for row in rows.values() if row["truth"] is True]
-    soon = [row for row in true if row["answer"] == "proved" and row["wall_s"] <= 2.0]
+    soon = [row for row in true if row["answer"] == "proved" and row["cpu_s"] <= 2.0]
     silent = [row for row in true if row["answer"] not in ("proved", "not proved")]
-    times = [row.get("wall_s", np.inf) for row in true if row["answer"] == "proved"]
+    times = [row["cpu_s"] for row in true if row["answer"] == "proved"]
     return [
         {
             "name": "no plan proved in 2 s",
@@ -325,8 +325,8 @@ def _scene(planner: Planner, key: str) -> Row:
 
 def _scene_table(rows: Rows) -> list[Row]:
     answers = [answer for row in rows.values() for answer in row["answers"]]
-    soon = [a for a in answers if a["answer"] in ("plan", "proved") and a["wall_s"] <= 2.0]
-    times = [1e3 * a.get("wall_s", np.inf) for a in answers]
+    soon = [a for a in answers if a["answer"] in ("plan", "proved") and a["cpu_s"] <= 2.0]
+    times = [1e3 * a.get("cpu_s", np.inf) for a in answers]
     refused = [key for key, row in rows.items() if not row["loaded"]]
     kinds = ", ".join(
         f"{sum(a['answer'] == kind for a in answers)} {kind}"
