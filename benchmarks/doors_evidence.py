@@ -2,9 +2,10 @@
 
     python -m benchmarks.doors_evidence generated real --seeds open --count 30 --report out.jsonl
 
-Even seeds are buildings to train on, odd ones (``--seeds closed``) those that are reported; of the real floors with
-doors drawn by others, the first floor of the building trains and the third reports. A door counts as found when its middle is
-within 0.75 m of the true one's, one to one. Closed doors are wall on a map, and are no truth.
+Even seeds are buildings to train on, odd ones (``--seeds closed``) those that are reported. Of the real buildings, the
+one whose doors were drawn by others and those of ``real_doors.yaml`` with ``use: training`` train, the others report. A
+door counts as found when its middle is within 0.75 m of the true one's, one to one. Closed doors are wall on a map,
+and are no truth; what is found at an unclear opening counts neither way.
 """
 
 from __future__ import annotations
@@ -16,28 +17,46 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from tests.worlds.buildings import building
+from tests.worlds.real_floors import load
 
 from visuohaptic.io.maps import OccupancyMap
 from visuohaptic.navigation.mapping import DoorMap, find_doors
 
 from ._journal import Journal
 from ._plan_judge import Row
-from .nav_doors import data_folder, drawn_doors, matched
+from .nav_doors import TOLERANCE_M, data_folder, drawn_doors, matched
 from .plan_evidence import print_rows, seeds_of
 
 __all__ = ["main", "table"]
 
-#: Real floors whose doors were drawn by others, by what they may be used for.
-REAL = {"open": ("ut_gdc_1/1.yaml",), "closed": ("ut_gdc_3/3.yaml",)}
+#: Floors of one building, whose doors were drawn by others.
+DRAWN = ("ut_gdc_1/1.yaml", "ut_gdc_3/3.yaml")
+TRUTH = Path(__file__).resolve().parents[1] / "tests" / "worlds" / "real_doors.yaml"
 BINS = (0.0, 0.5, 0.7, 0.9, 1.0)
 
 
-def judged(grid: OccupancyMap, jambs_m: np.ndarray) -> Row:
+def real_names(seeds: str) -> list[str]:
+    """Real floors for training (open) or reporting (closed) that are there."""
+    use = {"open": "training", "closed": "reporting"}[seeds]
+    names = [name for name, entry in yaml.safe_load(TRUTH.read_text()).items() if entry["use"] == use]
+    names += DRAWN if seeds == "open" else ()
+    return [name for name in names if (data_folder() / name).exists()]
+
+
+def judged(grid: OccupancyMap, jambs_m: np.ndarray, unclear_m: np.ndarray) -> Row:
     """Doors of one map: confidence of each, whether it is true, and how many there are."""
     began = time.process_time()
     found = find_doors(grid)
     spent_s = time.process_time() - began
+    hits = {i for i, _ in matched(found, jambs_m)} if len(jambs_m) else set()
+    clear = [
+        door
+        for index, door in enumerate(found.doors)
+        if index in hits or np.hypot(*(unclear_m - door.middle_m).T).min(initial=np.inf) > TOLERANCE_M
+    ]
+    found = DoorMap(tuple(clear), found.rooms)
     true = {i for i, _ in matched(found, jambs_m)} if len(jambs_m) else set()
     return {
         "confidence": [round(float(door.confidence), 4) for door in found.doors],
@@ -60,10 +79,17 @@ def play(key: str) -> Row:
     kind, name = key.split(" ", 1)
     if kind == "generated":
         made = building(int(name))
-        return {"kind": made.name.split()[0], **judged(OccupancyMap(made.cells, made.cell_m), made.jambs_m)}
+        return {
+            "kind": made.name.split()[0],
+            **judged(OccupancyMap(made.cells, made.cell_m), made.jambs_m, np.zeros((0, 2))),
+        }
+    if (truth := yaml.safe_load(TRUTH.read_text()).get(name)) is not None:
+        jambs, unclear = (np.array(truth[key], dtype=float) for key in ("doors", "unclear"))
+        grid = OccupancyMap(*load(data_folder(), name))
+        return {"kind": "real", **judged(grid, jambs.reshape(-1, 2, 2), unclear.reshape(-1, 2))}
     path = data_folder() / name
     corners, _ = drawn_doors(path.parent / "doors.yaml")
-    return {"kind": "real", **judged(OccupancyMap.load(path), corners)}
+    return {"kind": "real", **judged(OccupancyMap.load(path), corners, np.zeros((0, 2)))}
 
 
 def table(name: str, rows: list[Row]) -> list[Row]:
@@ -141,7 +167,7 @@ def main(arguments: list[str] | None = None) -> None:
     journal = Journal(given.report, {"benchmark": "doors_evidence", "seeds": given.seeds})
     for source in given.source:
         names = [str(seed) for seed in seeds_of(given.seeds, given.count)] if source == "generated" else []
-        names += [name for name in REAL[given.seeds] if source == "real" and (data_folder() / name).exists()]
+        names += real_names(given.seeds) if source == "real" else []
         rows = []
         for name in names:
             key = f"{source} {name}"
