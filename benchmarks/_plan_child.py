@@ -1,4 +1,4 @@
-"""Planning calls in a child process that has a memory limit and is ended when its time is over.
+"""Planning calls in a child process that has a memory limit and is ended when its time of the CPU is over.
 
 Only the public names of ``visuohaptic.navigation`` are called. Requests and answers are lines of JSON.
 """
@@ -10,6 +10,7 @@ import json
 import os
 import resource
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -28,6 +29,8 @@ ONE_THREAD = dict.fromkeys(
 )
 #: Address space beside what a plan may take: the interpreter, compiled code and libraries [bytes].
 OVERHEAD_BYTES = 3 << 30
+#: A call that waits for so many times its budget of CPU time is ended, too.
+WALL_OF_CPU = 20.0
 
 
 def described_cells(cells: np.ndarray, resolution_m: float) -> dict[str, Any]:
@@ -69,12 +72,13 @@ class Planner:
             self._start()
         process = self._process
         assert process is not None
+        budget_s = self.budget_s if budget_s is None else budget_s
         began_s = time.monotonic()
-        reply = self._exchange(request, self.budget_s if budget_s is None else budget_s)
+        reply = self._exchange({**request, "budget_s": budget_s}, WALL_OF_CPU * budget_s + 1.0)
         if reply is None:
-            status = "time" if process.poll() is None else "died"
+            late = process.poll() in (None, -signal.SIGPROF)
             self.close()
-            return {"status": status, "wall_s": round(time.monotonic() - began_s, 3)}
+            return {"status": "time" if late else "died", "wall_s": round(time.monotonic() - began_s, 3)}
         return reply
 
     def close(self) -> None:
@@ -91,7 +95,7 @@ class Planner:
             stdout=subprocess.PIPE,
             env={**os.environ, **ONE_THREAD},
         )
-        if self._exchange({"do": "warm"}, 600.0) is None:
+        if self._exchange({"do": "warm", "budget_s": 600.0}, 1200.0) is None:
             raise RuntimeError("the planning process did not start")
 
     def _exchange(self, request: dict[str, Any], budget_s: float) -> dict[str, Any] | None:
@@ -165,7 +169,7 @@ def _plan(request: dict[str, Any]) -> dict[str, Any]:
     problem = _problem(request["problem"])
     plan, spent = _timed(lambda: make_plan(problem))
     times = [spent["cpu_s"]]
-    for _ in range(request.get("repeats", 1) - 1 if spent["wall_s"] < 1.0 else 0):
+    for _ in range(request.get("repeats", 1) - 1 if spent["cpu_s"] < 1.0 else 0):
         problem = _problem(request["problem"])
         times.append(_timed(lambda problem=problem: make_plan(problem))[1]["cpu_s"])
     return {**spent, "cpu_s": float(np.median(times)), "plan": plan.to_json()}
@@ -240,12 +244,15 @@ def main() -> None:
     calls = {"warm": _warm, "plan": _plan, "compare": _compare, "scene": _scene, "route": _route}
     for line in sys.stdin:
         request = json.loads(line)
+        # The default action of the signal ends the process, whatever code it is in.
+        signal.setitimer(signal.ITIMER_PROF, request["budget_s"])
         try:
             answer = {"status": "answered", **calls[request["do"]](request)}
         except MemoryError:
             answer = {"status": "memory"}
         except ValueError as error:  # a refusal of the library
             answer = {"status": type(error).__name__, "message": str(error)[:300]}
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
         print(json.dumps(answer), flush=True)
 
 

@@ -3,7 +3,7 @@
     python -m benchmarks.plan_evidence resolution idle --seeds open --count 10 --report out.jsonl
     python -m benchmarks.plan_evidence all --seeds closed --count 100 --report closed.jsonl
 
-Each planning call runs in a child process with a hard limit of time and memory. Rows are written as they are made
+Each planning call runs in a child process, on one thread, with a hard limit of CPU time and memory; times are CPU times. Rows are written as they are made
 and not made again. Even seeds are open to whoever tunes the planner, odd ones are opened once, at the end.
 """
 
@@ -44,7 +44,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
     parser.add_argument("--count", type=int, default=10, help="seeds of each campaign")
     parser.add_argument("--report", type=Path, help="file of rows; those that it has are not made again")
-    parser.add_argument("--budget", type=float, default=20.0, help="seconds for one planning call")
+    parser.add_argument("--budget", type=float, default=20.0, help="CPU seconds for one planning call")
     parser.add_argument("--memory", type=float, default=4.0, help="GB for one planning process")
     given = parser.parse_args(arguments)
     journal = Journal(

@@ -31,13 +31,14 @@ def impossible(world: World, *, step_m: float = 0.05, max_states: int = 6000) ->
     Without some of the movable bodies the task is easier again: none is tried first, then each alone, then pairs.
     """
     movable = [body for body in world.bodies if not body.fixed]
+    fixed = tuple(body for body in world.bodies if body.fixed)
     verdict: bool | None = False
-    for count in range(min(len(movable), 2) + 1):
+    for count, steps_m in ((0, (step_m,)), (1, (step_m, 0.5 * step_m)), (2, (step_m,))):
         for chosen in combinations(movable, count):
-            fixed = tuple(body for body in world.bodies if body.fixed)
-            verdict = _exhausted(replace(world, bodies=(*fixed, *chosen)), step_m, max_states)
-            if verdict:
-                return True
+            for step in steps_m:  # a finer grid hides less, and proves more
+                verdict = _exhausted(replace(world, bodies=(*fixed, *chosen)), step, max_states)
+                if verdict:
+                    return True
     return verdict if len(movable) <= 2 else None
 
 
