@@ -38,6 +38,7 @@ CAMPAIGNS = (
     "crown_cap",
     "foam_faults",
     "foam_tags",
+    "glass_evidence",
     "grasp",
     "mission",
     "nav_push",
