@@ -20,6 +20,8 @@ __all__ = ["FAMILIES", "VIEWS", "GlassSequence", "Layout", "layout", "sequence"]
 
 #: Views of a scene.
 VIEWS = 48
+#: Counts up when the caster or the camera's imperfections change, so that scenes in a cache are rendered again.
+_RENDERING = 1
 #: Kinds of scenes: two vessels; nearly in line; one before a wall; three; a person walks; a hand-held arc.
 _CLEAR = ("pair", "overlap", "wall", "three", "person", "hand")
 #: Of opaque ones: twins of the vessels; black; shiny; a person walks; before a wall; a hand-held arc.
@@ -100,10 +102,13 @@ def _path(kind: str, middle_rad: float, rng: np.random.Generator) -> np.ndarray:
             2 * np.pi * (u(0.5, 1.5) * share + rng.random())
         )
     else:
-        span, radius = np.radians(u(90, 140) if kind == "wall" else u(120, 300)), u(0.5, 0.7)
+        # Behind the wall or the path of a person nothing would be seen.
+        span, radius = np.radians(u(90, 140) if kind in ("wall", "person") else u(120, 300)), u(0.5, 0.7)
         wobble = 0.01 * rng.standard_normal((VIEWS, 3))
         # Rows of an arm that goes up and down; no whole number of them, so that every subset has high and low views.
-        rise = np.radians(35 + 16 * np.sin(2 * np.pi * (5.37 * share + rng.random())))
+        rise = np.radians(
+            (27 if kind == "person" else 35) + 16 * np.sin(2 * np.pi * (5.37 * share + rng.random()))
+        )
     turn = middle_rad + span * share
     eyes = radius * np.column_stack([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)])
     target = np.array([0, 0, 0.07])
@@ -161,8 +166,8 @@ def layout(family: str, seed: int) -> Layout:
     walker = None
     if kind == "person":
         across = np.array([-view[1], view[0]])
-        steps = np.linspace(-1.0, 1.0, VIEWS)[:, None]
-        walker = np.column_stack([-rng.uniform(1.0, 1.3) * view + steps * across, np.full(VIEWS, -0.75)])
+        steps = np.linspace(-0.8, 0.8, VIEWS)[:, None]
+        walker = np.column_stack([-rng.uniform(0.65, 0.8) * view + steps * across, np.full(VIEWS, -0.75)])
     return Layout(
         family, kind, seed, vessels, material, objects, (*boxes, *cartons), _path(kind, middle, rng), walker
     )
@@ -190,7 +195,7 @@ def _render(scene: Layout, camera: DepthCamera) -> np.ndarray:
     raws = []
     for number, pose in enumerate(scene.T_world_camera):
         if scene.walker_m is not None:
-            person = can(0.2, 1.7, tuple(scene.walker_m[number]), PLAIN)
+            person = can(0.16, 1.7, tuple(scene.walker_m[number]), PLAIN)
             world = World([*objects, person], scene.boxes)
         raws.append(look(world, camera, pose[:3, 3], pose[:3, :3]))
     # Of the glass pixels of a real D435 29 to 77 % are invalid, 53 % typically.
@@ -203,11 +208,19 @@ def _render(scene: Layout, camera: DepthCamera) -> np.ndarray:
     return np.rint(1000 * np.nan_to_num(depth)).astype(np.uint16)
 
 
+def _fingerprint(scene: Layout) -> int:
+    """Changes with the layout and with ``_RENDERING``, so that no cache holds another scene's images."""
+    parts = [scene.T_world_camera, *(vessel.outer for vessel in scene.vessels)]
+    if scene.walker_m is not None:
+        parts.append(scene.walker_m)
+    return zlib.crc32(np.concatenate([np.ravel(part) for part in parts]).round(6).tobytes(), _RENDERING)
+
+
 def sequence(family: str, seed: int, cache: Path | None = None) -> GlassSequence:
     """A rendered scene, from the folder ``cache`` where it is there."""
     scene = layout(family, seed)
     camera = DepthCamera()
-    path = cache and cache / f"{family}_{seed:04d}.npz"
+    path = cache and cache / f"{family}_{seed:04d}_{_fingerprint(scene):08x}.npz"
     if path and path.exists():
         with np.load(path, allow_pickle=False) as kept:
             units = kept["depth_mm"]
