@@ -208,19 +208,23 @@ def _render(scene: Layout, camera: DepthCamera) -> np.ndarray:
     return np.rint(1000 * np.nan_to_num(depth)).astype(np.uint16)
 
 
-def _fingerprint(scene: Layout) -> int:
-    """Changes with the layout and with ``_RENDERING``, so that no cache holds another scene's images."""
+def _fingerprint(scene: Layout, camera: DepthCamera) -> int:
+    """Changes with the layout, the camera and with ``_RENDERING``, so that no cache holds another scene's images."""
     parts = [scene.T_world_camera, *(vessel.outer for vessel in scene.vessels)]
     if scene.walker_m is not None:
         parts.append(scene.walker_m)
+    if camera != DepthCamera():
+        parts.append(camera.matrix)
     return zlib.crc32(np.concatenate([np.ravel(part) for part in parts]).round(6).tobytes(), _RENDERING)
 
 
-def sequence(family: str, seed: int, cache: Path | None = None) -> GlassSequence:
+def sequence(
+    family: str, seed: int, cache: Path | None = None, camera: DepthCamera | None = None
+) -> GlassSequence:
     """A rendered scene, from the folder ``cache`` where it is there."""
     scene = layout(family, seed)
-    camera = DepthCamera()
-    path = cache and cache / f"{family}_{seed:04d}_{_fingerprint(scene):08x}.npz"
+    camera = camera or DepthCamera()
+    path = cache and cache / f"{family}_{seed:04d}_{_fingerprint(scene, camera):08x}.npz"
     if path and path.exists():
         with np.load(path, allow_pickle=False) as kept:
             units = kept["depth_mm"]
