@@ -8,6 +8,9 @@ vessels with water. Regions that belong to no vessel of a clear scene count as f
 
     python -m benchmarks.glass_evidence found false --seeds open --count 50 --cache scenes --report out.json
 
+``clear_touch``: six planned touches on a fully clear vessel of 24 views. ``objects``: six planned touches on the back of
+scanned objects (``../shared/data/geometry``) that one camera sees from one side.
+
 Half of the seeds, the odd ones, are closed: they are for the figures that are reported, not for choosing anything.
 Stopped, a campaign goes on where it was; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
 """
@@ -22,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tests.worlds.ray_meshes import mesh_files, one_sided
 from tests.worlds.ray_scenes import GlassSequence, sequence
 
 from visuohaptic.core.camera import Camera, Pose
@@ -31,7 +35,9 @@ from visuohaptic.reconstruction import reconstruct
 from visuohaptic.reconstruction.fusion import sensor_noise
 
 from ._journal import Journal
+from ._touch_evidence import object_figures, touch_object, touch_vessel, vessel_figures
 from .harness import use_one_thread
+from .transparency import data_folder
 
 #: Of the camera of the world, as `sequence.yaml` would name it.
 SENSOR = "realsense_d435"
@@ -45,6 +51,7 @@ FAMILY = {
     "filled": ("filled", (24, 12)),
     "false": ("opaque", (48, 24, 12, 8)),
 }
+TOUCHED = {"clear_touch": vessel_figures, "objects": object_figures}
 VARIANTS: dict[str, dict[str, Any]] = {
     "in order": {},
     "shuffled": {"shuffle": True},
@@ -125,8 +132,32 @@ def campaign(
     return rows
 
 
+def touch_campaign(
+    name: str, chosen: Sequence[int], *, cache: Path | None = None, journal: Path | None = None
+) -> list[dict[str, Any]]:
+    """Touches on a vessel or an object for every seed; a stopped campaign goes on from its journal."""
+    done = Journal(journal, {"campaign": f"glass {name}"})
+    files = mesh_files(data_folder() / "meshes") if name == "objects" else []
+    if name == "objects" and not files:
+        raise SystemExit(f"{data_folder() / 'meshes'}: has no meshes, name the data by VISUOHAPTIC_DATA")
+    for seed in chosen:
+        if str(seed) not in done:
+            if name == "objects":
+                path = files[seed // 2 % len(files)]
+                row = touch_object(one_sided(path, np.random.default_rng([seed, 13])), seed)
+            else:
+                scene = sequence("clear", seed, cache)
+                found = reconstruct(frames_of(scene.views(24)), noise=sensor_noise(SENSOR))
+                row = touch_vessel(found, scene.vessels[0], seed)
+            done.put(str(seed), row)
+        print(f"{name}: seed {seed}", flush=True)
+    return [{"seed": seed, **done.rows[str(seed)]} for seed in chosen]
+
+
 def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Figures of a campaign."""
+    if name in TOUCHED:
+        return TOUCHED[name](rows)
     figures = []
     for count in sorted({row["views"] for row in rows}, reverse=True):
         for variant in VARIANTS:
@@ -191,7 +222,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("campaigns", nargs="*", default=["found", "false"], choices=list(FAMILY))
+    parser.add_argument("campaigns", nargs="*", default=["found", "false"], choices=[*FAMILY, *TOUCHED])
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
     parser.add_argument("--count", type=int, default=50, help="number of scenes")
     parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
@@ -205,14 +236,18 @@ def main() -> None:
         journal = arguments.report and arguments.report.with_name(
             f"{arguments.report.stem}_{name}_{arguments.seeds}.jsonl"
         )
-        rows = campaign(
-            name,
-            seeds(arguments.seeds, arguments.count),
-            views=arguments.views,
-            variants=arguments.variants,
-            cache=arguments.cache,
-            journal=journal,
-        )
+        chosen = seeds(arguments.seeds, arguments.count)
+        if name in TOUCHED:
+            rows = touch_campaign(name, chosen, cache=arguments.cache, journal=journal)
+        else:
+            rows = campaign(
+                name,
+                chosen,
+                views=arguments.views,
+                variants=arguments.variants,
+                cache=arguments.cache,
+                journal=journal,
+            )
         report[name] = {"rows": rows, "figures": summary(name, rows)}
         for row in report[name]["figures"]:
             limits = f"floor {row['floor']}  aim {row['aim']}"
