@@ -39,6 +39,7 @@ CAMPAIGNS = (
     "foam_evidence",
     "foam_faults",
     "foam_tags",
+    "glass_evidence",
     "grasp",
     "mission",
     "nav_push",
