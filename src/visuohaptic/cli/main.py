@@ -11,7 +11,7 @@ A verb is a line of ``VERBS`` (what it does) and a module with
 
 A verb whose work was done in part only sets ``args.exit_code``.
 
-Exit codes: 0 done, 2 bad input or usage, 1 internal error, 130 interrupted,
+Exit codes: 0 done, 2 bad input or usage, 3 no plan (``plan``), 1 internal error, 130 interrupted,
 141 the reader of our output has gone.
 """
 
