@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import multiprocessing
 import os
 import resource
@@ -196,7 +197,8 @@ def _loads() -> tuple[int, int]:
         found = function._cache.load_overload(arguments, function.targetctx)
         if found is not None:
             loaded += 1
-            wrong += tuple(found.signature.args) != arguments or found.entry_point(value) != value / 2 + 7
+            right = tuple(found.signature.args) == arguments and found.entry_point(value) == value / 2 + 7
+            wrong += 0 if right else 1
     return loaded, wrong
 
 
@@ -216,8 +218,10 @@ def main() -> int:
         return 0
     journal = Journal(args.report, {"campaign": "saves", "seeds": args.seeds})
     seeds = [seed for seed in range(args.seeds == "closed", 2 * args.count, 2) if str(seed) not in journal]
+    # By its name as a module: the kernel's entries carry it, and the writers do not know it as ``__main__``.
+    module = importlib.import_module("benchmarks.cold_start")
     with tempfile.TemporaryDirectory() as folder:
-        for seed, loaded, wrong in saves(seeds, Path(folder)):
+        for seed, loaded, wrong in module.saves(seeds, Path(folder)):
             journal.put(str(seed), [loaded, wrong])
     rows = list(journal.rows.values())
     print(f"{len(rows)} rounds of {len(ARGUMENTS)} signatures from two processes: ", end="")
