@@ -59,7 +59,7 @@ CAMPAIGNS = (
 _NOT_BENCHMARKS = {"constants", "harness", "house", "kernel_signatures", "kernel_wheel"}
 
 #: Libraries whose versions change what is measured.
-_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mujoco", "av")
+_LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mujoco-core", "av")
 
 ROOT = Path(__file__).resolve().parents[1]
 

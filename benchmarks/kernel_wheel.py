@@ -24,8 +24,8 @@ from visuohaptic._version import __version__
 _NAMES = """
 import importlib
 from visuohaptic.cli.verbs.system.warmup import read_signatures
-from visuohaptic.core import cache_folder
-from visuohaptic.core.kernels import KERNELS, code_digest, shipped_name
+from visuohaptic.core import cache_folder, code_digest
+from visuohaptic.core.kernels import shipped_name
 print(cache_folder())
 print(shipped_name())
 for module, signatures in read_signatures().items():

@@ -69,7 +69,7 @@ class FloorWorld:
         try:
             import mujoco
         except ImportError as error:
-            raise MissingExtraError("mujoco", "sim", "the simulated floor") from error
+            raise MissingExtraError("mujoco-core", "sim", "the simulated floor") from error
         self._mujoco: Any = mujoco
         self.robot = robot if robot is not None else FloorRobot()
         self.items = tuple(items)
