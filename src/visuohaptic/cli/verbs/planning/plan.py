@@ -99,7 +99,7 @@ def _line(plan: Plan) -> str:
     if not plan.reachable:
         return f"no plan: {plan.reason}" + (" (proved)" if plan.proved else "")
     return (
-        f"{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  {len(plan.pushes)} pushes, "
+        f"{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  {len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
         f"fails with {plan.failure_probability:.2f}"
     )
 
