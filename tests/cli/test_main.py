@@ -157,7 +157,7 @@ def test_interruption_is_code_130(verbs, capsys):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["toch", "box"], "unknown verb 'toch'; did you mean 'touch'?"),
+        (["toch", "box"], "unknown verb 'toch box'; did you mean 'touch box'?"),
         (["xyz"], "unknown verb 'xyz'; see visuohaptic --help"),
         (["touch", "bx"], "unknown verb 'touch bx'; did you mean 'touch box'?"),
         (["touch"], "touch: which one? expected 'touch box'"),
