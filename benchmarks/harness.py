@@ -36,8 +36,10 @@ CAMPAIGNS = (
     "build_faults",
     "completion",
     "crown_cap",
+    "foam_evidence",
     "foam_faults",
     "foam_tags",
+    "glass_evidence",
     "grasp",
     "mission",
     "nav_push",
@@ -54,7 +56,7 @@ CAMPAIGNS = (
 )
 
 #: Modules of this folder that are not benchmarks.
-_NOT_BENCHMARKS = {"constants", "harness", "house", "kernel_signatures"}
+_NOT_BENCHMARKS = {"constants", "harness", "house", "kernel_signatures", "kernel_wheel"}
 
 #: Libraries whose versions change what is measured.
 _LIBRARIES = ("numpy", "scipy", "numba", "opencv-python-headless", "scikit-image", "mujoco", "av")

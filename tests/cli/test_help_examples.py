@@ -374,6 +374,13 @@ def _server() -> Iterator[None]:
         yield
 
 
+def _own_robot(folder: Path, world: World) -> None:
+    """The example's parts, under the name in the help."""
+    (folder / "my_robot.py").write_text(
+        "from tests.tasks.example_robot import connect\n\n__all__ = ['connect']\n"
+    )
+
+
 @contextlib.contextmanager
 def _few_libraries() -> Iterator[None]:
     """Three processes instead of thirty: tests/cli/test_doctor.py compares the whole table."""
@@ -608,7 +615,7 @@ STORIES: dict[str, Story] = {
     "view": Story(lambda f, r: _viewed(r), _to_view, around=_ctrl_c),
     "ros bridge": Story(_ros_bridge, _flatten("example foam"), around=_robot),
     "warmup": Story(lambda f, r: _warm(r)),
-    "doctor": Story(lambda f, r: _healthy(r), around=_few_libraries),
+    "doctor": Story(lambda f, r: _healthy(r), _own_robot, around=_few_libraries),
 }
 
 #: Verbs whose examples are run elsewhere, and where.
@@ -673,6 +680,7 @@ def _warm(results: list[Any]) -> None:
 
 def _healthy(results: list[Any]) -> None:
     assert results[0]["libraries"]["numpy"]["version"] == np.__version__
+    assert len(results[1]["rules"]) > len(results[2]["rules"]) > 4
 
 
 def test_every_verb_has_a_story() -> None:

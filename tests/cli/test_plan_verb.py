@@ -64,6 +64,7 @@ def test_no_plan_is_an_answer(files, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["reachable"] is False
     assert data["proved"] is True
+    assert data["answer"] == "no plan (proved)"
     assert (
         data["reason"] == "walls separate start and goal"
     )  # no word of pushing where nothing is there to push

@@ -10,6 +10,9 @@ only loads it. The name of the file carries a digest of all that the machine cod
 - in the name of the folder: the versions of numba, llvmlite, NumPy and Python, the processor and its
   features, and the environment variables of numba.
 
+The package ``visuohaptic-kernels``, which a release may ship, has the same files made for every processor with AVX2 and
+FMA (x86-64-v3) and every patch version of NumPy; they are looked up where the user's folder has none.
+
 Taking the values from memory rather than the text of the sources covers a callee in another file,
 a constant that is imported or computed, and a file that was edited while the process ran. A function that
 uses anything else (an object, a function of a library not named above) is compiled, but never cached.
@@ -21,10 +24,12 @@ begin with a checksum. They hold object code and are trusted like the installati
 from __future__ import annotations
 
 import enum
+import functools
 import hashlib
 import logging
 import os
 import pickle
+import platform
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -34,6 +39,7 @@ from types import CodeType, ModuleType
 from typing import Any
 
 import llvmlite
+import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import serialize, sigutils
@@ -44,7 +50,9 @@ from numba.core.types import Array, Boolean, Number, Type
 from numba.core.types.containers import BaseTuple
 from numba.core.types.misc import NoneType
 
-__all__ = ["KERNELS", "KernelCache", "cache_folder", "code_digest", "kernel", "remove_stale"]
+__all__ = [
+    "KERNELS", "SHIPPED_CPU", "KernelCache", "cache_folder", "code_digest", "kernel", "remove_stale", "shipped_name",
+]  # fmt: skip
 
 _log = logging.getLogger(__name__)
 
@@ -55,8 +63,21 @@ KERNELS: list[Dispatcher] = []
 _LIBRARIES = {"builtins", "cmath", "math", "numba", "numpy", "operator", "_operator"}
 #: Environment variables of numba that do not change the machine code, or are in the folder's name by their effect.
 _NO_CODE = {"NUMBA_CACHE_DIR", "NUMBA_NUM_THREADS", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"}
-#: Machine code delivered with the package, read only; absent unless a build has made it.
-_SHIPPED = Path(__file__).with_name("_compiled")
+#: Processor that shipped machine code is made for, and what it has beyond x86-64 (System V ABI, AMD64 supplement 1.0).
+SHIPPED_CPU = "x86-64-v3"
+_SHIPPED_FEATURES = [
+    "avx",
+    "avx2",
+    "bmi",
+    "bmi2",
+    "cx16",
+    "f16c",
+    "fma",
+    "lzcnt",
+    "movbe",
+    "popcnt",
+    "sse4.2",
+]
 
 
 def kernel(
@@ -142,7 +163,7 @@ class KernelCache:
         """
         name = self._entry(sig)
         target_context.refresh()
-        for folder, owned in ((cache_folder(), True), (_SHIPPED / _environment(), False)):
+        for folder, owned in ((cache_folder(), True), (_shipped_folder(), False)):
             payload = _read(folder / name, owned) if name and folder else None
             if payload is not None:
                 # Numba's own format; the owner and the checksum of the file were verified.
@@ -187,7 +208,31 @@ def cache_folder() -> Path | None:
     elif not named:
         named = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
     base = Path(os.path.expanduser(named or "~"))
-    return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / _environment()
+    processor = cpu_target.target_context.codegen().magic_tuple()
+    name = _environment(processor, np.__version__)
+    return None if base.parts[:1] == ("~",) else base.absolute() / "visuohaptic" / name
+
+
+def shipped_name() -> str:
+    """Name of the folder of shipped machine code for these versions, in the package ``visuohaptic_kernels``."""
+    triple = cpu_target.target_context.codegen().magic_tuple()[0]
+    return _environment((triple, SHIPPED_CPU, ""), ".".join(np.__version__.split(".")[:2]))
+
+
+def _shipped_folder() -> Path | None:
+    """Folder of the shipped machine code for these versions; None without the package or on another processor."""
+    package = _shipped_package()
+    return package / shipped_name() if package is not None else None
+
+
+@functools.cache
+def _shipped_package() -> Path | None:
+    named = os.environ.get("NUMBA_CPU_NAME") or os.environ.get("NUMBA_CPU_FEATURES")
+    if named or platform.machine().lower() not in ("x86_64", "amd64"):
+        return None
+    features = llvmlite.binding.get_host_cpu_features()
+    found = find_spec("visuohaptic_kernels") if all(map(features.get, _SHIPPED_FEATURES)) else None
+    return Path(found.origin).parent if found is not None and found.origin is not None else None
 
 
 def remove_stale() -> int:
@@ -311,10 +356,9 @@ def _stem(dispatcher: Dispatcher) -> str:
     return f"{function.__module__}.{function.__qualname__}".replace("<", "").replace(">", "")
 
 
-def _environment() -> str:
-    """Name of the folder for this processor and these versions."""
-    processor = cpu_target.target_context.codegen().magic_tuple()
-    versions = (numba.__version__, llvmlite.__version__, np.__version__, sys.implementation.cache_tag)
+def _environment(processor: tuple[str, str, str], numpy_version: str) -> str:
+    """Name of the folder for a processor (target, name, features), a version of NumPy, and those of the rest here."""
+    versions = (numba.__version__, llvmlite.__version__, numpy_version, sys.implementation.cache_tag)
     settings = sorted(
         item for item in os.environ.items() if item[0].startswith("NUMBA_") and item[0] not in _NO_CODE
     )

@@ -131,12 +131,12 @@ def _round() -> Float[np.ndarray, "n 3"]:
     """Poses of the first round, every ten centimetres."""
     grid = office_map()
     problem = PlanningProblem(grid, RobotModel(0.25), np.array(ROUND[0]), np.array(ROUND[-1]))
-    world = build_search_domain(problem, pushes=False)
-    clearance = world.clearance_with(np.zeros((0, 2)))
+    world = build_search_domain(problem)
+    still = np.zeros((0, 2))
     parts = []
     for start, end in itertools.pairwise(ROUND):
         path, _ = pull_string(
-            world, clearance, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
+            world, still, grid_from_world(grid, np.array(start)), grid_from_world(grid, np.array(end))
         )
         parts.append(world_from_grid(grid, path))
     path_m = np.concatenate(parts)

@@ -158,13 +158,7 @@ class CompleteTask(Machine[CompleteState, ProbeObservation, ProbeCommand]):
         return ProbeCommand()
 
     def decide(self, seen: ProbeObservation) -> ProbeCommand:
-        """Motion of the probe after one frame.
-
-        Parameters
-        ----------
-        seen
-            The newest observation.
-        """
+        """Motion of the probe after one frame."""
         s = self.settings
         self._blind = 0 if seen.felt else self._blind + 1
         if self._blind >= s.blind_frames:

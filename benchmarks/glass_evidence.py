@@ -1,0 +1,260 @@
+"""Clear glass from few views, in worlds of an independent ray caster (``tests/worlds/rays.py``).
+
+``found``: two or three thin clear vessels on a table, of 48, 24, 12 and 8 views in order, shuffled, and shuffled with
+pose errors of 2 mm and 0.3 degrees per axis. A vessel is found where the centroid of a region lies in its bounding box
+grown by 15 mm; the position error is the horizontal distance of the nearest such centroid from the vessel's axis, for how
+much of the height is found is no error of place. ``false``: the same tables with opaque twins, black and shiny ones, and people who walk past; every region is false. ``filled``:
+vessels with water. Regions that belong to no vessel of a clear scene count as false, too.
+
+    python -m benchmarks.glass_evidence found false --seeds open --count 50 --cache scenes --report out.json
+
+``clear_touch``: six planned touches on a fully clear vessel of 24 views. ``objects``: six planned touches on the back of
+scanned objects (``../shared/data/geometry``) that one camera sees from one side.
+
+Half of the seeds, the odd ones, are closed: they are for the figures that are reported, not for choosing anything.
+Stopped, a campaign goes on where it was; scenes are rendered once (12 s each) and kept in the folder ``--cache``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.worlds.ray_meshes import mesh_files, one_sided
+from tests.worlds.ray_scenes import GlassSequence, sequence
+
+from visuohaptic.core.camera import Camera, Pose
+from visuohaptic.core.files import write_text
+from visuohaptic.io.depth import DepthFrame
+from visuohaptic.reconstruction import reconstruct
+from visuohaptic.reconstruction.fusion import sensor_noise
+
+from ._journal import Journal
+from ._touch_evidence import object_figures, touch_object, touch_vessel, vessel_figures
+from .harness import use_one_thread
+from .transparency import data_folder
+
+#: Of the camera of the world, as `sequence.yaml` would name it.
+SENSOR = "realsense_d435"
+#: Pose errors per axis [m, rad].
+POSE_NOISE = (0.002, float(np.radians(0.3)))
+#: A centroid belongs to a vessel within its box grown by this [m].
+GROWN_M = 0.015
+#: Campaigns of detection: family of scenes and numbers of views.
+FAMILY = {
+    "found": ("clear", (48, 24, 12, 8)),
+    "filled": ("filled", (24, 12)),
+    "false": ("opaque", (48, 24, 12, 8)),
+}
+TOUCHED = {"clear_touch": vessel_figures, "objects": object_figures}
+VARIANTS: dict[str, dict[str, Any]] = {
+    "in order": {},
+    "shuffled": {"shuffle": True},
+    "shuffled, poses off": {"shuffle": True, "noise": POSE_NOISE},
+}
+#: Floor and aim of the fraction found, by campaign and views.
+FOUND_LIMITS = {
+    ("found", 48): (0.97, 0.99),
+    ("found", 24): (0.9, 0.97),
+    ("found", 12): (0.75, 0.9),
+    ("found", 8): (0.5, 0.75),
+    ("filled", 24): (0.8, 0.95),
+    ("filled", 12): (0.5, 0.8),
+}
+
+
+def seeds(which: str, count: int) -> list[int]:
+    """Open (even) or closed (odd) seeds."""
+    return [2 * k + (which == "closed") for k in range(count)]
+
+
+def frames_of(scene: GlassSequence) -> list[DepthFrame]:
+    """The views as the library takes them."""
+    camera = Camera(scene.camera.width, scene.camera.height, scene.camera.matrix)
+    return [
+        DepthFrame(0.1 * k, depth, None, Pose(pose[:3, :3], pose[:3, 3]), camera, k)
+        for k, (depth, pose) in enumerate(zip(scene.depth_m, scene.T_world_camera, strict=True))
+    ]
+
+
+def detect(scene: GlassSequence) -> dict[str, Any]:
+    """What is found in a scene, held against the truth."""
+    started = time.process_time()
+    found = reconstruct(frames_of(scene), noise=sensor_noise(SENSOR))
+    centroids = np.array([region.centroid_m for region in found.regions]).reshape(-1, 3)
+    own = np.zeros(len(centroids), dtype=bool)
+    errors: list[float | None] = []
+    for vessel in scene.vessels:
+        low, high = vessel.bounds_m
+        inside = ((centroids > low - GROWN_M) & (centroids < high + GROWN_M)).all(axis=1)
+        own |= inside
+        away = np.linalg.norm((centroids[inside] - vessel.position_m)[:, :2], axis=1)
+        errors.append(float(away.min()) if len(away) else None)
+    return {
+        "kind": scene.kind,
+        "vessels": [vessel.kind for vessel in scene.vessels],
+        "error_m": errors,
+        "false": int((~own).sum()),
+        "regions": [np.round(c, 4).tolist() for c in centroids],
+        "reason": found.search.text,
+        "cpu_s": time.process_time() - started,
+    }
+
+
+def campaign(
+    name: str,
+    chosen: Sequence[int],
+    *,
+    views: Sequence[int] = (),
+    variants: Sequence[str] = tuple(VARIANTS),
+    cache: Path | None = None,
+    journal: Path | None = None,
+) -> list[dict[str, Any]]:
+    """Every scene of every number of views in every variant; a stopped one goes on from its journal."""
+    family, all_views = FAMILY[name]
+    done = Journal(journal, {"campaign": f"glass {name}"})
+    rows = []
+    for seed in chosen:
+        whole = None
+        for count in views or all_views:
+            for variant in variants:
+                key = f"{seed} {count} {variant}"
+                if key not in done:
+                    whole = whole or sequence(family, seed, cache)
+                    done.put(key, detect(whole.views(count, **VARIANTS[variant])))
+                rows.append({"seed": seed, "views": count, "variant": variant, **done.rows[key]})
+        print(f"{name}: seed {seed}, {len(rows)} runs", flush=True)
+    return rows
+
+
+def touch_campaign(
+    name: str, chosen: Sequence[int], *, cache: Path | None = None, journal: Path | None = None
+) -> list[dict[str, Any]]:
+    """Touches on a vessel or an object for every seed; a stopped campaign goes on from its journal."""
+    done = Journal(journal, {"campaign": f"glass {name}"})
+    files = mesh_files(data_folder() / "meshes") if name == "objects" else []
+    if name == "objects" and not files:
+        raise SystemExit(f"{data_folder() / 'meshes'}: has no meshes, name the data by VISUOHAPTIC_DATA")
+    for seed in chosen:
+        if str(seed) not in done:
+            if name == "objects":
+                path = files[seed // 2 % len(files)]
+                row = touch_object(one_sided(path, np.random.default_rng([seed, 13])), seed)
+            else:
+                scene = sequence("clear", seed, cache)
+                found = reconstruct(frames_of(scene.views(24)), noise=sensor_noise(SENSOR))
+                row = touch_vessel(found, scene.vessels[0], seed)
+            done.put(str(seed), row)
+        print(f"{name}: seed {seed}", flush=True)
+    return [{"seed": seed, **done.rows[str(seed)]} for seed in chosen]
+
+
+def summary(name: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Figures of a campaign."""
+    if name in TOUCHED:
+        return TOUCHED[name](rows)
+    figures = []
+    for count in sorted({row["views"] for row in rows}, reverse=True):
+        for variant in VARIANTS:
+            chosen = [row for row in rows if row["views"] == count and row["variant"] == variant]
+            if chosen:
+                figures += _figures(name, count, variant, chosen)
+    return figures
+
+
+def _figures(name: str, count: int, variant: str, rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Figures of one number of views and one variant."""
+    what = f"{name}, {count} views {variant}"
+    note = f"{len(rows)} scenes"
+    figures: list[dict[str, Any]] = []
+    errors = [error for row in rows for error in row["error_m"]]
+    if errors:
+        floor, aim = FOUND_LIMITS[name, count]
+        hits = [1e3 * error for error in errors if error is not None]
+        by_kind = {
+            kind: [
+                e is not None
+                for row in rows
+                for k, e in zip(row["vessels"], row["error_m"], strict=True)
+                if k == kind
+            ]
+            for kind in sorted({k for row in rows for k in row["vessels"]})
+        }
+        kinds = ", ".join(f"{kind} {sum(of)}/{len(of)}" for kind, of in by_kind.items())
+        figures.append(
+            {"name": f"{what}: vessels found", "ours": len(hits) / len(errors), "unit": "1", "floor": floor, "aim": aim,
+             "note": f"{note}: {kinds}"}
+        )  # fmt: skip
+        if hits:
+            figures.append(
+                {"name": f"{what}: position error, p90", "ours": float(np.quantile(hits, 0.9)), "unit": "mm",
+                 "floor": 10.0, "aim": 4.0, "higher_is_better": False, "note": f"median {np.median(hits):.1f} mm"}
+            )  # fmt: skip
+    kinds = ", ".join(
+        f"{kind} {sum(row['false'] for row in rows if row['kind'] == kind)}"
+        f"/{sum(row['kind'] == kind for row in rows)}"
+        for kind in sorted({row["kind"] for row in rows})
+    )
+    figures.append(
+        {"name": f"{what}: false regions per scene", "ours": sum(row["false"] for row in rows) / len(rows), "unit": "1",
+         "floor": 0.1, "aim": 0.02, "higher_is_better": False, "note": f"{note}: {kinds}"}
+    )  # fmt: skip
+    return figures
+
+
+def run() -> list[dict[str, Any]]:
+    """A slice: six open scenes of 24 views."""
+    figures = []
+    for name in FAMILY:
+        figures += summary(
+            name, campaign(name, seeds("open", 6), views=(24,), variants=("shuffled, poses off",))
+        )
+    return figures
+
+
+def main() -> None:
+    """Run the campaigns named on the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("campaigns", nargs="*", default=["found", "false"], choices=[*FAMILY, *TOUCHED])
+    parser.add_argument("--seeds", choices=("open", "closed"), default="open")
+    parser.add_argument("--count", type=int, default=50, help="number of scenes")
+    parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
+    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
+    parser.add_argument("--cache", type=Path, help="folder that keeps rendered scenes")
+    parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
+    arguments = parser.parse_args()
+    use_one_thread()
+    report: dict[str, Any] = {}
+    for name in arguments.campaigns:
+        journal = arguments.report and arguments.report.with_name(
+            f"{arguments.report.stem}_{name}_{arguments.seeds}.jsonl"
+        )
+        chosen = seeds(arguments.seeds, arguments.count)
+        if name in TOUCHED:
+            rows = touch_campaign(name, chosen, cache=arguments.cache, journal=journal)
+        else:
+            rows = campaign(
+                name,
+                chosen,
+                views=arguments.views,
+                variants=arguments.variants,
+                cache=arguments.cache,
+                journal=journal,
+            )
+        report[name] = {"rows": rows, "figures": summary(name, rows)}
+        for row in report[name]["figures"]:
+            limits = f"floor {row['floor']}  aim {row['aim']}"
+            print(f"{row['name']:62s} {row['ours']:7.3f} {row['unit']:3s} {limits}  {row['note']}")
+    if arguments.report:
+        write_text(arguments.report, json.dumps(report, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
