@@ -30,9 +30,11 @@ OBJECT, FRAME_MS = "heavy box", 120
 
 def record_mission() -> Path:
     """Run the demo with a recorder in place of page and terminal."""
+    from mission_recorder import MissionRecorder
+
     from visuohaptic.demo.chapters import run_mission
     from visuohaptic.demo.office_chapters import office_map
-    from visuohaptic.demo.recorded import RECORDED, MissionRecorder
+    from visuohaptic.demo.recorded import RECORDED
     from visuohaptic.demo.report import write_story
 
     recorder, grid = MissionRecorder(), office_map()

@@ -111,7 +111,7 @@ MISUSES = {
         "sense foam --config sensor.yaml --source rtsp://127.0.0.1:9/x", ("does not answer", "address")
     ),
     "a closed map": Misuse(
-        "plan rooms.yaml --robot robot.yaml --start 0.6 1.2 --goal 2.6 1.2", ("no plan: walls",), first=(), code=3
+        "plan rooms.yaml --robot robot.yaml --start 0.6 1.2 --goal 2.6 1.2", ("no plan", "walls separate start and goal"), first=(), code=3
     ),
     "an object that is too heavy": Misuse(
         "plan rooms.yaml --robot robot.yaml --objects objects.yaml --start 0.6 1.2 --goal 2.6 1.2",

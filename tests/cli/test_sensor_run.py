@@ -113,3 +113,22 @@ def test_ctrl_c_ends_a_live_run_with_its_rows_and_its_summary(capsys):
     assert "0 N" in capsys.readouterr().err
     with pytest.raises(KeyboardInterrupt):
         run_sensor(args, reader, frames(), outputs)
+
+
+def test_the_recording_that_import_writes_is_known_to_info(tmp_path, capsys):
+    import json
+
+    from visuohaptic.cli.main import main
+    from visuohaptic.core.camera import Camera, Pose
+    from visuohaptic.io.depth import DepthFrame, write_sequence
+
+    camera = Camera.simple(32, 24, 30.0)
+    frames = [
+        DepthFrame(0.5 * k, np.full((24, 32), 0.8, np.float32), None, Pose.identity(), camera, k)
+        for k in range(3)
+    ]
+    write_sequence(tmp_path / "scan", frames)
+    assert main(["recording", "info", str(tmp_path / "scan"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["kind"], found["frames"], found["duration_s"]) == ("depth sequence", 3, 1.0)
+    assert (found["width"], found["height"]) == (32, 24)

@@ -29,6 +29,7 @@ __all__ = [
     "is_live",
     "opened_frames",
     "run_sensor",
+    "shown_frames",
     "zero_frames",
 ]
 
@@ -81,6 +82,21 @@ def opened_frames(args: Any, camera: Camera | None, *, grey: bool = False) -> Fr
     return open_source(
         args.source, camera=camera, start_s=args.start, stop_s=args.stop, rate_Hz=args.rate_Hz, grey=grey
     )
+
+
+def shown_frames(args: Any, source: FrameSource, doing: str) -> Iterator[Frame]:
+    """Frames of a recording with their progress; of a camera, which has no end, as they come.
+
+    Parameters
+    ----------
+    args
+        With ``source``.
+    source
+        From :func:`opened_frames`.
+    doing
+        What is done with them, one word.
+    """
+    return iter(source if is_live(str(args.source)) else args.progress(source, doing))
 
 
 def zero_frames(args: Any) -> int:
@@ -163,13 +179,15 @@ def run_sensor(
     on_reading
         Told of every reading, for the verb's own summary.
     live
-        Show every reading on one line of the terminal; Ctrl-C ends the run as the end of a recording does.
+        Show every reading on one line of the terminal, and let Ctrl-C end the run as the end of a recording does;
+        so it is with a camera anyway.
 
     Raises
     ------
     InputError
         There is no zero reference, or no frame.
     """
+    live = live or is_live(str(args.source or ""))
     if count := zero_frames(args):
         reader.zero(islice(frames, count))
     reader.require_zero("give --zero-frames N")

@@ -10,172 +10,27 @@ import json
 import re
 import time
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from jaxtyping import Float, Int8, UInt8
 
 from ..core.camera.pose import Pose
-from ..core.codec import from_dict, to_dict
+from ..core.codec import from_dict
 from ..core.errors import InputError
-from ..core.files import atomic_path, decode_image, write_text
+from ..core.files import decode_image, write_text
 from ..core.measurement import ForceProfile
-from ..core.objects import HapticTag
 
 if TYPE_CHECKING:
     from ..viewer.page import LivePage
 
-__all__ = ["RECORDED", "MissionRecorder", "replay"]
+__all__ = ["RECORDED", "replay"]
 
 #: The mission of seed 2 that comes with the package; ``python docs/pictures.py mission`` records it again.
 RECORDED = Path(__file__).with_name("mission.zip")
-#: Every n-th state of the platform is kept, its pictures this wide [px].
-_EVERY, _WIDTH_PX, _QUALITY = 8, 480, 45
 #: What a line said of the recording's own computing time.
 _TIME_LEFT = re.compile(r" +\((?:about )?\d+ s(?: left)?\)$")
-
-
-class MissionRecorder:
-    """Takes the place of the live page, and of the terminal, while a mission is recorded."""
-
-    def __init__(self) -> None:
-        self.events: list[list[Any]] = []
-        self.pictures: list[bytes] = []
-        self._updates = 0
-
-    def log(self, text: str) -> None:
-        """Take a line of the story.
-
-        Parameters
-        ----------
-        text
-            Without its end.
-        """
-        self.events.append(["line", text])
-
-    def set_map(
-        self, cells: Int8[np.ndarray, "rows columns"], resolution_m: float, origin_world_m: tuple[float, ...]
-    ) -> None:
-        """As the page's.
-
-        Parameters
-        ----------
-        cells
-            -1 unknown, 0 free, 100 occupied.
-        resolution_m
-            Edge of a cell [m].
-        origin_world_m
-            Lower left corner (x, y) [m] and yaw [rad].
-        """
-        self.events.append(["map", cells.tolist(), resolution_m, list(origin_world_m)])
-
-    def set_obstacle(
-        self,
-        name: str,
-        outline_m: Float[np.ndarray, "n 2"],
-        T_world_object: Pose,
-        *,
-        height_m: float = 0.3,
-        fixed: bool | None = None,
-    ) -> None:
-        """As the page's; while it is moved every n-th place is kept.
-
-        Parameters
-        ----------
-        name
-            Of the obstacle.
-        outline_m
-            Its outline on the floor [m].
-        T_world_object
-            Where it is.
-        height_m
-            Its height [m].
-        fixed
-            Its colour.
-        """
-        known = any(event[:2] == ["obstacle", name] for event in self.events)
-        if not known or self._updates % _EVERY == 0:
-            matrix = np.round(T_world_object.matrix, 4).tolist()
-            self.events.append(
-                ["obstacle", name, np.round(outline_m, 4).tolist(), matrix, height_m, bool(fixed)]
-            )
-
-    def set_tags(self, tags: Mapping[str, HapticTag]) -> None:
-        """As the page's.
-
-        Parameters
-        ----------
-        tags
-            By the name of the object.
-        """
-        from ..report.run_tables import tag_text
-
-        self.events.append(["tags", {name: tag_text(tag) for name, tag in tags.items()}])
-
-    def update(
-        self,
-        t_s: float,
-        *,
-        frame_bgr: UInt8[np.ndarray, "rows columns *colour"],
-        profile: ForceProfile,
-        truth_N: float | None = None,
-        T_world_foam: Pose | None = None,
-        note: str = "",
-    ) -> None:
-        """As the page's; every n-th state is kept.
-
-        Parameters
-        ----------
-        t_s
-            Time [s].
-        frame_bgr
-            Picture of the camera.
-        profile
-            What was read.
-        truth_N
-            True force.
-        T_world_foam
-            Where the platform's foam is.
-        note
-            Newest event.
-        """
-        import cv2
-
-        self._updates += 1
-        if self._updates % _EVERY and not note:
-            return
-        height = round(_WIDTH_PX * frame_bgr.shape[0] / frame_bgr.shape[1])
-        small = cv2.resize(frame_bgr, (_WIDTH_PX, height), interpolation=cv2.INTER_AREA)
-        self.pictures.append(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes())
-        place = None if T_world_foam is None else np.round(T_world_foam.matrix, 4).tolist()
-        self.events.append(["update", t_s, _rounded(to_dict(profile)), truth_N, place, note])
-
-    def save(self, path: Path | str, report: Path | str) -> None:
-        """Write the recording.
-
-        Parameters
-        ----------
-        path
-            ZIP file.
-        report
-            HTML file of the same mission, which goes in.
-        """
-        with atomic_path(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_LZMA) as archive:
-            archive.writestr("events.json", json.dumps(self.events, separators=(",", ":")))
-            archive.writestr("report.html", Path(report).read_bytes())
-            for number, picture in enumerate(self.pictures):
-                archive.writestr(f"{number:04d}.jpg", picture)
-
-
-def _rounded(value: Any) -> Any:
-    """Four digits are more than a picture shows."""
-    if isinstance(value, float):
-        return float(f"{value:.4g}")
-    if isinstance(value, dict):
-        return {name: _rounded(item) for name, item in value.items()}
-    return [_rounded(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def replay(
@@ -197,7 +52,7 @@ def replay(
     page
         Shows the pushes.
     recording
-        File of :meth:`MissionRecorder.save`.
+        A recorded mission.
     pause_s
         Before each line and state [s].
 

@@ -77,6 +77,12 @@ def open_source(
         return open_camera(live[0], uvc_only=live[1], camera=camera, rate_Hz=rate_Hz, grey=grey)
     topic = _TOPIC.match(text)
     path = Path(topic[1] if topic else text)
+    if path.suffix == ".db3" or (path.is_dir() and any(path.glob("*.db3"))):
+        raise InputError(
+            text,
+            "is a ROS 2 bag in SQLite, expected MCAP",
+            remedy="convert it: ros2 bag convert, with storage_id: mcap, or rosbags-convert --dst-storage mcap",
+        )
     if path.is_dir():
         return ImageFolderSource(
             path, camera=camera, rate_Hz=rate_Hz, start_s=start_s, stop_s=stop_s, grey=grey

@@ -107,7 +107,8 @@ def _line(plan: Plan) -> str:
     if not plan.reachable:
         return f"{plan.answer}: {plan.reason}"
     return (
-        f"{plan.answer:<12}{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  {len(plan.pushes)} pushes, "
+        f"{plan.answer:<12}{plan.cost_s:7.1f} s {plan.length_m:7.2f} m  "
+        f"{len(plan.pushes)} push{'' if len(plan.pushes) == 1 else 'es'}, "
         f"fails with {plan.failure_probability:.2f}"
     )
 

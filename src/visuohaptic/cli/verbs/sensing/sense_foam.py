@@ -6,7 +6,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._sensor_run import SensorRun, add_part, force_outputs, is_live, opened_frames, run_sensor, zero_frames
+from ..._sensor_run import (
+    SensorRun,
+    add_part,
+    force_outputs,
+    opened_frames,
+    run_sensor,
+    shown_frames,
+    zero_frames,
+)
 
 if TYPE_CHECKING:
     from ....core.measurement import ForceProfile
@@ -112,9 +120,7 @@ def _measure(args: Any, sensor: FoamSensor, source: FrameSource) -> dict[str, An
         if args.plot:
             readings.append(reading)
 
-    live = is_live(args.source)
-    frames = iter(source if live else args.progress(source, "measuring"))
-    done = run_sensor(args, reader, frames, force_outputs(), note, live=live)
+    done = run_sensor(args, reader, shown_frames(args, source, "measuring"), force_outputs(), note)
     if args.plot:
         _plot(args.plot, readings)
         done.out.append(str(args.plot))

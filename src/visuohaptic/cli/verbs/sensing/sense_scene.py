@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ....core.errors import InputError
-from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, zero_frames
+from ..._sensor_run import Outputs, SensorRun, add_part, opened_frames, run_sensor, shown_frames, zero_frames
 
 if TYPE_CHECKING:
     from ....core.robots import FrameSource
@@ -92,7 +92,7 @@ def _track(args: Any, reader: SceneReader, source: FrameSource) -> dict[str, Any
             tilt_rad = max(tilt_rad, reading.object_motion.tilt_rad)
 
     outputs: Outputs[SceneReading] = Outputs(SceneTable, rows=lambda reading: (reading,))
-    done = run_sensor(args, reader, iter(args.progress(source, "tracking")), outputs, note)
+    done = run_sensor(args, reader, shown_frames(args, source, "tracking"), outputs, note)
     assert last is not None  # of a run with frames
     result = _summary(args, done, last, nearest_m)
     if reader.foam is not None:

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor
+from ..._sensor_run import Outputs, add_part, is_live, opened_frames, run_sensor, shown_frames
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -65,7 +65,7 @@ def run(args: Any) -> dict[str, Any]:
         source = stack.enter_context(opened_frames(args, camera, grey=not args.view))
         # A live camera must not wait for the detector; a recording must give the same result each time.
         tracker = stack.enter_context(TemplateTracker(templates, camera, threaded=is_live(args.source)))
-        frames = iter(args.progress(source, "tracking"))
+        frames = shown_frames(args, source, "tracking")
         done = run_sensor(
             args,
             _template_reader(tracker),
