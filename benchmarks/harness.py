@@ -50,6 +50,7 @@ CAMPAIGNS = (
     "reproduce",
     "scene",
     "soak",
+    "templates_evidence",
     "touch_map",
     "transparency",
 )
