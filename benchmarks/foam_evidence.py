@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import logging
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -28,8 +27,6 @@ from visuohaptic.sensing.push.primitives import fit_contact
 PHANTOM_N = 0.05
 #: Columns of a frame's row.
 COLUMNS = ("valid", "reason", "force_N", "sigma_N", "truth_N", "depth_m", "counted", "disturbed")
-
-log = logging.getLogger(__name__)
 
 
 def sensor_for(world: foam.World, folder: Path) -> FoamSensor:
@@ -253,17 +250,25 @@ CAMPAIGNS: dict[str, tuple[Callable, Callable]] = {
 
 
 def campaign(
-    name: str, *, seeds: str = "open", count: int = 20, report: Path | None = None, say=None
+    name: str,
+    *,
+    seeds: str = "open",
+    count: int = 20,
+    only: str = "",
+    report: Path | None = None,
+    on_row: Callable[[str, dict], None] | None = None,
 ) -> list[dict]:
-    """Rows of one campaign; those in ``report`` are not run again."""
+    """Rows of one campaign whose keys begin with ``only``; those in ``report`` are not run again."""
     make, _ = CAMPAIGNS[name]
     journal = Journal(report, {"campaign": f"foam_evidence {name}", "seeds": seeds})
     rows = []
     for key, sequence in make([2 * i + (seeds == "closed") for i in range(count)]):
+        if not key.startswith(only):
+            continue
         if key not in journal:
             journal.put(key, run_sequence(sequence()))
-            if say is not None:
-                say(key, journal.rows[key])
+            if on_row is not None:
+                on_row(key, journal.rows[key])
         rows.append(journal.rows[key])
     return rows
 
@@ -280,23 +285,28 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.foam_evidence", description=__doc__)
     parser.add_argument("campaign", choices=list(CAMPAIGNS))
     parser.add_argument("--seeds", choices=("open", "closed"), default="open")
-    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--count", type=int, default=20, help="seeds")
+    parser.add_argument(
+        "--only", default="", help="what a key begins with, such as 'hand' of the disturbances"
+    )
     parser.add_argument("--report", type=Path, help="JSON lines; a stopped campaign goes on where it was")
     args = parser.parse_args()
-
-    def say(key: str, row: dict) -> None:
-        f = frames_of([row])
-        valid = f["valid"].astype(bool) if row["frames"] else np.zeros(0, bool)
-        worst = float(np.max(np.abs(f["force_N"] - f["truth_N"])[valid], initial=0.0)) if len(valid) else 0.0
-        about = {k: round(v, 3) if isinstance(v, float) else v for k, v in row["about"].items()}
-        print(
-            f"{key}: read {valid.sum()}/{len(valid)}, worst error {worst:.2f} N {row['refused']} {about}",
-            flush=True,
-        )
-
-    rows = campaign(args.campaign, seeds=args.seeds, count=args.count, report=args.report, say=say)
-    for line in CAMPAIGNS[args.campaign][1](rows):
+    options = vars(args)
+    name = options.pop("campaign")
+    for line in CAMPAIGNS[name][1](campaign(name, **options, on_row=_print_row)):
         print(f"{line['name']}: {line['ours']:.3g} {line['unit']}  ({line['note']})")
+
+
+def _print_row(key: str, row: dict) -> None:
+    """One line for each sequence as it is done."""
+    f = frames_of([row])
+    valid = f["valid"].astype(bool)
+    worst = float(np.abs(f["force_N"] - f["truth_N"])[valid].max(initial=0.0))
+    about = {k: round(v, 3) if isinstance(v, float) else v for k, v in row["about"].items()}
+    print(
+        f"{key}: read {valid.sum()}/{len(valid)}, worst error {worst:.2f} N {row['refused']} {about}",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

@@ -51,6 +51,7 @@ CAMPAIGNS = (
     "reproduce",
     "scene",
     "soak",
+    "templates_evidence",
     "touch_map",
     "transparency",
 )

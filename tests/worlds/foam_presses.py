@@ -83,8 +83,11 @@ def pushed(kind: str, number: int) -> Pushed:
         y = float(rng.uniform(-0.07, 0.07))
         if kind == "end":
             half = 0.03 - edge if rng.random() < 0.5 else half
-            # From a plate that ends 12 mm inside the strip to one that overhangs by a third.
-            y = side * (0.5 * foam.length_m - (half + edge) * rng.uniform(0.4, 1.0) - rng.uniform(0, 0.012))
+            # Some millimetres of free foam beside it, which bulge; or it overhangs by up to a third.
+            inside = -(half + edge) - rng.uniform(0.003, 0.022)
+            y = side * (
+                0.5 * foam.length_m + (inside if rng.random() < 0.6 else -(half + edge) * rng.uniform(0.4, 1))
+            )
         shape = bar(half, edge, y, tilt)
         spans = [(y + e - 0.004, y + e + 0.004) for e in (-half, half)]
         if tilt:  # the contact grows from one edge to the other
