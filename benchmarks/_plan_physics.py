@@ -160,6 +160,7 @@ def push_ends(planner: Planner, key: str) -> Row:
 def push_ends_table(rows: Rows) -> list[Row]:
     """Errors of the ends, and how often the declared ellipse holds them."""
     done = [row for row in rows.values() if "off_m" in row]
+    long = [row for row in done if row["length_m"] >= 0.4]
     inside = [row["inside_90"] for row in done if "inside_90" in row]
     note = f"{len(done)} of {len(rows)} scenes with a push, median length {quantile((r['length_m'] for r in done), 0.5) or 0:.2f} m"
     return [
@@ -175,6 +176,12 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "name": "end of a push, mass off centre: p90",
             "ours": 100 * (quantile((r["off_m"] for r in done), 0.9) or np.nan),
             "unit": "cm",
+        },
+        {
+            "name": "end of a push of 0.4 m or more: median",
+            "ours": 100 * (quantile((r["off_m"] for r in long), 0.5) or np.nan),
+            "unit": "cm",
+            "note": f"{len(long)} pushes, turn {quantile((r['turn_deg'] for r in long), 0.5) or np.nan:.1f} deg",
         },
         {
             "name": "end of a push, turn: median",
