@@ -261,6 +261,12 @@ def oracle_table(rows: Rows) -> list[Row]:
             "note": ", ".join(sorted({row["answer"] for row in missed})),
         },
         {
+            "name": "planner has a plan, oracle has none",
+            "ours": sum(row["answer"] == "plan" and not row["oracle_s"] for row in ended),
+            "unit": "",
+            "note": "the oracle's pushes are straight and meet a face at a right angle",
+        },
+        {
             "name": "declared cost against the exact one, p90 of the deviation",
             "ours": 100 * (quantile(declared, 0.9) or 0.0),
             "unit": "%",
