@@ -92,7 +92,7 @@ def room(planner: Planner, key: str) -> Row:
     if not row["reached"]:
         # Whether anybody could: a search that has minutes, takes any plan, and shares nothing with the planner.
         row["solvable"] = bool(
-            np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=40, weight=3.0).cost_s)
+            np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=300, weight=3.0).cost_s)
         )
     return row
 
