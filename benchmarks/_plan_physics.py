@@ -32,12 +32,14 @@ def execute(planner: Planner, world: World, cell_m: float) -> Row:
         here = physics.robot_m
         now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
         reply = planner.ask({"do": "plan", "problem": described(now, cell_m)})
-        plans.append({"answer": answer_of(reply), "wall_s": reply.get("wall_s"), "cpu_s": reply.get("cpu_s")})
+        tasks = reply.get("plan", {}).get("tasks", ())
+        pushes = sum(task["kind"] == "push" for task in tasks)
+        plans.append({"answer": answer_of(reply), "cpu_s": reply.get("cpu_s"), "pushes": pushes})
         if "message" in reply:
             plans[-1]["message"] = reply["message"]
         if plans[-1]["answer"] != "plan":
             break
-        for task in reply["plan"]["tasks"]:
+        for task in tasks:
             if not _done(physics, world, task):
                 break
         if np.hypot(*(physics.robot_m - world.goal_m)) < ARRIVED_M:
