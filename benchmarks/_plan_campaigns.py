@@ -15,10 +15,10 @@ from tests.worlds.floor_scenes import (
     random_rooms,
     small_room,
 )
-from tests.worlds.maps import raster
+from tests.worlds.maps import World, raster
 from tests.worlds.plan_checks import Floor
 
-from ._plan_child import Planner, described, described_cells
+from ._plan_child import Planner, described
 from ._plan_judge import FAULT_M, Row, Rows, answer_of, asked, faults_row, quantile
 from ._plan_physics import oracle, oracle_table, push_ends, push_ends_table, room, room_keys, rooms_table
 from .nav_doors import data_folder
@@ -250,12 +250,18 @@ def _route(planner: Planner, key: str) -> Row:
     from tests.worlds.real_floors import load
 
     if key.startswith("rooms "):
-        cells, cell_m = raster(random_rooms(int(key.split()[1])), 0.05), 0.05
+        world, cells, cell_m = random_rooms(int(key.split()[1])), None, 0.05
     else:
         cells, cell_m = load(data_folder(), key)
-    reply = planner.ask({"do": "route", "map": described_cells(cells, cell_m), "radius_m": 0.17}, 120.0)
+        size = (cells.shape[1] * cell_m, cells.shape[0] * cell_m)
+        middle = (0.5 * size[0], 0.5 * size[1])
+        world = World(key, size, (), (), middle, middle)
+    reply = planner.ask({"do": "route", "problem": described(world, cell_m, cells)}, 120.0)
     if reply["status"] != "answered":
         return {"answer": reply["status"], "message": reply.get("message", "")}
+    cells = raster(world, cell_m) if cells is None else cells
+    walls = Floor(world.walls, {})
+    joined = shapely.linestrings(np.array(reply["joined"]).reshape(-1, 2, 2))
     chords = np.array(reply["chords"]).reshape(-1, 2, 2)
     lines = shapely.linestrings(chords)
     floor = Floor.of_cells(cells, cell_m, {})
@@ -263,7 +269,7 @@ def _route(planner: Planner, key: str) -> Row:
     if len(lines):
         pairs, distance = floor.tree.query_nearest(lines, return_distance=True, all_matches=False)
         found[pairs[0]] = distance
-    short = np.maximum(0.17 - found, 0.0)
+    short = np.maximum(world.robot.radius_m - found, 0.0)
     lengths = shapely.length(lines)
     return {
         "answer": "graph",
@@ -272,6 +278,8 @@ def _route(planner: Planner, key: str) -> Row:
         "worst_m": float(short.max(initial=0.0)),
         "length_m": float(lengths.sum()),
         "below_m": float(lengths[short > FAULT_M].sum()),
+        "joined": len(joined),
+        "through_walls": sum(walls.gap_m(line)[0] <= 0.0 for line in joined),
         "cpu_s": reply["cpu_s"],
     }
 
@@ -288,6 +296,13 @@ def _route_table(rows: Rows) -> list[Row]:
             "floor": 0,
             "aim": 0,
             "note": note,
+        },
+        {
+            "name": "route edges to objects that cross a wall",
+            "ours": sum(row["through_walls"] for row in done),
+            "unit": "",
+            "floor": 0,
+            "note": f"of {sum(row['joined'] for row in done)}",
         },
         {
             "name": "route edges: worst shortfall",

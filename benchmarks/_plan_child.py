@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from tests.worlds.maps import Robot, World, raster
 
-__all__ = ["Planner", "described", "described_cells"]
+__all__ = ["Planner", "described"]
 
 ONE_THREAD = dict.fromkeys(
     ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
@@ -33,8 +33,8 @@ OVERHEAD_BYTES = 3 << 30
 WALL_OF_CPU = 20.0
 
 
-def described_cells(cells: np.ndarray, resolution_m: float) -> dict[str, Any]:
-    """A map as plain data."""
+def _packed(cells: np.ndarray, resolution_m: float) -> dict[str, Any]:
+    """A map as plain data: zlib and base64."""
     packed = base64.b64encode(zlib.compress(np.ascontiguousarray(cells).tobytes(), 1)).decode()
     return {"cells": packed, "shape": list(cells.shape), "resolution_m": resolution_m}
 
@@ -43,7 +43,7 @@ def described(world: World, resolution_m: float, cells: np.ndarray | None = None
     """A problem as plain data; ``cells`` where the map is not drawn from the world's walls."""
     robot = world.robot
     return {
-        "map": described_cells(raster(world, resolution_m) if cells is None else cells, resolution_m),
+        "map": _packed(raster(world, resolution_m) if cells is None else cells, resolution_m),
         "robot": {name: getattr(robot, name) for name in Robot.__dataclass_fields__},
         "start_m": list(world.start_m),
         "goal_m": list(world.goal_m),
@@ -210,24 +210,42 @@ def _scene(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _route(request: dict[str, Any]) -> dict[str, Any]:
-    """Chords of the exported route graph [m]: x, y, x, y."""
-    from visuohaptic.navigation.files import save_route_graph
-    from visuohaptic.navigation.graph import build_graph
+    """Chords of the exported route graph [m]: x, y, x, y; and those at nodes of objects where there are some."""
+    from visuohaptic.navigation.files import save_joint_route_graph, save_route_graph
+    from visuohaptic.navigation.graph import assign_regions, build_graph
     from visuohaptic.navigation.grid import SpeedLimits, grid_layers
+    from visuohaptic.navigation.planning import extend_graph
+    from visuohaptic.navigation.problem import ManipulationNode
 
-    layers = grid_layers(_map(request["map"]), SpeedLimits(request["radius_m"]))
+    problem = _problem(request["problem"])
+    layers = grid_layers(problem.map, SpeedLimits(problem.robot.radius_m))
+    graph = build_graph(layers)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "route.geojson"
-        _, spent = _timed(lambda: save_route_graph(path, build_graph(layers), layers))
-        features = json.loads(path.read_text())["features"]
-    nodes = {
-        f["properties"]["id"]: f["geometry"]["coordinates"]
+        _, spent = _timed(lambda: save_route_graph(path, graph, layers))
+        chords, _ = _chords(path)
+        joined: list[list[float]] = []
+        if problem.objects:
+            nodes = [ManipulationNode(obj) for obj in problem.objects]
+            joint = extend_graph(graph, assign_regions(layers, graph), problem.robot, nodes)
+            save_joint_route_graph(path, joint)
+            _, joined = _chords(path)
+    return {**spent, "chords": chords, "joined": joined}
+
+
+def _chords(path: Path) -> tuple[list[list[float]], list[list[float]]]:
+    """Chords between places, and those that begin or end at the node of an object."""
+    features = json.loads(path.read_text())["features"]
+    points = [feature for feature in features if feature["geometry"]["type"] == "Point"]
+    at = {point["properties"]["id"]: point["geometry"]["coordinates"] for point in points}
+    objects = {p["properties"]["id"] for p in points if "object" in p["properties"].get("metadata", {})}
+    ends = [
+        (f["properties"]["startid"], f["properties"]["endid"])
         for f in features
-        if f["geometry"]["type"] == "Point"
-    }
-    edges = [f["properties"] for f in features if f["geometry"]["type"] != "Point"]
-    chords = [[*nodes[edge["startid"]], *nodes[edge["endid"]]] for edge in edges]
-    return {**spent, "chords": chords}
+        if f["geometry"]["type"] != "Point"
+    ]
+    free = [[*at[a], *at[b]] for a, b in ends if not objects & {a, b}]
+    return free, [[*at[a], *at[b]] for a, b in ends if objects & {a, b}]
 
 
 def _warm(request: dict[str, Any]) -> dict[str, Any]:

@@ -32,12 +32,14 @@ def execute(planner: Planner, world: World, cell_m: float) -> Row:
         here = physics.robot_m
         now = replace(world, bodies=physics.bodies, start_m=(float(here[0]), float(here[1])))
         reply = planner.ask({"do": "plan", "problem": described(now, cell_m)})
-        plans.append({"answer": answer_of(reply), "wall_s": reply.get("wall_s"), "cpu_s": reply.get("cpu_s")})
+        tasks = reply.get("plan", {}).get("tasks", ())
+        pushes = sum(task["kind"] == "push" for task in tasks)
+        plans.append({"answer": answer_of(reply), "cpu_s": reply.get("cpu_s"), "pushes": pushes})
         if "message" in reply:
             plans[-1]["message"] = reply["message"]
         if plans[-1]["answer"] != "plan":
             break
-        for task in reply["plan"]["tasks"]:
+        for task in tasks:
             if not _done(physics, world, task):
                 break
         if np.hypot(*(physics.robot_m - world.goal_m)) < ARRIVED_M:
@@ -92,7 +94,7 @@ def room(planner: Planner, key: str) -> Row:
     if not row["reached"]:
         # Whether anybody could: a search that has minutes, takes any plan, and shares nothing with the planner.
         row["solvable"] = bool(
-            np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=40, weight=3.0).cost_s)
+            np.isfinite(solve(world, cell_m, step_m=0.1, max_expansions=300, weight=3.0).cost_s)
         )
     return row
 
@@ -160,6 +162,7 @@ def push_ends(planner: Planner, key: str) -> Row:
 def push_ends_table(rows: Rows) -> list[Row]:
     """Errors of the ends, and how often the declared ellipse holds them."""
     done = [row for row in rows.values() if "off_m" in row]
+    long = [row for row in done if row["length_m"] >= 0.4]
     inside = [row["inside_90"] for row in done if "inside_90" in row]
     note = f"{len(done)} of {len(rows)} scenes with a push, median length {quantile((r['length_m'] for r in done), 0.5) or 0:.2f} m"
     return [
@@ -175,6 +178,12 @@ def push_ends_table(rows: Rows) -> list[Row]:
             "name": "end of a push, mass off centre: p90",
             "ours": 100 * (quantile((r["off_m"] for r in done), 0.9) or np.nan),
             "unit": "cm",
+        },
+        {
+            "name": "end of a push of 0.4 m or more: median",
+            "ours": 100 * (quantile((r["off_m"] for r in long), 0.5) or np.nan),
+            "unit": "cm",
+            "note": f"{len(long)} pushes, turn {quantile((r['turn_deg'] for r in long), 0.5) or np.nan:.1f} deg",
         },
         {
             "name": "end of a push, turn: median",
@@ -252,6 +261,12 @@ def oracle_table(rows: Rows) -> list[Row]:
             "unit": "",
             "floor": 0,
             "note": ", ".join(sorted({row["answer"] for row in missed})),
+        },
+        {
+            "name": "planner has a plan, oracle has none",
+            "ours": sum(row["answer"] == "plan" and not row["oracle_s"] for row in ended),
+            "unit": "",
+            "note": "the oracle's pushes are straight and meet a face at a right angle",
         },
         {
             "name": "declared cost against the exact one, p90 of the deviation",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.worlds.buildings import building
 from tests.worlds.drive_grid import blocked
 from tests.worlds.floor_scenes import (
     blind_corridor,
@@ -23,6 +24,7 @@ from tests.worlds.plan_checks import Floor, check_plan, drive_seconds, swept
 from tests.worlds.push_oracle import contacts, push_seconds, solve, travel_m
 from tests.worlds.push_physics import FloorPhysics
 from tests.worlds.push_truth import impossible
+from tests.worlds.real_floors import rectangles
 
 ROBOT = Robot()
 
@@ -217,3 +219,33 @@ def test_a_push_turns_a_body_towards_its_light_side():
     assert turn > np.deg2rad(1.0)
     assert centre[1] > 1e-3
     assert physics.bodies[0].centre_m == pytest.approx(centre)
+
+
+def test_rectangles_cover_a_grid_exactly():
+    solid = np.random.default_rng(0).random((30, 40)) < 0.4
+    shapes = rectangles(solid, 0.1)
+    assert shapely.union_all(shapes).area == pytest.approx(0.01 * solid.sum())
+    assert sum(shape.area for shape in shapes) == pytest.approx(0.01 * solid.sum())
+    rows, columns = np.nonzero(solid)
+    centres = shapely.points((columns + 0.5) * 0.1, (rows + 0.5) * 0.1)
+    assert shapely.contains(shapely.union_all(shapes), centres).all()
+
+
+@pytest.mark.parametrize("seed", [0, 2, 4])
+def test_a_door_of_a_building_is_free_between_its_jambs_and_wall_beside_them(seed):
+    made = building(seed)
+    assert (made.cells == building(seed).cells).all()
+
+    def cell(point_m: np.ndarray) -> np.ndarray:
+        column, row = (point_m / made.cell_m).astype(int)
+        return made.cells[row - 2 : row + 3, column - 2 : column + 3]
+
+    assert len(made.jambs_m) >= 3
+    walls_m = 0
+    for one, two in made.jambs_m:
+        along = (two - one) / np.hypot(*(two - one))
+        assert 0.65 < np.hypot(*(two - one)) < 1.85
+        assert (cell(0.5 * (one + two)) == 0).any()
+        # Beyond its end a wall is met within 15 cm, unless the scanner has seen neither side of it.
+        walls_m += sum(bool((cell(end) == 100).any()) for end in (one - 0.15 * along, two + 0.15 * along))
+    assert walls_m >= 1.6 * len(made.jambs_m)

@@ -231,12 +231,12 @@ def small_room(seed: int) -> World:
 
 
 def off_centre(seed: int) -> World:
-    """Two rooms, and in the only door a body whose mass is about a centimetre off its centroid."""
+    """Two rooms, and in the short passage between them a body whose mass is about a centimetre off its centroid."""
     rng = _rng(9, seed)
-    walls = [*walled(7.0, 4.0), *_wall_with_doors(3.4, 4.0, [(2.0, 1.0)])]
+    walls = [*walled(7.0, 4.0), *_wall_with_doors(3.1, 4.0, [(2.0, 0.8)], 0.6)]
     turn = 0.0 if rng.random() < 0.5 else float(rng.uniform(-np.pi, np.pi))
-    outline, round_m = _shape(rng, 0.3, 0.45)
-    outline = at(outline @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 3.5, 2.0)
+    outline, round_m = _shape(rng, 0.38, 0.44)
+    outline = at(outline @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]), 3.2, 2.0)
     offset = rng.normal(0.0, 0.01, 2)
     body = replace(
         _body("thing", outline, round_m, rng), centre_offset_m=(float(offset[0]), float(offset[1]))

@@ -15,7 +15,7 @@ from .floor_scenes import random_body, random_rooms
 from .maps import Body, World
 from .plan_checks import Floor
 
-__all__ = ["load", "names", "real_scene", "room_scene"]
+__all__ = ["load", "names", "real_scene", "rectangles", "room_scene"]
 
 #: Maps with rooms and passages: file, and the resolution of those that have no YAML file [m].
 MAPS: dict[str, float | None] = {
