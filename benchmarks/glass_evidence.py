@@ -32,7 +32,7 @@ from tests.worlds.ray_scenes import GlassSequence, sequence
 
 from visuohaptic.core.camera import Camera, Pose
 from visuohaptic.core.files import write_text
-from visuohaptic.io.depth import DepthFrame
+from visuohaptic.io.depth import DepthFrame, write_sequence
 from visuohaptic.reconstruction import reconstruct
 from visuohaptic.reconstruction.fusion import sensor_noise
 
@@ -84,6 +84,11 @@ def frames_of(scene: GlassSequence) -> list[DepthFrame]:
         DepthFrame(0.1 * k, depth, None, Pose(pose[:3, :3], pose[:3, 3]), camera, k)
         for k, (depth, pose) in enumerate(zip(scene.depth_m, scene.T_world_camera, strict=True))
     ]
+
+
+def save_folder(scene: GlassSequence, folder: Path) -> None:
+    """A scene as a sequence folder for ``visuohaptic reconstruct``, in millimetres as such cameras write."""
+    write_sequence(folder, frames_of(scene), sensor=SENSOR, depth_scale_m=0.001)
 
 
 def detect(scene: GlassSequence, **options: Any) -> dict[str, Any]:
@@ -274,6 +279,9 @@ def main() -> None:
     parser.add_argument("--views", type=int, nargs="+", default=[], help="only these numbers of views")
     parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS))
     parser.add_argument("--cache", type=Path, help="folder that keeps rendered scenes")
+    parser.add_argument(
+        "--folders", type=Path, help="only write the scenes as sequence folders there, 24 views"
+    )
     parser.add_argument("--report", type=Path, help="JSON with all rows and figures")
     arguments = parser.parse_args()
     use_one_thread()
@@ -283,6 +291,12 @@ def main() -> None:
             f"{arguments.report.stem}_{name}_{arguments.seeds}.jsonl"
         )
         chosen = seeds(arguments.seeds, arguments.count)
+        if arguments.folders:
+            family = FAMILY.get(name, FAMILY["found"])[0]
+            for seed in chosen:
+                views = sequence(family, seed, arguments.cache).views(24)
+                save_folder(views, arguments.folders / f"{family}_{seed:04d}")
+            continue
         if name in TOUCHED:
             rows = touch_campaign(name, chosen, cache=arguments.cache, journal=journal)
         elif name == "declared":

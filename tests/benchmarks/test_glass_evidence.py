@@ -12,6 +12,7 @@ from tests.worlds.ray_scenes import layout, sequence
 from tests.worlds.rays import DepthCamera
 
 from benchmarks import _touch_evidence, glass_evidence
+from visuohaptic.io.depth import DepthSequence
 
 SMALL = DepthCamera(96, 72, 83.0)
 
@@ -52,6 +53,15 @@ def test_one_region_is_not_two_vessels(scene, monkeypatch):
     _found(monkeypatch, [[0.001, 0.0, 0.05]])
     row = glass_evidence.detect(replace(scene, vessels=close))
     assert sum(error is not None for error in row["error_m"]) == 1
+
+
+def test_a_scene_is_a_sequence_folder_for_everybody(scene, tmp_path):
+    glass_evidence.save_folder(scene, tmp_path / "scan")
+    (frame,) = DepthSequence(tmp_path / "scan")
+    assert np.allclose(frame.depth_m, scene.depth_m[0], atol=1e-6, equal_nan=True)
+    pose = scene.T_world_camera[0]
+    assert frame.T_world_camera.translation_m == pytest.approx(pose[:3, 3], abs=1e-6)
+    assert frame.T_world_camera.rotation == pytest.approx(pose[:3, :3], abs=1e-6)
 
 
 def test_open_and_closed_seeds_are_apart():
