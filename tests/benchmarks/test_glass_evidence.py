@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
-from tests.worlds.ray_meshes import distance_to_mesh, one_sided, probe_mesh
+from tests.worlds.ray_meshes import distance_to_mesh, partly_seen, probe_mesh
 from tests.worlds.ray_objects import random_vessel
 from tests.worlds.ray_scenes import layout, sequence
 from tests.worlds.rays import DepthCamera
@@ -99,12 +99,14 @@ def test_a_slice_runs_and_goes_on_where_it_was(tmp_path, monkeypatch):
 def test_an_object_seen_from_one_side_hides_its_other_side(tmp_path):
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.05)
     ball.export(tmp_path / "ball.stl")
-    seen = one_sided(tmp_path / "ball.stl", np.random.default_rng(0), noise_m=0.0)
+    seen = partly_seen(tmp_path / "ball.stl", np.random.default_rng(0), noise_m=0.0)
     centre = np.array([0, 0, 0.05])
     assert np.linalg.norm(seen.hidden_m - centre, axis=1) == pytest.approx(0.05, abs=2e-4)
     # Seen is the cap that faces the eye, hidden what does not.
     towards = (seen.vertices_m - centre).mean(axis=0)
     assert ((seen.hidden_m - centre) @ towards < 0.4 * 0.05 * np.linalg.norm(towards)).all()
+    ends = partly_seen(tmp_path / "ball.stl", np.random.default_rng(0), "middle")
+    assert ((ends.hidden_m[:, 2] > 0.026) & (ends.hidden_m[:, 2] < 0.074)).all()
     contact = probe_mesh(seen.mesh, np.array([0.3, 0.0, 0.05]), centre)
     assert contact == pytest.approx([0.05, 0, 0.05], abs=2e-4)
     assert probe_mesh(seen.mesh, np.array([0.3, 0.0, 0.15]), np.array([0.0, 0.0, 0.15])) is None
@@ -116,9 +118,12 @@ def test_an_object_seen_from_one_side_hides_its_other_side(tmp_path):
 
 def test_touches_on_an_object_are_counted_and_measured(tmp_path):
     trimesh.creation.cylinder(0.04, 0.15, sections=64).export(tmp_path / "can.stl")
-    row = _touch_evidence.touch_object(one_sided(tmp_path / "can.stl", np.random.default_rng(1)), 0)
+    row = _touch_evidence.touch_object(partly_seen(tmp_path / "can.stl", np.random.default_rng(1)), 0)
+    row["hidden"] = "back"
     assert row["planned"] == _touch_evidence.TOUCHES
     assert row["rms_m"][1] < row["rms_m"][0]
     figures = {figure["name"]: figure["ours"] for figure in _touch_evidence.object_figures([row])}
-    assert figures["objects: never worse than before"] == 1.0
-    assert figures["objects: planned touches that meet"] == pytest.approx(row["met"] / row["planned"])
+    assert figures["objects, back hidden: never worse than before"] == 1.0
+    assert figures["objects, back hidden: planned touches that meet"] == pytest.approx(
+        row["met"] / row["planned"]
+    )
