@@ -1,4 +1,4 @@
-"""Scanned objects seen from one side: what a camera sees of a mesh, what it hides, and probes that meet it."""
+"""Scanned objects of which a part is hidden, as from a camera on one side, and probes that meet them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-__all__ = ["OneSided", "distance_to_mesh", "mesh_files", "one_sided", "probe_mesh"]
+__all__ = ["HIDDEN", "PartlySeen", "distance_to_mesh", "mesh_files", "partly_seen", "probe_mesh"]
 
+#: What is hidden: the back of one camera, or the middle 46 % of the height.
+HIDDEN = ("back", "middle")
 #: Edges of faces are at most this long, so that the rim of what is seen is sharp [m].
 _EDGE_M = 0.004
 
 
 @dataclass(frozen=True, slots=True)
-class OneSided:
-    """An object on the table, seen from one place."""
+class PartlySeen:
+    """An object on the table, of which a part is seen."""
 
     name: str
     mesh: Any  #: ``trimesh.Trimesh``, whole, z up, foot at z = 0
@@ -31,8 +33,10 @@ def mesh_files(folder: Path) -> list[Path]:
     return sorted(path for end in ("obj", "stl", "dae") for path in folder.rglob(f"*.{end}"))
 
 
-def one_sided(path: Path, rng: np.random.Generator, noise_m: float = 0.0003) -> OneSided:
-    """A mesh file as one camera sees it from 0.6 m, at a random side, 15 to 40 degrees above the table."""
+def partly_seen(
+    path: Path, rng: np.random.Generator, hidden: str = "back", noise_m: float = 0.0003
+) -> PartlySeen:
+    """A mesh file of which the back is hidden to one camera, 15 to 40 degrees above the table, or the middle."""
     import trimesh
 
     whole = trimesh.load(path, force="mesh")
@@ -41,24 +45,36 @@ def one_sided(path: Path, rng: np.random.Generator, noise_m: float = 0.0003) -> 
     whole.apply_translation([*(-0.5 * (low + high)[:2]), -low[2]])
     vertices, faces = trimesh.remesh.subdivide_to_size(whole.vertices, whole.faces, _EDGE_M, max_iter=12)
     fine = trimesh.Trimesh(vertices, faces)
-    turn, rise = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 40))
-    eye = 0.6 * np.array([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)])
-    centres = fine.triangles_center
-    seen = ~_blocked(whole, centres + 1e-4 * fine.face_normals, eye - centres)
-    seen &= ((eye - centres) * fine.face_normals).sum(axis=1) > 0.1 * np.linalg.norm(eye - centres, axis=1)
+    seen = _facing(fine, whole, rng) if hidden == "back" else _ends(fine)
     part = fine.submesh([np.flatnonzero(seen)], append=True, repair=False)
     noisy = part.vertices + noise_m * rng.standard_normal(len(part.vertices))[:, None] * part.vertex_normals
-    return OneSided(
-        path.stem, whole, np.asarray(noisy), np.asarray(part.faces), _hidden(fine, whole, seen, rng)
-    )
+    truth = _outside(fine, whole, ~seen, rng)
+    return PartlySeen(path.stem, whole, np.asarray(noisy), np.asarray(part.faces), truth)
 
 
-def _hidden(
-    fine: Any, whole: Any, seen: np.ndarray, rng: np.random.Generator, count: int = 1500
+def _facing(fine: Any, whole: Any, rng: np.random.Generator) -> np.ndarray:
+    """Faces that a camera sees from 0.6 m at a random side."""
+    turn, rise = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 40))
+    eye = 0.6 * np.array([np.cos(turn) * np.cos(rise), np.sin(turn) * np.cos(rise), np.sin(rise)])
+    path = eye - fine.triangles_center
+    seen = ~_blocked(whole, fine.triangles_center + 1e-4 * fine.face_normals, path)
+    facing: np.ndarray = seen & ((path * fine.face_normals).sum(axis=1) > 0.1 * np.linalg.norm(path, axis=1))
+    return facing
+
+
+def _ends(fine: Any) -> np.ndarray:
+    """Faces of the lowest and highest 27 % of the height."""
+    fraction = fine.triangles_center[:, 2] / fine.bounds[1, 2]
+    ends: np.ndarray = (fraction < 0.27) | (fraction > 0.73)
+    return ends
+
+
+def _outside(
+    fine: Any, whole: Any, hidden: np.ndarray, rng: np.random.Generator, count: int = 1500
 ) -> np.ndarray:
-    """Points of unseen faces that look outside, but not those under the object."""
+    """Points of hidden faces that look outside, but not those under the object."""
     free = ~_blocked(whole, fine.triangles_center + 1e-4 * fine.face_normals, fine.face_normals)
-    outside = ~seen & free & (fine.face_normals[:, 2] > -0.7) & (fine.triangles_center[:, 2] > 0.004)
+    outside = hidden & free & (fine.face_normals[:, 2] > -0.7) & (fine.triangles_center[:, 2] > 0.004)
     area = np.where(outside, fine.area_faces, 0)
     face = rng.choice(len(area), count, p=area / area.sum())
     weights = rng.dirichlet(np.ones(3), count)
