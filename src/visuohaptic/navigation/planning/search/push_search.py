@@ -15,7 +15,7 @@ proved cheapest or the budget ends, and gives the bound. That there is no plan i
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from functools import lru_cache
 
@@ -39,13 +39,13 @@ from .search_domain import SearchDomain, build_search_domain, grid_from_world
 
 __all__ = ["search_pushes"]
 
-#: Heuristic weights of the passes for a first plan.
-FIRST_WEIGHTS = (1.2, 3.0)
+#: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
+WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 #: Configurations looked at with the first weight, and for the bound of one body alone.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
 #: Fractions of the budget after which ends: one body at a time; a first plan without the bodies that touch no
 #: bottleneck, by weight; a proof that there is none; a first plan with all bodies.
-ALONE_FRACTION, FIRST_FRACTIONS, PROOF_FRACTION, ALL_FRACTIONS = 0.2, (0.35, 0.55), 0.75, (0.85, 1.0)
+ALONE, SOON, PROOF, LATE = 0.2, (0.35, 0.55), 0.75, (0.85, 0.95, 1.0)
 
 
 def search_pushes(
@@ -124,46 +124,73 @@ def _search(
         block=domain.block,
     )
     needed = _bottlenecks(domain, goal, active)
-    part = PushHeuristic(domain, goal, costs, needed, oblique=oblique)
-    if _impossible(part, cells) and needed != active:
-        needed, part = active, PushHeuristic(domain, goal, costs, active, oblique=oblique)
-    if reason := _impossible(part, cells):
+    left_out = active - needed
+    part = PushHeuristic(domain, goal, costs, needed, left_out=left_out, oblique=oblique)
+    if reason := _impossible(part, cells, pushes=bool(active)):
         return SearchResult(False, exhausted=True, reason=reason)
     still = [k for k in range(len(domain.bodies)) if k not in active]
-    alone_s = begin_s + ALONE_FRACTION * limits.budget_s
-    if reason := _bound_crossings(part, still, cells, start, limits, alone_s):
+    if reason := _bound_crossings(part, still, cells, start, limits, begin_s + ALONE * limits.budget_s):
         return SearchResult(False, exhausted=True, reason=reason)
-    lower = float(part.field(first.shifts)[cells].min()) * domain.block / part.units
-    plan, expanded = _first_plan(part, first, limits, begin_s, FIRST_FRACTIONS)
-    if plan.found and plan.cost <= (1.0 + limits.gap) * lower:
-        return replace(plan, bound=lower, left_out=tuple(sorted(active - needed)))
+    through: dict[int, float] = {}
+    crossed = part.crossed(cells)
+    passes = [(WEIGHTS[0], SOON[0], crossed), *((w, f, None) for w, f in zip(WEIGHTS, SOON, strict=True))]
+    plan, expanded = _first_plan(
+        part, first, limits, begin_s, passes[1:] if crossed == part.active else passes
+    )
     heuristic = part
-    if needed != active:
-        heuristic = PushHeuristic(domain, goal, costs, active, oblique=oblique)
-        heuristic.alone |= part.alone
-    deadline_s = begin_s + limits.budget_s
+    units = part.units / domain.block
     if not plan.found:
-        reason = Infeasibility(heuristic, limits, begin_s + PROOF_FRACTION * limits.budget_s).prove(
-            first, cells
-        )
-        if not reason and needed != active:
-            plan, more = _first_plan(heuristic, first, limits, begin_s, ALL_FRACTIONS)
-            expanded += more
+        reason = Infeasibility(part, limits, begin_s + PROOF * limits.budget_s).prove(first, cells)
+        if reason:
+            return SearchResult(False, exhausted=True, reason=reason, expanded=expanded)
+        worth = active
+    else:
+        # A plan that pushes one of the others costs more than it could save.
+        through = {k: part.through(cells, k) / units for k in active - {step.body for step in plan.steps}}
+        worth = active - {k for k, cost in through.items() if cost * (1.0 + limits.gap) >= plan.cost}
+    if worth != needed:
+        heuristic = PushHeuristic(domain, goal, costs, worth, left_out=active - worth, oblique=oblique)
+        heuristic.alone |= {k: bound for k, bound in part.alone.items() if k in worth}
+    if not plan.found:
+        weights = (*WEIGHTS, LAST_WEIGHT) if left_out else (LAST_WEIGHT,)
+        passes = [(weight, fraction, None) for weight, fraction in zip(weights, LATE, strict=False)]
+        plan, more = _first_plan(heuristic, first, limits, begin_s, passes)
+        expanded += more
         if not plan.found:
-            found = reason or f"no plan among {expanded} configurations, not proved"
-            return replace(plan, exhausted=bool(reason), reason=found, expanded=expanded)
-    left_out = tuple(sorted(active - needed - {step.body for step in plan.steps}))
-    best, bound = plan, lower
-    for weight in (FIRST_WEIGHTS[0], 1.0):
-        better = PushPass(heuristic, weight, limits, deadline_s).run(
-            first, max(limits.expansions - expanded, 1), best.cost * part.units / domain.block + 1.0
-        )
-        best = better if better.found else best
-        expanded += better.expanded
-        bound = max(bound, better.bound / weight)
-        if best.cost <= (1.0 + limits.gap) * bound:
+            reason = f"no plan among {expanded} configurations, not proved"
+            return replace(plan, exhausted=False, reason=reason, expanded=expanded)
+    lower = float(heuristic.field(first.shifts)[cells].min()) / units
+    weights = (1.0,) if expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0)
+    plan = replace(plan, bound=lower)
+    best, expanded = _improved(heuristic, first, plan, limits, begin_s, expanded, weights)
+    bound = min([best.bound, *(through[k] for k in active - worth)])
+    return replace(best, bound=bound, expanded=expanded, left_out=tuple(sorted(left_out - worth)))
+
+
+def _improved(
+    heuristic: PushHeuristic,
+    first: SearchState,
+    plan: SearchResult,
+    limits: SearchLimits,
+    begin_s: float,
+    expanded: int,
+    weights: Iterable[float],
+) -> tuple[SearchResult, int]:
+    """The plan, or a better one, with a bound that is as near as the budget allows."""
+    units = heuristic.units / heuristic.domain.block
+    for weight in weights:
+        if plan.cost <= (1.0 + limits.gap) * plan.bound:
             break
-    return replace(best, bound=min(bound, best.cost), expanded=expanded, left_out=left_out)
+        better = PushPass(heuristic, weight, limits, begin_s + limits.budget_s).run(
+            first,
+            max(limits.expansions - expanded, 1),
+            plan.cost * units,
+            limits.gap if weight == 1.0 else 0.0,
+        )
+        expanded += better.expanded
+        bound = max(plan.bound, better.bound / weight)
+        plan = replace(better if better.found else plan, bound=bound)
+    return replace(plan, bound=min(plan.bound, plan.cost)), expanded
 
 
 def _first_plan(
@@ -171,18 +198,21 @@ def _first_plan(
     first: SearchState,
     limits: SearchLimits,
     begin_s: float,
-    fractions: tuple[float, float],
+    passes: Iterable[tuple[float, float, Collection[int] | None]],
 ) -> tuple[SearchResult, int]:
-    """A plan by weighted A*, the weight small at first; and how many configurations were looked at."""
+    """A plan by weighted A*, by weight, fraction of the budget and bodies that are pushed; and how many configurations were looked at."""
     plan, expanded = SearchResult(False), 0
-    for weight, fraction in zip(FIRST_WEIGHTS, fractions, strict=True):
+    for weight, fraction, bodies in passes:
+        if bodies is None and plan.exhausted:
+            break
         deadline_s = begin_s + fraction * limits.budget_s
-        # The small weight is for a plan that is found straight away.
-        most = FIRST_EXPANSIONS if weight == FIRST_WEIGHTS[0] else limits.expansions
+        # The smallest weight is for a plan that is found straight away.
+        most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else limits.expansions
         most = max(min(most, limits.expansions - expanded), 1)
-        plan = PushPass(heuristic, weight, limits, deadline_s).run(first, most)
+        plan = PushPass(heuristic, weight, limits, deadline_s, bodies).run(first, most)
+        plan = replace(plan, exhausted=plan.exhausted and bodies is None)
         expanded += plan.expanded
-        if plan.found or plan.exhausted:
+        if plan.found:
             break
     return plan, expanded
 
@@ -211,14 +241,14 @@ def _bound_crossings(
     return ""
 
 
-def _impossible(heuristic: PushHeuristic, cells: Int32[np.ndarray, "k"]) -> str:
+def _impossible(heuristic: PushHeuristic, cells: Int32[np.ndarray, "k"], *, pushes: bool) -> str:
     """Why no sequence of pushes can solve the problem; empty where one may."""
     if not heuristic.goal_cells.size:
         return "the goal is too near to what cannot be moved"
     if not cells.size:
         return "the robot does not fit where it starts"
     if heuristic.free_field[cells].min() >= heuristic.far:
-        return "walls separate start and goal" + (", whatever is pushed" if heuristic.active else "")
+        return "walls separate start and goal" + (", whatever is pushed" if pushes else "")
     return ""
 
 
