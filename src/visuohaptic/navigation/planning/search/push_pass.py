@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int32
 
+from .drives import drives_exist
 from .push_heuristic import PushHeuristic
 from .push_states import (
     PushStep,
@@ -73,11 +74,6 @@ class _Queue:
             self.pushed += 1
             heapq.heappush(self.entries, (estimate, self.pushed, entry))
 
-    def arrive(self, cost: float, state: SearchState) -> None:
-        """A plan that ends by driving from a state to the goal."""
-        if cost < self.best:
-            self.best, self.goal = cost, state
-
 
 class PushPass:
     """One pass over the queue, with a heuristic weight.
@@ -111,6 +107,7 @@ class PushPass:
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
+        self.start = np.zeros(2)
 
     def run(
         self, first: SearchState, expansions: int, known: float = float("inf"), gap: float = 0.0
@@ -129,6 +126,7 @@ class PushPass:
             How far the plan may be from the bound, as a fraction of it.
         """
         units = self.heuristic.units / self.domain.block
+        self.start = first.robot
         self.queue = queue = _Queue(known, [(0.0, 0, first)])
         expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
@@ -176,7 +174,7 @@ class PushPass:
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
             if reached := cheapest < heuristic.far:
-                queue.arrive(float(state.spent + cheapest), state)
+                self._arrive(float(state.spent + cheapest), state)
         if not len(heuristic.pairs) or state.depth >= self.limits.pushes:
             return
         bodies, numbers = heuristic.pairs.T
@@ -195,6 +193,14 @@ class PushPass:
         for i in np.flatnonzero(estimates < queue.best).tolist():
             body, number = int(bodies[usable[i]]), int(numbers[usable[i]])
             queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
+
+    def _arrive(self, cost: float, state: SearchState) -> None:
+        """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
+        if cost >= self.queue.best:
+            return
+        steps, domain = push_sequence(state), self.domain
+        if domain.block == 1 or drives_exist(domain, steps, self.start, self.heuristic.goal):
+            self.queue.best, self.queue.goal = cost, state
 
     def _left(
         self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]

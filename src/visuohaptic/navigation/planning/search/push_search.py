@@ -15,8 +15,8 @@ proved cheapest or the budget ends, and gives the bound. That there is no plan i
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -43,9 +43,9 @@ __all__ = ["search_pushes"]
 WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 #: Configurations looked at with the first weight, and for the bound of one body alone.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
-#: Fractions of the budget after which ends: one body at a time; a first plan without the bodies that touch no
-#: bottleneck, by weight; a proof that there is none; a first plan with all bodies.
-ALONE, SOON, PROOF, LATE = 0.2, (0.35, 0.55), 0.75, (0.85, 0.95, 1.0)
+#: Fractions of the budget after which ends: one body at a time; a first plan with the bodies on the cheapest path of
+#: the bound, with those at bottlenecks, by weight; a proof that there is none; a first plan with all bodies.
+ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
 
 
 def search_pushes(
@@ -81,9 +81,7 @@ def search_pushes(
     """
     _load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
-    return _search(
-        domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique=oblique
-    )
+    return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
 
 
 @lru_cache(maxsize=1)
@@ -97,159 +95,152 @@ def _load_kernels() -> None:
     robot, box = RobotModel(0.15), MovableObject("box", outline_m, HapticTag())
     domain = build_search_domain(PlanningProblem(OccupancyMap(cells, 0.1), robot, *ends_m, (box,)), block=2)
     start, goal = (grid_from_world(domain.map, end_m) for end_m in ends_m)
-    _search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), oblique=False)
+    _Search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), False).run()
 
 
-def _search(
-    domain: SearchDomain,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    costs: PushCosts,
-    limits: SearchLimits,
-    active: frozenset[int],
-    *,
-    oblique: bool,
-) -> SearchResult:
-    begin_s = time.monotonic()
-    from ._travel_kernels import UNITS
+@dataclass(slots=True, eq=False)
+class _Search:
+    """One search with its budget: a first plan or a proof that there is none, then better plans and bounds."""
 
-    first = SearchState(0.0, start, np.zeros((len(domain.bodies), 2)))
-    cells, _ = seed_cells(
-        domain.lattice_with(first.shifts),
-        start,
-        domain.radius,
-        domain.slow,
-        UNITS,
-        reach=2,
-        block=domain.block,
-    )
-    needed = _bottlenecks(domain, goal, active)
-    left_out = active - needed
-    part = PushHeuristic(domain, goal, costs, needed, left_out=left_out, oblique=oblique)
-    if reason := _impossible(part, cells, pushes=bool(active)):
-        return SearchResult(False, exhausted=True, reason=reason)
-    still = [k for k in range(len(domain.bodies)) if k not in active]
-    if reason := _bound_crossings(part, still, cells, start, limits, begin_s + ALONE * limits.budget_s):
-        return SearchResult(False, exhausted=True, reason=reason)
-    through: dict[int, float] = {}
-    crossed = part.crossed(cells)
-    passes = [(WEIGHTS[0], SOON[0], crossed), *((w, f, None) for w, f in zip(WEIGHTS, SOON, strict=True))]
-    plan, expanded = _first_plan(
-        part, first, limits, begin_s, passes[1:] if crossed == part.active else passes
-    )
-    heuristic = part
-    units = part.units / domain.block
-    if not plan.found:
-        reason = Infeasibility(part, limits, begin_s + PROOF * limits.budget_s).prove(first, cells)
+    domain: SearchDomain
+    start: Float[np.ndarray, "2"]
+    goal: Float[np.ndarray, "2"]
+    costs: PushCosts
+    limits: SearchLimits
+    active: frozenset[int]
+    oblique: bool
+    begin_s: float = field(default_factory=time.monotonic)
+    expanded: int = 0
+    first: SearchState = field(init=False)
+    cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
+
+    def __post_init__(self) -> None:
+        from ._travel_kernels import UNITS
+
+        domain = self.domain
+        self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
+        self.cells, _ = seed_cells(
+            domain.lattice_with(self.first.shifts), self.start, domain.radius, domain.slow, UNITS,
+            reach=2, block=domain.block,
+        )  # fmt: skip
+
+    def run(self) -> SearchResult:
+        """The cheapest plan, or the reason why there is none."""
+        needed = _bottlenecks(self.domain, self.goal, self.active)
+        heuristic = self._heuristic(needed)
+        reason = self._impossible(heuristic) or self._bound_crossings(heuristic)
         if reason:
-            return SearchResult(False, exhausted=True, reason=reason, expanded=expanded)
-        worth = active
-    else:
-        # A plan that pushes one of the others costs more than it could save.
-        through = {k: part.through(cells, k) / units for k in active - {step.body for step in plan.steps}}
-        worth = active - {k for k, cost in through.items() if cost * (1.0 + limits.gap) >= plan.cost}
-    if worth != needed:
-        heuristic = PushHeuristic(domain, goal, costs, worth, left_out=active - worth, oblique=oblique)
-        heuristic.alone |= {k: bound for k, bound in part.alone.items() if k in worth}
-    if not plan.found:
-        weights = (*WEIGHTS, LAST_WEIGHT) if left_out else (LAST_WEIGHT,)
-        passes = [(weight, fraction, None) for weight, fraction in zip(weights, LATE, strict=False)]
-        plan, more = _first_plan(heuristic, first, limits, begin_s, passes)
-        expanded += more
+            return SearchResult(False, exhausted=True, reason=reason)
+        alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
+        plan = self._first_plan(heuristic, ((WEIGHTS[0], CROSSED),), crossed)
         if not plan.found:
-            reason = f"no plan among {expanded} configurations, not proved"
-            return replace(plan, exhausted=False, reason=reason, expanded=expanded)
-    lower = float(heuristic.field(first.shifts)[cells].min()) / units
-    weights = (1.0,) if expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0)
-    plan = replace(plan, bound=lower)
-    best, expanded = _improved(heuristic, first, plan, limits, begin_s, expanded, weights)
-    bound = min([best.bound, *(through[k] for k in active - worth)])
-    return replace(best, bound=bound, expanded=expanded, left_out=tuple(sorted(left_out - worth)))
-
-
-def _improved(
-    heuristic: PushHeuristic,
-    first: SearchState,
-    plan: SearchResult,
-    limits: SearchLimits,
-    begin_s: float,
-    expanded: int,
-    weights: Iterable[float],
-) -> tuple[SearchResult, int]:
-    """The plan, or a better one, with a bound that is as near as the budget allows."""
-    units = heuristic.units / heuristic.domain.block
-    for weight in weights:
-        if plan.cost <= (1.0 + limits.gap) * plan.bound:
-            break
-        better = PushPass(heuristic, weight, limits, begin_s + limits.budget_s).run(
-            first,
-            max(limits.expansions - expanded, 1),
-            plan.cost * units,
-            limits.gap if weight == 1.0 else 0.0,
-        )
-        expanded += better.expanded
-        bound = max(plan.bound, better.bound / weight)
-        plan = replace(better if better.found else plan, bound=bound)
-    return replace(plan, bound=min(plan.bound, plan.cost)), expanded
-
-
-def _first_plan(
-    heuristic: PushHeuristic,
-    first: SearchState,
-    limits: SearchLimits,
-    begin_s: float,
-    passes: Iterable[tuple[float, float, Collection[int] | None]],
-) -> tuple[SearchResult, int]:
-    """A plan by weighted A*, by weight, fraction of the budget and bodies that are pushed; and how many configurations were looked at."""
-    plan, expanded = SearchResult(False), 0
-    for weight, fraction, bodies in passes:
-        if bodies is None and plan.exhausted:
-            break
-        deadline_s = begin_s + fraction * limits.budget_s
-        # The smallest weight is for a plan that is found straight away.
-        most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else limits.expansions
-        most = max(min(most, limits.expansions - expanded), 1)
-        plan = PushPass(heuristic, weight, limits, deadline_s, bodies).run(first, most)
-        plan = replace(plan, exhausted=plan.exhausted and bodies is None)
-        expanded += plan.expanded
+            plan = self._first_plan(heuristic, zip(WEIGHTS, SOON, strict=True))
+        through: dict[int, float] = {}
+        worth = self.active
         if plan.found:
-            break
-    return plan, expanded
+            # A plan that pushes one of the others costs more than it could save.
+            seconds = self.domain.block / heuristic.units
+            rest = self.active - {step.body for step in plan.steps}
+            through = {k: heuristic.through(self.cells, k) * seconds for k in rest}
+            worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
+        elif reason := self._proof(heuristic):
+            return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
+        if worth != needed:
+            heuristic = self._heuristic(worth)
+            heuristic.alone |= {k: bound for k, bound in alone.items() if k in worth}
+        if not plan.found:
+            reason = self._proof(heuristic) if worth != needed else ""
+            passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
+            plan = plan if reason else self._first_plan(heuristic, passes)
+            if not plan.found:
+                said = reason or f"no plan among {self.expanded} configurations, not proved"
+                return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
+        plan = self._improved(heuristic, plan)
+        bound = min([plan.bound, *(through[k] for k in self.active - worth)])
+        left_out = tuple(sorted(self.active - needed - worth))
+        return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
 
+    def _heuristic(self, bodies: Collection[int]) -> PushHeuristic:
+        left_out = self.active - frozenset(bodies)
+        return PushHeuristic(
+            self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique
+        )
 
-def _bound_crossings(
-    heuristic: PushHeuristic,
-    still: Sequence[int],
-    cells: Int32[np.ndarray, "k"],
-    start: Float[np.ndarray, "2"],
-    limits: SearchLimits,
-    deadline_s: float,
-) -> str:
-    """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
-    domain = heuristic.domain
-    lattice = domain.lowered(domain.lattice, np.zeros((len(domain.bodies), 2)), still, domain.block)
-    first = SearchState(0.0, start, np.zeros((1, 2)))
-    for index in heuristic.separating(cells):
-        alone = replace(domain, bodies=(domain.bodies[index],), lattice=lattice, patches={}, still={})
-        part = PushHeuristic(alone, heuristic.goal, heuristic.costs, (0,), oblique=heuristic.oblique)
-        found = PushPass(part, 1.0, limits, deadline_s).run(first, min(ALONE_EXPANSIONS, limits.expansions))
-        if np.isfinite(found.bound):
-            more = found.bound * heuristic.units / domain.block - float(part.free_field[cells].min())
-            heuristic.alone[index] = max(heuristic.min_push[index], more)
-        elif reason := Infeasibility(part, limits, deadline_s).prove(first, cells):
-            return reason
-    return ""
+    def _until(self, fraction: float) -> float:
+        return self.begin_s + fraction * self.limits.budget_s
 
+    def _proof(self, heuristic: PushHeuristic) -> str:
+        return Infeasibility(heuristic, self.limits, self._until(PROOF)).prove(self.first, self.cells)
 
-def _impossible(heuristic: PushHeuristic, cells: Int32[np.ndarray, "k"], *, pushes: bool) -> str:
-    """Why no sequence of pushes can solve the problem; empty where one may."""
-    if not heuristic.goal_cells.size:
-        return "the goal is too near to what cannot be moved"
-    if not cells.size:
-        return "the robot does not fit where it starts"
-    if heuristic.free_field[cells].min() >= heuristic.far:
-        return "walls separate start and goal" + (", whatever is pushed" if pushes else "")
-    return ""
+    def _first_plan(
+        self,
+        heuristic: PushHeuristic,
+        passes: Iterable[tuple[float, float]],
+        bodies: Collection[int] | None = None,
+    ) -> SearchResult:
+        """A plan by weighted A*, by weight and fraction of the budget, with pushes of some bodies only."""
+        plan = SearchResult(False)
+        for weight, fraction in passes:
+            # The smallest weight is for a plan that is found straight away.
+            most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
+            most = max(min(most, self.limits.expansions - self.expanded), 1)
+            plan = PushPass(heuristic, weight, self.limits, self._until(fraction), bodies).run(
+                self.first, most
+            )
+            self.expanded += plan.expanded
+            if plan.found or plan.exhausted:
+                break
+        return plan
+
+    def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
+        """The plan, or a better one, with a bound that is as near as the budget allows."""
+        units = heuristic.units / self.domain.block
+        plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
+        for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
+            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
+                break
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0)).run(
+                self.first,
+                max(self.limits.expansions - self.expanded, 1),
+                plan.cost * units,
+                self.limits.gap if weight == 1.0 else 0.0,
+            )
+            self.expanded += better.expanded
+            bound = max(plan.bound, better.bound / weight)
+            plan = replace(better if better.found else plan, bound=bound)
+        return replace(plan, bound=min(plan.bound, plan.cost))
+
+    def _bound_crossings(self, heuristic: PushHeuristic) -> str:
+        """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
+        domain, limits, deadline_s = self.domain, self.limits, self._until(ALONE)
+        still = [k for k in range(len(domain.bodies)) if k not in self.active]
+        lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
+        first = SearchState(0.0, self.start, np.zeros((1, 2)))
+        for index in heuristic.separating(self.cells):
+            body = (domain.bodies[index],)
+            alone = replace(domain, bodies=body, lattice=lattice, patches={}, still={}, drives={})
+            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
+            most = min(ALONE_EXPANSIONS, limits.expansions)
+            found = PushPass(part, 1.0, limits, deadline_s).run(first, most)
+            if not found.found:
+                reason = Infeasibility(part, limits, deadline_s).prove(first, self.cells)
+                if reason:
+                    return reason
+            if np.isfinite(found.bound):
+                free = float(part.free_field[self.cells].min())
+                more = found.bound * heuristic.units / domain.block - free
+                heuristic.alone[index] = max(heuristic.min_push[index], more)
+        return ""
+
+    def _impossible(self, heuristic: PushHeuristic) -> str:
+        """Why no sequence of pushes can solve the problem; empty where one may."""
+        if not heuristic.goal_cells.size:
+            return "the goal is too near to what cannot be moved"
+        if not self.cells.size:
+            return "the robot does not fit where it starts"
+        if heuristic.free_field[self.cells].min() >= heuristic.far:
+            return "walls separate start and goal" + (", whatever is pushed" if self.active else "")
+        return ""
 
 
 def _bottlenecks(
@@ -259,15 +250,19 @@ def _bottlenecks(
     from ._push_search_kernels import opening_lengths
 
     shifts = np.zeros((len(domain.bodies), 2))
+    still = [k for k in range(len(domain.bodies)) if k not in active]
+    base = domain.lowered(domain.lattice, shifts, still, domain.block)
     found = set()
     for index in active:
         body = domain.bodies[index]
-        without = domain.lattice_with(shifts, index)
         # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
         far = float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block
-        pieces = opening_lengths(
-            without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
-        )
-        if len(pieces):
-            found.add(index)
+        # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
+        for without in (domain.lattice_with(shifts, index), base):
+            pieces = opening_lengths(
+                without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
+            )
+            if len(pieces):
+                found.add(index)
+                break
     return frozenset(found)
