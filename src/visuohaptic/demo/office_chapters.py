@@ -13,8 +13,8 @@ from ..core.robots import BaseState
 from ..io.maps.occupancy_map import OccupancyMap
 from ..navigation.mapping.map_changes import map_agreement, mark_points, new_objects, scan_fit
 from ..navigation.mapping.mapper import OccupancyMapper
-from ..navigation.planning.planner import pull_string
 from ..navigation.planning.policies import without_pushing
+from ..navigation.planning.search.drives import pull_string
 from ..navigation.planning.search.search_domain import build_search_domain, grid_from_world, world_from_grid
 from ..navigation.problem.planning_problem import MovableObject, PlanningProblem, RobotModel
 from ..simulation.faults import FaultKind, wrong_map

@@ -32,8 +32,8 @@ from .off_centre_rollouts import (
     retreat,
     rollouts,
 )
-from .planner import pull_string
 from .replanning import after_push
+from .search.drives import pull_string
 from .search.search_domain import build_search_domain, grid_from_world, world_from_grid
 
 __all__ = ["OffCentrePush", "plan_off_centre_pushes"]

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 
 from ..problem.path_plan import Plan, Task
 from ..problem.planning_problem import PlanningProblem
 from ..problem.push_costs import PushCosts, push_cost
+from .search.drives import pull_string
 from .search.push_search import search_pushes
 from .search.push_states import PushStep, SearchLimits, SearchResult, seed_cells
 from .search.search_domain import (
     SearchDomain,
     build_search_domain,
     grid_from_world,
-    lower_clearance,
     world_from_grid,
 )
 
 __all__ = ["assemble", "plan_in_domain"]
 
-#: Points of a grid path that one straight segment may span.
-STRING_WINDOW = 80
-#: Corners are cut at most so many times.
-STRING_ROUNDS = 12
 #: Clearance interpolated between cells may fall by this along a straight way out [cells].
 ESCAPE_SLACK = 0.02
 
@@ -66,6 +64,8 @@ def plan_in_domain(
     begin = escape(domain, start)
     if begin is None:
         return Plan(False, reason=_stuck(domain, start), proved=True, name=name)
+    limits = limits or SearchLimits()
+    deadline_s = time.monotonic() + limits.budget_s
     while True:
         result = search_pushes(domain, begin, goal, costs, limits, active=active, oblique=oblique)
         plan = assemble(problem, domain, result, report_costs or costs, name=name, begin=begin)
@@ -73,6 +73,7 @@ def plan_in_domain(
             return plan
         # A block is as clear as its clearest cell: where the map has no such drive, smaller blocks.
         domain = build_search_domain(problem, costs, block=domain.block // 2)
+        limits = replace(limits, budget_s=max(deadline_s - time.monotonic(), 0.05 * limits.budget_s))
 
 
 def assemble(
@@ -189,127 +190,6 @@ def _drive(domain: SearchDomain, path: Float[np.ndarray, "k 2"], cost: float) ->
     path_m = world_from_grid(domain.map, path)
     length_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
     return [Task("navigate", domain.seconds(cost), length_m, tuple((float(x), float(y)) for x, y in path_m))]
-
-
-def pull_string(
-    domain: SearchDomain,
-    shifts: Float[np.ndarray, "bodies 2"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Cheapest any-angle path between two points: over the lattice, along it on the map, then string pulling.
-
-    Parameters
-    ----------
-    domain
-        Static map and bodies.
-    shifts
-        Of the bodies from where the map has them [cells].
-    start, goal
-        Grid coordinates [cells].
-
-    Returns
-    -------
-    corners in grid coordinates, cost [cells at full speed]; empty and infinite when there is none
-    """
-    from .search._travel_kernels import string_pull
-
-    if np.hypot(*(goal - start)) < 1e-9:
-        return start[None], 0.0
-    blocks = _cheapest_cells(domain, domain.lattice_with(shifts), start, goal, domain.block)
-    if not len(blocks):
-        return np.zeros((0, 2)), float("inf")
-    clearance, low = _corridor(domain, shifts, blocks)
-    if domain.block > 1:
-        cells = _cheapest_cells(domain, clearance, start - low, goal - low, 1)
-        if not len(cells):
-            return np.zeros((0, 2)), float("inf")
-        cells = cells[:: domain.block] + 0.5
-    else:
-        cells = blocks + 0.5 - low
-    path = np.concatenate([[start - low], cells, [goal - low]])
-    radius, slow = domain.radius, domain.slow
-    path, cost = _pulled(clearance, radius, slow, path)
-    for _ in range(STRING_ROUNDS):
-        # The path over cells has eight directions only; chords between points along it cut its corners.
-        kept, cost_now = string_pull(
-            clearance, radius, slow, dense := _resampled(path, STRING_WINDOW), STRING_WINDOW
-        )
-        if not cost_now < cost:
-            break
-        gain = 1.0 - cost_now / cost
-        path, cost = dense[kept], cost_now
-        if gain < 1e-3:
-            break
-    distinct = np.ones(len(path), dtype=bool)
-    distinct[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    return path[distinct] + low, float(cost)
-
-
-def _cheapest_cells(
-    domain: SearchDomain,
-    clearance: Float32[np.ndarray, "r c"],
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    block: int,
-) -> Float[np.ndarray, "k 2"]:
-    """Columns and rows of the cheapest path over a layer, from start to goal; empty without one."""
-    from .search._travel_kernels import FAR, UNITS, travel_field
-
-    radius, slow = domain.radius, domain.slow
-    cells, costs = seed_cells(clearance, start, radius, slow, UNITS, reach=2, block=block)
-    ends, end_costs = seed_cells(clearance, goal, radius, slow, UNITS, reach=1, block=block)
-    none = np.zeros(0, np.int32)
-    if not cells.size or not ends.size:
-        return np.zeros((0, 2))
-    cost, came = travel_field(
-        clearance, radius, slow, cells, costs, np.zeros((0, 0), np.int32), none, none, 0, ends
-    )
-    total = cost[ends].astype(np.int64) + end_costs
-    if total.min() >= FAR:
-        return np.zeros((0, 2))
-    cell = int(ends[int(total.argmin())])
-    columns = clearance.shape[1]
-    found = []
-    while cell >= 0:
-        found.append((cell % columns, cell // columns))
-        cell = int(came[cell])
-    return np.array(found[::-1], dtype=np.float64)
-
-
-def _corridor(
-    domain: SearchDomain, shifts: Float[np.ndarray, "bodies 2"], blocks: Float[np.ndarray, "k 2"]
-) -> tuple[Float32[np.ndarray, "r c"], Float[np.ndarray, "2"]]:
-    """Clearance on the map around a path over blocks, and the cell (x, y) that it begins at."""
-    block, (rows, columns) = domain.block, domain.clearance.shape
-    grow = domain.reach
-    low = np.maximum(np.floor(blocks.min(axis=0) * block - grow).astype(int), 0)
-    high = np.minimum(np.ceil((blocks.max(axis=0) + 1) * block + grow).astype(int), (columns, rows))
-    part = domain.clearance[low[1] : high[1], low[0] : high[0]].copy()
-    for body, shift in zip(domain.bodies, shifts, strict=True):
-        outline = body.outline + shift
-        if (outline.max(axis=0) > low - grow).all() and (outline.min(axis=0) < high + grow).all():
-            lower_clearance(part, outline - low, domain.reach)
-    return part, low.astype(np.float64)
-
-
-def _pulled(
-    clearance: Float32[np.ndarray, "r c"], radius: float, slow: float, path: Float[np.ndarray, "k 2"]
-) -> tuple[Float[np.ndarray, "q 2"], float]:
-    """A path pulled twice: a second look joins pieces that were cut by the window."""
-    from .search._travel_kernels import string_pull
-
-    for _ in range(2):
-        kept, cost = string_pull(clearance, radius, slow, path, STRING_WINDOW)
-        path = path[kept]
-    return path, float(cost)
-
-
-def _resampled(path: Float[np.ndarray, "k 2"], count: int) -> Float[np.ndarray, "n 2"]:
-    """The corners of a path and about ``count`` points between them, evenly along it."""
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    places = np.union1d(along, np.linspace(0.0, along[-1], max(count - len(path), 2)))
-    return np.column_stack([np.interp(places, along, path[:, axis]) for axis in (0, 1)])
 
 
 def _push_tasks(domain: SearchDomain, step: PushStep, costs: PushCosts) -> list[Task]:

@@ -19,6 +19,8 @@ __all__ = ["alternatives", "make_plan", "without_pushing"]
 
 #: How much reliability is worth to the most reliable plan [s per -log(1 - p)].
 RELIABLE_RISK_S = 600.0
+#: Fraction of the budget for the search.
+SEARCH_FRACTION = 0.9
 #: Fraction of the budget for a plan that explores nothing, where objects are unknown.
 KNOWN_FRACTION = 0.5
 #: Of the unknown objects on the map, so many nearest ones are considered for the most informative plan.
@@ -59,6 +61,8 @@ def make_plan(
 
 
 def _cheapest(problem: PlanningProblem, domain: SearchDomain, costs: PushCosts, limits: SearchLimits) -> Plan:
+    # What is left is for the drives of the plan.
+    limits = replace(limits, budget_s=SEARCH_FRACTION * limits.budget_s)
     deadline_s = time.monotonic() + limits.budget_s
     unknown = any(body.allowed.unknown for body in domain.bodies)
     first = replace(limits, budget_s=limits.budget_s * (KNOWN_FRACTION if unknown else 1.0))

@@ -19,6 +19,29 @@ FAR = np.int32(2**30)
 
 
 @kernel
+def nodes_around(
+    clearance: np.ndarray, x: float, y: float, radius: float, slow: float, units: int, reach: int, block: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Free nodes in a window of ``reach`` around a point (flat index), and what it costs to get there [units]."""
+    rows, columns = clearance.shape
+    x, y = x / block, y / block
+    c, r = int(math.floor(x)), int(math.floor(y))
+    nodes = np.zeros((2 * reach + 1) ** 2, np.int32)
+    costs = np.zeros((2 * reach + 1) ** 2, np.int32)
+    count = 0
+    for rr in range(max(r - reach, 0), min(r + reach + 1, rows)):
+        for cc in range(max(c - reach, 0), min(c + reach + 1, columns)):
+            d = clearance[rr, cc]
+            if d >= radius:
+                fraction = min((d / radius - 1.0) * 0.5, 1.0)
+                length = math.hypot(cc + 0.5 - x, rr + 0.5 - y)
+                nodes[count] = rr * columns + cc
+                costs[count] = int(length * (slow + fraction * (1.0 - slow)) * units + 0.5)
+                count += 1
+    return nodes[:count].copy(), costs[:count].copy()
+
+
+@kernel
 def reach_costs(
     clearance: np.ndarray, cost: np.ndarray, points: np.ndarray, radius: float, slow: float, block: int
 ) -> np.ndarray:

@@ -8,10 +8,12 @@ there is no plan. Costs do not matter, only what is connected; pushes go by shor
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from itertools import combinations
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Bool, Float, Float32, Int, Int32
 
 from .push_heuristic import PushHeuristic
 from .push_states import SearchLimits, SearchState, seed_cells
@@ -64,78 +66,94 @@ class Infeasibility:
 
     def _blocked(self, chosen: tuple[int, ...], first: SearchState, cells: Int32[np.ndarray, "k"]) -> bool:
         """Whether some bodies keep the robot from the goal, whatever is done to them, all others away."""
-        open_states: list[tuple[Float[np.ndarray, "bodies 2"], Int32[np.ndarray, "k"]]] = [
-            (first.shifts, cells)
+        open_states: list[tuple[Float[np.ndarray, "bodies 2"], Int32[np.ndarray, "k"] | None, Any]] = [
+            (first.shifts, cells, None)
         ]
+        domain, heuristic = self.domain, self.heuristic
+        queued: set[bytes] = set()
         seen: set[tuple[bytes, int]] = set()
+        pushes = np.flatnonzero(np.isin(heuristic.pairs[:, 0], chosen))
         while open_states:
             if time.monotonic() > self.deadline_s or len(seen) > self.max_states:
                 return False
-            shifts, near = open_states.pop()
-            reached = self._component(chosen, shifts, near)
+            shifts, near, robot = open_states.pop()
+            clearance = domain.lowered(heuristic.base, shifts, chosen, domain.block)
+            if near is None:
+                near, _ = self._around(clearance, robot)
+            reached = self._component(clearance, near)
             if reached is None:
                 continue
-            key = (np.rint(shifts[list(chosen)] * 8).astype(np.int32).tobytes(), int(reached.argmax()))
+            key = (self._places(chosen, shifts), int(reached.argmax()))
             if key in seen:
                 continue
             seen.add(key)
-            goal_cells, _ = self.heuristic.goal_seeds(self._clearance(chosen, shifts))
+            goal_cells, _ = heuristic.goal_seeds(clearance)
             if goal_cells.size and reached[goal_cells].any():
                 return False
-            open_states += self._after_pushes(chosen, shifts, reached)
+            for after, robot in self._after_pushes(chosen, shifts, clearance, reached, pushes):
+                place = (
+                    self._places(chosen, after) + np.floor(robot / domain.block).astype(np.int32).tobytes()
+                )
+                if place not in queued:
+                    queued.add(place)
+                    open_states.append((after, None, robot))
         return True
 
-    def _clearance(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> np.ndarray:
+    def _places(self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]) -> bytes:
+        """Places of the bodies; closer than half a step they are one."""
+        return np.rint(shifts[list(chosen)] * (2.0 / self.step)).astype(np.int32).tobytes()
+
+    def _around(
+        self, clearance: Float32[np.ndarray, "r c"], point: Float[np.ndarray, "2"]
+    ) -> tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]]:
         domain = self.domain
-        return domain.lowered(self.heuristic.base, shifts, chosen, domain.block)
+        return seed_cells(
+            clearance, point, domain.radius, domain.slow, self.heuristic.units, block=domain.block
+        )
 
     def _component(
-        self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"], near: Int32[np.ndarray, "k"]
+        self, clearance: Float32[np.ndarray, "r c"], near: Int32[np.ndarray, "k"]
     ) -> Bool[np.ndarray, "n"] | None:
         """Nodes that the robot gets to."""
         from ._travel_kernels import flood
 
-        domain = self.domain
-        clearance = self._clearance(chosen, shifts)
-        near = near[clearance.ravel()[near] >= domain.radius]
-        return flood(clearance, domain.radius, near) if near.size else None
+        near = near[clearance.ravel()[near] >= self.domain.radius]
+        return flood(clearance, self.domain.radius, near) if near.size else None
 
     def _after_pushes(
-        self, chosen: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"], reached: Bool[np.ndarray, "n"]
-    ) -> list[tuple[Float[np.ndarray, "bodies 2"], Int32[np.ndarray, "k"]]]:
-        """Configurations one step on, with nodes beside the robot."""
+        self,
+        chosen: tuple[int, ...],
+        shifts: Float[np.ndarray, "bodies 2"],
+        clearance: Float32[np.ndarray, "r c"],
+        reached: Bool[np.ndarray, "n"],
+        pushes: Int[np.ndarray, "m"],
+    ) -> Iterator[tuple[Float[np.ndarray, "bodies 2"], Float[np.ndarray, "2"]]]:
+        """Configurations one step on, and where the robot is."""
         from ._push_search_kernels import free_push_length
-        from ._travel_kernels import UNITS
+        from ._travel_kernels import FAR, reach_costs
 
         domain, heuristic = self.domain, self.heuristic
-        clearance = self._clearance(chosen, shifts)
-        found = []
-        for index in chosen:
-            body, shift = domain.bodies[index], shifts[index]
-            others = [domain.bodies[k].outline + shifts[k] for k in chosen if k != index]
-            outlines = [*others, *domain.immovable_outlines]
+        bodies, numbers = heuristic.pairs[pushes].T
+        stands = heuristic.centres[bodies] + shifts[bodies] + heuristic.stands[pushes]
+        field = np.where(reached, 0, FAR).astype(np.int32)
+        near = reach_costs(clearance, field, stands, domain.radius, domain.slow, domain.block) < FAR
+        for k in np.flatnonzero(near).tolist():
+            index = int(bodies[k])
+            body, shift, push = (
+                domain.bodies[index],
+                shifts[index],
+                heuristic.contacts[index][int(numbers[k])],
+            )
+            outlines = [domain.bodies[o].outline + shifts[o] for o in chosen if o != index]
+            outlines += domain.immovable_outlines
             starts = np.cumsum([0, *(len(outline) for outline in outlines)]).astype(np.int32)
-            joined = np.concatenate(outlines) if outlines else np.zeros((0, 2))
-            for push in heuristic.contacts[index]:
-                touch = body.centre + shift + push.robot
-                stand = touch - heuristic.stand_off * push.direction
-                near, _ = seed_cells(
-                    clearance, stand, domain.radius, domain.slow, UNITS, reach=1, block=domain.block
-                )
-                if not near.size or not reached[near].any():
-                    continue
-                free = free_push_length(
-                    domain.occupied, domain.clearance, body.samples + shift, body.around + shift,
-                    body.outline + shift, joined, starts, touch[0], touch[1],
-                    push.direction[0], push.direction[1], domain.radius, self.step,
-                )  # fmt: skip
-                if free <= 0.0:
-                    continue
+            touch = body.centre + shift + push.robot
+            free = free_push_length(
+                domain.occupied, domain.clearance, body.samples + shift, body.around + shift,
+                body.outline + shift, np.concatenate(outlines) if outlines else np.zeros((0, 2)), starts,
+                touch[0], touch[1], push.direction[0], push.direction[1], domain.radius, self.step,
+            )  # fmt: skip
+            if free > 0.0:
                 after = shifts.copy()
                 after[index] = shift + free * push.direction
-                ends, _ = seed_cells(
-                    self._clearance(chosen, after), stand + free * push.direction, domain.radius, domain.slow,
-                    UNITS, reach=1, block=domain.block,
-                )  # fmt: skip
-                found.append((after, ends))
-        return found
+                yield after, stands[k] + free * push.direction

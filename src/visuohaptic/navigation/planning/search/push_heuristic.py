@@ -41,6 +41,8 @@ class PushHeuristic:
         What a push costs.
     active
         Indices of the bodies that may be pushed; the others stay where they are.
+    left_out
+        Bodies that might be pushed, but are not: in no bound.
     oblique
         Whether pushes may be oblique to a face.
     """
@@ -52,6 +54,7 @@ class PushHeuristic:
         costs: PushCosts,
         active: Collection[int],
         *,
+        left_out: Collection[int] = (),
         oblique: bool = False,
     ) -> None:
         from ._travel_kernels import FAR, UNITS
@@ -60,7 +63,7 @@ class PushHeuristic:
         self.active, self.oblique = sorted(active), oblique
         self.far, self.units = int(FAR), int(UNITS)
         self.units_per_s = UNITS * domain.robot.v_max_m_s / (domain.map.resolution_m * domain.block)
-        still = [i for i in range(len(domain.bodies)) if i not in set(self.active)]
+        still = [i for i in range(len(domain.bodies)) if i not in {*self.active, *left_out}]
         zeros = np.zeros((len(domain.bodies), 2))
         self.base = domain.lowered(
             domain.lattice, zeros, still, domain.block
@@ -89,6 +92,7 @@ class PushHeuristic:
         self.goal_cells, self.goal_costs = self.goal_seeds(self.base)
         self._fields: dict[bytes, Int32[np.ndarray, "n"]] = {}
         self._marked: dict[tuple[int, ...], Int16[np.ndarray, "r c"]] = {}
+        self._both: Int[np.ndarray, "r c"] | None = None  # from the start and to the goal, bodies charged
         self.free_field = self._field(
             zeros, []
         )  #: cost-to-go when no body that may be pushed is in the way [units]
@@ -194,6 +198,7 @@ class PushHeuristic:
         shifts: Float[np.ndarray, "bodies 2"],
         bodies: Collection[int],
         robot: Float[np.ndarray, "2"] | None = None,
+        seeds: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] | None = None,
     ) -> Int32[np.ndarray, "n"]:
         from ._travel_kernels import travel_field
 
@@ -215,12 +220,63 @@ class PushHeuristic:
         if robot is not None:
             near, _ = seed_cells(self.base, robot, domain.radius, domain.slow, self.units, block=domain.block)
         cost = travel_field(
-            clearance, domain.radius, domain.slow, self.goal_cells, self.goal_costs,
+            clearance, domain.radius, domain.slow, *(seeds or (self.goal_cells, self.goal_costs)),
             region, charge, none, 0, near,
         )[0]  # fmt: skip
         if near.size and cost[near].max() < self.far:
             np.minimum(cost, np.where(self.free_field < self.far, cost[near].max(), self.far), out=cost)
         return cost
+
+    def through(self, start: Int32[np.ndarray, "k"], body: int) -> float:
+        """Lower bound of a plan that pushes a body: it drives to the body, pushes, and drives to the goal [units].
+
+        Parameters
+        ----------
+        start
+            Nodes that the robot can be on at the start.
+        body
+            Its index.
+        """
+        domain, both = self.domain, self._from_start_to_goal(start)
+        outline = domain.bodies[body].outline
+        grow = domain.radius + self.stand_off + 2.0 * domain.block
+        c0, r0 = np.maximum((outline.min(axis=0) - grow) // domain.block, 0).astype(int)
+        c1, r1 = ((outline.max(axis=0) + grow) // domain.block).astype(int) + 1
+        near = both[r0:r1, c0:c1]
+        if not near.size:
+            return float("inf")
+        through = near + self.push_units(body, MIN_PUSH_M / domain.map.resolution_m)
+        if body in self.active:  # a path that crosses its place is charged already
+            place = self._regions((body,), np.zeros((len(domain.bodies), 2)))
+            through = np.where(place[r0:r1, c0:c1] > 0, near, through)
+        return float(through.min())
+
+    def crossed(self, start: Int32[np.ndarray, "k"]) -> list[int]:
+        """Bodies whose places the cheapest path of the bound crosses.
+
+        Parameters
+        ----------
+        start
+            Nodes that the robot can be on at the start.
+        """
+        both, shifts = self._from_start_to_goal(start), np.zeros((len(self.domain.bodies), 2))
+        region = self._regions(tuple(self.active), shifts)
+        cheapest = np.full(len(self.domain.bodies) + 1, np.inf)
+        np.minimum.at(cheapest, region.ravel(), both.ravel())
+        # Both costs are whole units, and a diagonal step is rounded.
+        return [k for k in self.active if cheapest[k + 1] <= 1.001 * both.min() + self.units]
+
+    def _from_start_to_goal(self, start: Int32[np.ndarray, "k"]) -> Int[np.ndarray, "r c"]:
+        """Bound of a plan through each node."""
+        if self._both is None:
+            shifts = np.zeros((len(self.domain.bodies), 2))
+            begin = self._field(shifts, self.active, seeds=(start, np.zeros_like(start)))
+            # Both fields charge for a place where they leave it: inside it neither has yet.
+            charges = [self.crossing(k, shifts[k]) if k in self.active else 0.0 for k in range(len(shifts))]
+            charge = np.minimum([0.0, *charges], MAX_CROSSING_S * self.units_per_s).astype(np.int64)
+            both = (begin.astype(np.int64) + self.field(shifts)).reshape(self.base.shape)
+            self._both = both + charge[self._regions(tuple(self.active), shifts)]
+        return self._both
 
     def _regions(
         self, bodies: tuple[int, ...], shifts: Float[np.ndarray, "bodies 2"]

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import heapq
 import time
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int32
 
+from .drives import drives_exist
 from .push_heuristic import PushHeuristic
 from .push_states import (
     PushStep,
@@ -63,15 +65,14 @@ class _Queue:
     """Open entries by their estimated cost; what cannot beat the best plan known is refused."""
 
     best: float  #: cost of the best plan known [units]
-    entries: list[tuple[float, int, SearchState | _Contact | _Push, bool]] = field(default_factory=list)
+    entries: list[tuple[float, int, SearchState | _Contact | _Push]] = field(default_factory=list)
+    goal: SearchState | None = None  #: from where the best plan of this pass drives to the goal
     pushed: int = 0  #: breaks ties: first in, first out
 
-    def push(self, estimate: float, entry: SearchState | _Contact | _Push, *, arrived: bool = False) -> None:
-        if arrived:
-            self.best = min(self.best, estimate)
-        if arrived or estimate < self.best:
+    def push(self, estimate: float, entry: SearchState | _Contact | _Push) -> None:
+        if estimate < self.best:
             self.pushed += 1
-            heapq.heappush(self.entries, (estimate, self.pushed, entry, arrived))
+            heapq.heappush(self.entries, (estimate, self.pushed, entry))
 
 
 class PushPass:
@@ -82,24 +83,36 @@ class PushPass:
     heuristic
         Costs of pushes and lower bounds of the cost-to-go.
     weight
-        Of the heuristic; above 1 the first plan found is taken.
+        Of the heuristic; with 1 the bound is one of all plans of the model.
     limits
         Memory and pushes.
     deadline_s
         When to stop, on the monotonic clock.
+    bodies
+        Indices of those that are pushed; by default all that the heuristic knows.
     """
 
     def __init__(
-        self, heuristic: PushHeuristic, weight: float, limits: SearchLimits, deadline_s: float
+        self,
+        heuristic: PushHeuristic,
+        weight: float,
+        limits: SearchLimits,
+        deadline_s: float,
+        bodies: Collection[int] | None = None,
     ) -> None:
+        chosen = heuristic.active if bodies is None else list(bodies)
+        self.allowed = np.isin(heuristic.pairs[:, 0], chosen)
         self.heuristic, self.weight, self.limits = heuristic, weight, limits
         self.deadline_s, self.domain = deadline_s, heuristic.domain
         self.step = LENGTH_STEP_M / self.domain.map.resolution_m
         self.seen = SeenFields(limits.memory_bytes // 4)
         self.queue = _Queue(float("inf"))
+        self.start = np.zeros(2)
 
-    def run(self, first: SearchState, expansions: int, known: float = float("inf")) -> SearchResult:
-        """Search until the best plan is taken from the queue, it runs empty, or the budget is spent.
+    def run(
+        self, first: SearchState, expansions: int, known: float = float("inf"), gap: float = 0.0
+    ) -> SearchResult:
+        """Search until the best plan is within the gap, the queue runs empty, or the budget is spent.
 
         Parameters
         ----------
@@ -109,21 +122,21 @@ class PushPass:
             Configurations looked at, at most.
         known
             Cost of the best plan known [units]; what cannot be cheaper is left out.
+        gap
+            How far the plan may be from the bound, as a fraction of it.
         """
         units = self.heuristic.units / self.domain.block
-        self.queue = queue = _Queue(known, [(0.0, 0, first, False)])
-        expanded, bound, cut = 0, 0.0, False
+        self.start = first.robot
+        self.queue = queue = _Queue(known, [(0.0, 0, first)])
+        expanded, bound, exhausted = 0, 0.0, True
         while queue.entries:
             if time.monotonic() > self.deadline_s or expanded >= expansions:
-                reason = f"no plan among {expanded} configurations"
-                return SearchResult(False, bound=bound / units, expanded=expanded, reason=reason)
-            estimate, _, entry, arrived = heapq.heappop(queue.entries)
-            if estimate > queue.best:
+                exhausted = False
                 break
+            estimate, _, entry = heapq.heappop(queue.entries)
             bound = max(bound, min(estimate, queue.best))
-            if arrived:
-                assert isinstance(entry, SearchState)
-                return SearchResult(True, push_sequence(entry), estimate / units, bound / units, expanded)
+            if estimate * (1.0 + gap) >= queue.best:
+                break
             if isinstance(entry, _Contact):
                 self._lengths(entry)
             elif isinstance(entry, _Push) and not entry.refined:
@@ -131,12 +144,14 @@ class PushPass:
             else:
                 state = entry if isinstance(entry, SearchState) else _state(self.heuristic, entry)
                 expanded += 1
-                if state.depth <= self.limits.pushes:
-                    self._expand(state)
-                else:
-                    cut = True
-        bound = float("inf") if not np.isfinite(queue.best) else queue.best
-        return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=not cut)
+                self._expand(state)
+                exhausted = exhausted and state.depth < self.limits.pushes
+        else:
+            bound = queue.best
+        if queue.goal is not None:
+            steps = push_sequence(queue.goal)
+            return SearchResult(True, steps, queue.best / units, bound / units, expanded)
+        return SearchResult(False, bound=bound / units, expanded=expanded, exhausted=exhausted)
 
     def _expand(self, state: SearchState) -> None:
         """The drive to the goal, and the contacts that the robot can reach."""
@@ -159,13 +174,13 @@ class PushPass:
         if goal_cells.size:
             cheapest = int((cost[goal_cells].astype(np.int64) + goal_costs).min())
             if reached := cheapest < heuristic.far:
-                queue.push(state.spent + cheapest, state, arrived=True)
+                self._arrive(float(state.spent + cheapest), state)
         if not len(heuristic.pairs) or state.depth >= self.limits.pushes:
             return
         bodies, numbers = heuristic.pairs.T
         points = heuristic.centres[bodies] + state.shifts[bodies] + heuristic.stands
         approach = reach_costs(clearance, cost, points, domain.radius, domain.slow, domain.block)
-        usable = approach < heuristic.far
+        usable = self.allowed & (approach < heuristic.far)
         usable &= clearances_at(domain.clearance, points) >= domain.radius - STAND_SLACK
         if (last := state.step) is not None and last.length < heuristic.longest(last.body) - 0.5:
             usable &= (bodies != last.body) | (numbers != last.contact)  # a longer push is the same
@@ -178,6 +193,14 @@ class PushPass:
         for i in np.flatnonzero(estimates < queue.best).tolist():
             body, number = int(bodies[usable[i]]), int(numbers[usable[i]])
             queue.push(float(estimates[i]), _Contact(state, body, number, float(spent[i]), reached))
+
+    def _arrive(self, cost: float, state: SearchState) -> None:
+        """A plan that ends by driving from a state to the goal; taken where it is better, and exists on the map."""
+        if cost >= self.queue.best:
+            return
+        steps, domain = push_sequence(state), self.domain
+        if domain.block == 1 or drives_exist(domain, steps, self.start, self.heuristic.goal):
+            self.queue.best, self.queue.goal = cost, state
 
     def _left(
         self, state: SearchState, bodies: Int32[np.ndarray, "n"], ends: Float[np.ndarray, "n 2"]

@@ -15,8 +15,8 @@ proved cheapest or the budget ends, and gives the bound. That there is no plan i
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -39,13 +39,13 @@ from .search_domain import SearchDomain, build_search_domain, grid_from_world
 
 __all__ = ["search_pushes"]
 
-#: Heuristic weights of the passes for a first plan.
-FIRST_WEIGHTS = (1.2, 3.0)
+#: Heuristic weights of the passes for a first plan, and of a last one where nothing was found.
+WEIGHTS, LAST_WEIGHT = (1.2, 3.0), 10.0
 #: Configurations looked at with the first weight, and for the bound of one body alone.
 FIRST_EXPANSIONS, ALONE_EXPANSIONS = 150, 60
-#: Fractions of the budget after which ends: one body at a time; a first plan without the bodies that touch no
-#: bottleneck, by weight; a proof that there is none; a first plan with all bodies.
-ALONE_FRACTION, FIRST_FRACTIONS, PROOF_FRACTION, ALL_FRACTIONS = 0.2, (0.35, 0.55), 0.75, (0.85, 1.0)
+#: Fractions of the budget after which ends: one body at a time; a first plan with the bodies on the cheapest path of
+#: the bound, with those at bottlenecks, by weight; a proof that there is none; a first plan with all bodies.
+ALONE, CROSSED, SOON, PROOF, LATE = 0.3, 0.35, (0.4, 0.55), 0.75, (0.8, 0.9, 1.0)
 
 
 def search_pushes(
@@ -81,9 +81,7 @@ def search_pushes(
     """
     _load_kernels()
     chosen = frozenset(range(len(domain.bodies)) if active is None else active)
-    return _search(
-        domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique=oblique
-    )
+    return _Search(domain, start, goal, costs or PushCosts(), limits or SearchLimits(), chosen, oblique).run()
 
 
 @lru_cache(maxsize=1)
@@ -97,129 +95,152 @@ def _load_kernels() -> None:
     robot, box = RobotModel(0.15), MovableObject("box", outline_m, HapticTag())
     domain = build_search_domain(PlanningProblem(OccupancyMap(cells, 0.1), robot, *ends_m, (box,)), block=2)
     start, goal = (grid_from_world(domain.map, end_m) for end_m in ends_m)
-    _search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), oblique=False)
+    _Search(domain, start, goal, PushCosts(), SearchLimits(budget_s=600.0), frozenset((0,)), False).run()
 
 
-def _search(
-    domain: SearchDomain,
-    start: Float[np.ndarray, "2"],
-    goal: Float[np.ndarray, "2"],
-    costs: PushCosts,
-    limits: SearchLimits,
-    active: frozenset[int],
-    *,
-    oblique: bool,
-) -> SearchResult:
-    begin_s = time.monotonic()
-    from ._travel_kernels import UNITS
+@dataclass(slots=True, eq=False)
+class _Search:
+    """One search with its budget: a first plan or a proof that there is none, then better plans and bounds."""
 
-    first = SearchState(0.0, start, np.zeros((len(domain.bodies), 2)))
-    cells, _ = seed_cells(
-        domain.lattice_with(first.shifts),
-        start,
-        domain.radius,
-        domain.slow,
-        UNITS,
-        reach=2,
-        block=domain.block,
-    )
-    needed = _bottlenecks(domain, goal, active)
-    part = PushHeuristic(domain, goal, costs, needed, oblique=oblique)
-    if _impossible(part, cells) and needed != active:
-        needed, part = active, PushHeuristic(domain, goal, costs, active, oblique=oblique)
-    if reason := _impossible(part, cells):
-        return SearchResult(False, exhausted=True, reason=reason)
-    still = [k for k in range(len(domain.bodies)) if k not in active]
-    alone_s = begin_s + ALONE_FRACTION * limits.budget_s
-    if reason := _bound_crossings(part, still, cells, start, limits, alone_s):
-        return SearchResult(False, exhausted=True, reason=reason)
-    lower = float(part.field(first.shifts)[cells].min()) * domain.block / part.units
-    plan, expanded = _first_plan(part, first, limits, begin_s, FIRST_FRACTIONS)
-    if plan.found and plan.cost <= (1.0 + limits.gap) * lower:
-        return replace(plan, bound=lower, left_out=tuple(sorted(active - needed)))
-    heuristic = part
-    if needed != active:
-        heuristic = PushHeuristic(domain, goal, costs, active, oblique=oblique)
-        heuristic.alone |= part.alone
-    deadline_s = begin_s + limits.budget_s
-    if not plan.found:
-        reason = Infeasibility(heuristic, limits, begin_s + PROOF_FRACTION * limits.budget_s).prove(
-            first, cells
-        )
-        if not reason and needed != active:
-            plan, more = _first_plan(heuristic, first, limits, begin_s, ALL_FRACTIONS)
-            expanded += more
+    domain: SearchDomain
+    start: Float[np.ndarray, "2"]
+    goal: Float[np.ndarray, "2"]
+    costs: PushCosts
+    limits: SearchLimits
+    active: frozenset[int]
+    oblique: bool
+    begin_s: float = field(default_factory=time.monotonic)
+    expanded: int = 0
+    first: SearchState = field(init=False)
+    cells: Int32[np.ndarray, "k"] = field(init=False)  #: nodes that the robot can be on at the start
+
+    def __post_init__(self) -> None:
+        from ._travel_kernels import UNITS
+
+        domain = self.domain
+        self.first = SearchState(0.0, self.start, np.zeros((len(domain.bodies), 2)))
+        self.cells, _ = seed_cells(
+            domain.lattice_with(self.first.shifts), self.start, domain.radius, domain.slow, UNITS,
+            reach=2, block=domain.block,
+        )  # fmt: skip
+
+    def run(self) -> SearchResult:
+        """The cheapest plan, or the reason why there is none."""
+        needed = _bottlenecks(self.domain, self.goal, self.active)
+        heuristic = self._heuristic(needed)
+        reason = self._impossible(heuristic) or self._bound_crossings(heuristic)
+        if reason:
+            return SearchResult(False, exhausted=True, reason=reason)
+        alone, crossed = heuristic.alone, heuristic.crossed(self.cells)
+        plan = self._first_plan(heuristic, ((WEIGHTS[0], CROSSED),), crossed)
         if not plan.found:
-            found = reason or f"no plan among {expanded} configurations, not proved"
-            return replace(plan, exhausted=bool(reason), reason=found, expanded=expanded)
-    left_out = tuple(sorted(active - needed - {step.body for step in plan.steps}))
-    best, bound = plan, lower
-    for weight in (FIRST_WEIGHTS[0], 1.0):
-        better = PushPass(heuristic, weight, limits, deadline_s).run(
-            first, max(limits.expansions - expanded, 1), best.cost * part.units / domain.block + 1.0
+            plan = self._first_plan(heuristic, zip(WEIGHTS, SOON, strict=True))
+        through: dict[int, float] = {}
+        worth = self.active
+        if plan.found:
+            # A plan that pushes one of the others costs more than it could save.
+            seconds = self.domain.block / heuristic.units
+            rest = self.active - {step.body for step in plan.steps}
+            through = {k: heuristic.through(self.cells, k) * seconds for k in rest}
+            worth -= {k for k, cost in through.items() if cost * (1.0 + self.limits.gap) >= plan.cost}
+        elif reason := self._proof(heuristic):
+            return SearchResult(False, exhausted=True, reason=reason, expanded=self.expanded)
+        if worth != needed:
+            heuristic = self._heuristic(worth)
+            heuristic.alone |= {k: bound for k, bound in alone.items() if k in worth}
+        if not plan.found:
+            reason = self._proof(heuristic) if worth != needed else ""
+            passes = zip((*WEIGHTS, LAST_WEIGHT), LATE, strict=True)
+            plan = plan if reason else self._first_plan(heuristic, passes)
+            if not plan.found:
+                said = reason or f"no plan among {self.expanded} configurations, not proved"
+                return replace(plan, exhausted=bool(reason), reason=said, expanded=self.expanded)
+        plan = self._improved(heuristic, plan)
+        bound = min([plan.bound, *(through[k] for k in self.active - worth)])
+        left_out = tuple(sorted(self.active - needed - worth))
+        return replace(plan, bound=bound, expanded=self.expanded, left_out=left_out)
+
+    def _heuristic(self, bodies: Collection[int]) -> PushHeuristic:
+        left_out = self.active - frozenset(bodies)
+        return PushHeuristic(
+            self.domain, self.goal, self.costs, bodies, left_out=left_out, oblique=self.oblique
         )
-        best = better if better.found else best
-        expanded += better.expanded
-        bound = max(bound, better.bound / weight)
-        if best.cost <= (1.0 + limits.gap) * bound:
-            break
-    return replace(best, bound=min(bound, best.cost), expanded=expanded, left_out=left_out)
 
+    def _until(self, fraction: float) -> float:
+        return self.begin_s + fraction * self.limits.budget_s
 
-def _first_plan(
-    heuristic: PushHeuristic,
-    first: SearchState,
-    limits: SearchLimits,
-    begin_s: float,
-    fractions: tuple[float, float],
-) -> tuple[SearchResult, int]:
-    """A plan by weighted A*, the weight small at first; and how many configurations were looked at."""
-    plan, expanded = SearchResult(False), 0
-    for weight, fraction in zip(FIRST_WEIGHTS, fractions, strict=True):
-        deadline_s = begin_s + fraction * limits.budget_s
-        # The small weight is for a plan that is found straight away.
-        most = FIRST_EXPANSIONS if weight == FIRST_WEIGHTS[0] else limits.expansions
-        most = max(min(most, limits.expansions - expanded), 1)
-        plan = PushPass(heuristic, weight, limits, deadline_s).run(first, most)
-        expanded += plan.expanded
-        if plan.found or plan.exhausted:
-            break
-    return plan, expanded
+    def _proof(self, heuristic: PushHeuristic) -> str:
+        return Infeasibility(heuristic, self.limits, self._until(PROOF)).prove(self.first, self.cells)
 
+    def _first_plan(
+        self,
+        heuristic: PushHeuristic,
+        passes: Iterable[tuple[float, float]],
+        bodies: Collection[int] | None = None,
+    ) -> SearchResult:
+        """A plan by weighted A*, by weight and fraction of the budget, with pushes of some bodies only."""
+        plan = SearchResult(False)
+        for weight, fraction in passes:
+            # The smallest weight is for a plan that is found straight away.
+            most = FIRST_EXPANSIONS if weight == WEIGHTS[0] else self.limits.expansions
+            most = max(min(most, self.limits.expansions - self.expanded), 1)
+            plan = PushPass(heuristic, weight, self.limits, self._until(fraction), bodies).run(
+                self.first, most
+            )
+            self.expanded += plan.expanded
+            if plan.found or plan.exhausted:
+                break
+        return plan
 
-def _bound_crossings(
-    heuristic: PushHeuristic,
-    still: Sequence[int],
-    cells: Int32[np.ndarray, "k"],
-    start: Float[np.ndarray, "2"],
-    limits: SearchLimits,
-    deadline_s: float,
-) -> str:
-    """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
-    domain = heuristic.domain
-    lattice = domain.lowered(domain.lattice, np.zeros((len(domain.bodies), 2)), still, domain.block)
-    first = SearchState(0.0, start, np.zeros((1, 2)))
-    for index in heuristic.separating(cells):
-        alone = replace(domain, bodies=(domain.bodies[index],), lattice=lattice, patches={}, still={})
-        part = PushHeuristic(alone, heuristic.goal, heuristic.costs, (0,), oblique=heuristic.oblique)
-        found = PushPass(part, 1.0, limits, deadline_s).run(first, min(ALONE_EXPANSIONS, limits.expansions))
-        if np.isfinite(found.bound):
-            more = found.bound * heuristic.units / domain.block - float(part.free_field[cells].min())
-            heuristic.alone[index] = max(heuristic.min_push[index], more)
-        elif reason := Infeasibility(part, limits, deadline_s).prove(first, cells):
-            return reason
-    return ""
+    def _improved(self, heuristic: PushHeuristic, plan: SearchResult) -> SearchResult:
+        """The plan, or a better one, with a bound that is as near as the budget allows."""
+        units = heuristic.units / self.domain.block
+        plan = replace(plan, bound=float(heuristic.field(self.first.shifts)[self.cells].min()) / units)
+        for weight in (1.0,) if self.expanded <= FIRST_EXPANSIONS else (WEIGHTS[0], 1.0):
+            if plan.cost <= (1.0 + self.limits.gap) * plan.bound:
+                break
+            better = PushPass(heuristic, weight, self.limits, self._until(1.0)).run(
+                self.first,
+                max(self.limits.expansions - self.expanded, 1),
+                plan.cost * units,
+                self.limits.gap if weight == 1.0 else 0.0,
+            )
+            self.expanded += better.expanded
+            bound = max(plan.bound, better.bound / weight)
+            plan = replace(better if better.found else plan, bound=bound)
+        return replace(plan, bound=min(plan.bound, plan.cost))
 
+    def _bound_crossings(self, heuristic: PushHeuristic) -> str:
+        """Raise the bounds of bodies that alone separate start and goal; why one of them can't be passed, if so."""
+        domain, limits, deadline_s = self.domain, self.limits, self._until(ALONE)
+        still = [k for k in range(len(domain.bodies)) if k not in self.active]
+        lattice = domain.lowered(domain.lattice, self.first.shifts, still, domain.block)
+        first = SearchState(0.0, self.start, np.zeros((1, 2)))
+        for index in heuristic.separating(self.cells):
+            body = (domain.bodies[index],)
+            alone = replace(domain, bodies=body, lattice=lattice, patches={}, still={}, drives={})
+            part = PushHeuristic(alone, self.goal, self.costs, (0,), oblique=self.oblique)
+            most = min(ALONE_EXPANSIONS, limits.expansions)
+            found = PushPass(part, 1.0, limits, deadline_s).run(first, most)
+            if not found.found:
+                reason = Infeasibility(part, limits, deadline_s).prove(first, self.cells)
+                if reason:
+                    return reason
+            if np.isfinite(found.bound):
+                free = float(part.free_field[self.cells].min())
+                more = found.bound * heuristic.units / domain.block - free
+                heuristic.alone[index] = max(heuristic.min_push[index], more)
+        return ""
 
-def _impossible(heuristic: PushHeuristic, cells: Int32[np.ndarray, "k"]) -> str:
-    """Why no sequence of pushes can solve the problem; empty where one may."""
-    if not heuristic.goal_cells.size:
-        return "the goal is too near to what cannot be moved"
-    if not cells.size:
-        return "the robot does not fit where it starts"
-    if heuristic.free_field[cells].min() >= heuristic.far:
-        return "walls separate start and goal" + (", whatever is pushed" if heuristic.active else "")
-    return ""
+    def _impossible(self, heuristic: PushHeuristic) -> str:
+        """Why no sequence of pushes can solve the problem; empty where one may."""
+        if not heuristic.goal_cells.size:
+            return "the goal is too near to what cannot be moved"
+        if not self.cells.size:
+            return "the robot does not fit where it starts"
+        if heuristic.free_field[self.cells].min() >= heuristic.far:
+            return "walls separate start and goal" + (", whatever is pushed" if self.active else "")
+        return ""
 
 
 def _bottlenecks(
@@ -229,15 +250,19 @@ def _bottlenecks(
     from ._push_search_kernels import opening_lengths
 
     shifts = np.zeros((len(domain.bodies), 2))
+    still = [k for k in range(len(domain.bodies)) if k not in active]
+    base = domain.lowered(domain.lattice, shifts, still, domain.block)
     found = set()
     for index in active:
         body = domain.bodies[index]
-        without = domain.lattice_with(shifts, index)
         # Far enough along an axis, every block around the body is free of it: how many pieces there are is seen.
         far = float(np.ptp(body.outline, axis=0).max()) + 2.0 * domain.radius + 4.0 * domain.block
-        pieces = opening_lengths(
-            without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
-        )
-        if len(pieces):
-            found.add(index)
+        # Among the others, which may close a passage with it, and alone, as they may fill the room behind it.
+        for without in (domain.lattice_with(shifts, index), base):
+            pieces = opening_lengths(
+                without, body.outline, 1.0, 0.0, domain.radius, domain.block, 2.0 * far, *body.centre, *goal
+            )
+            if len(pieces):
+                found.add(index)
+                break
     return frozenset(found)

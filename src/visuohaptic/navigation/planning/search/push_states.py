@@ -25,7 +25,7 @@ class SearchLimits:
     """How long to search, and for what."""
 
     budget_s: float = field(default=2.0, metadata=POSITIVE)  #: wall time of one search
-    gap: float = field(default=0.005, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
+    gap: float = field(default=0.05, metadata=NON_NEGATIVE)  #: end when the plan is within this of the bound
     memory_bytes: int = field(default=500_000_000, metadata=POSITIVE)  #: for what was expanded
     expansions: int = field(default=100_000, metadata=POSITIVE)  #: configurations looked at
     pushes: int = field(default=12, metadata=NON_NEGATIVE)  #: in one plan, at most
@@ -146,23 +146,12 @@ def seed_cells(
     -------
     Flat indices of the nodes, and their costs.
     """
-    rows, columns = clearance.shape
-    x, y = float(point[0]) / block, float(point[1]) / block
-    c, r = int(np.floor(x)), int(np.floor(y))
-    r0, r1, c0, c1 = (
-        max(r - reach, 0),
-        min(r + reach + 1, rows),
-        max(c - reach, 0),
-        min(c + reach + 1, columns),
+    from ._travel_kernels import nodes_around
+
+    found: tuple[Int32[np.ndarray, "k"], Int32[np.ndarray, "k"]] = nodes_around(
+        clearance, float(point[0]), float(point[1]), radius, slow, units, reach, block
     )
-    part = clearance[r0:r1, c0:c1]
-    rr, cc = np.nonzero(part >= radius)
-    d = part[rr, cc]
-    rr, cc = rr + r0, cc + c0
-    length = np.hypot(cc + 0.5 - x, rr + 0.5 - y)
-    fraction = np.minimum((d / radius - 1.0) * 0.5, 1.0)
-    cost = np.rint(length * (slow + fraction * (1.0 - slow)) * units)
-    return (rr * columns + cc).astype(np.int32), cost.astype(np.int32)
+    return found
 
 
 def push_sequence(state: SearchState) -> tuple[PushStep, ...]:

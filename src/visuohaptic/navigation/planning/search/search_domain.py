@@ -31,8 +31,8 @@ __all__ = [
 
 #: Outlines are looked at in steps of so many cells when they are pushed.
 OUTLINE_STEP = 0.45
-#: ... and so far inside the outline, so that an object flush with a wall may slide along it [cells].
-OUTLINE_INSET = 0.15
+#: ... and so far inside the outline, so that an object flush with a wall may slide along it [m].
+OUTLINE_INSET_M = 5e-4
 #: A node of the lattice is a block of cells, at least so many to the radius of the robot.
 NODES_PER_RADIUS = 3.0
 #: Distance patches that are kept.
@@ -52,11 +52,12 @@ class Body:
     allowed: Manipulability
     radius: float  #: of the robot
     margin: float  #: room that it keeps while it is pushed
+    inset: float  #: of the points along its outline
 
     @cached_property
     def samples(self) -> Float[np.ndarray, "k 2"]:
         """Points along the outline, a little inside."""
-        return _samples(self.outline, -OUTLINE_INSET)
+        return _samples(self.outline, -self.inset)
 
     @cached_property
     def around(self) -> Float[np.ndarray, "m 2"]:
@@ -94,7 +95,7 @@ class SearchDomain:
 
     map: OccupancyMap
     robot: RobotModel
-    radius: float  #: of the robot [cells]
+    radius: float  #: clearance that the robot needs: its radius and what interpolation may hide [cells]
     slow: float  #: v_max / v_min
     occupied: Bool[np.ndarray, "rows columns"]  #: what never moves and is no object
     #: of a cell's centre from the border of such cells, and from the outline of objects that never move [cells]
@@ -112,6 +113,9 @@ class SearchDomain:
 
     #: the lattice with the bodies that stay where they are, by those that do not
     still: dict[tuple[int, ...], Float32[np.ndarray, "r c"]] = field(default_factory=dict, repr=False)
+
+    #: whether drives exist on the map, by shifts, start and goal
+    drives: dict[tuple[bytes, bytes, bytes], bool] = field(default_factory=dict, repr=False)
 
     @property
     def reach(self) -> float:
@@ -313,7 +317,8 @@ def build_search_domain(
             continue
         centre = grid_from_world(grid, obj.centre_m)
         friction = grid_from_world(grid, obj.centre_m + np.array(obj.friction_offset_m)) - centre
-        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin))
+        inset = OUTLINE_INSET_M / grid.resolution_m
+        movable.append(Body(obj, outline, centre, friction, allowed, radius, margin, inset))
     # An object is as large as its outline, whether it may be moved or not.
     clearance = _distance(occupied, radius)
     outlines = tuple(grid_from_world(grid, obj.footprint_m) for obj in fixed)
@@ -323,7 +328,7 @@ def build_search_domain(
     return SearchDomain(
         grid,
         robot,
-        radius * (1.0 - 1e-9),
+        _with_rounding(radius),
         robot.v_max_m_s / robot.v_min_m_s,
         occupied,
         clearance,
@@ -334,6 +339,16 @@ def build_search_domain(
         clearance if block == 1 else largest_in_blocks(clearance, block),
         outlines,
     )
+
+
+def _with_rounding(radius: float) -> float:
+    """Clearance that a robot needs between the centres of cells, and between the samples of a segment [cells].
+
+    The distance from an obstacle bends by at most 1 / distance: interpolated between the centres of cells it is too
+    high by at most 1 / (8 distance), and between samples it may fall below both by spacing^2 / (8 distance).
+    """
+    spacing = max(0.5, radius / 7.0)
+    return radius + (1.0 + spacing**2) / (8.0 * radius)
 
 
 def _distance(
