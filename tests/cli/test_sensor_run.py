@@ -108,9 +108,10 @@ def test_ctrl_c_ends_a_live_run_with_its_rows_and_its_summary(capsys):
     reader = Counting()
     reader.zeroed = True
     outputs = Outputs(table, rows=lambda number: (number,), describe=lambda number: f"{number} N")
-    done = run_sensor(args, reader, frames(), outputs, live=True)
+    done = run_sensor(args, reader, frames(), outputs)
     assert (done.frames, rows) == (3, [0, 1, 2, "closed"])
     assert "0 N" in capsys.readouterr().err
+    args.source = "push.mp4"
     with pytest.raises(KeyboardInterrupt):
         run_sensor(args, reader, frames(), outputs)
 
