@@ -70,7 +70,7 @@ COMMANDS = (
 )
 
 #: Verbs that read no file.
-NO_FILE = {"template sheet", "example foam", "example beam", "reproduce", "warmup", "doctor"}
+NO_FILE = {"template sheet", "example foam", "example beam", "example glass", "reproduce", "warmup", "doctor"}
 
 KINDS = ("missing", "empty", "folder", "words", "noise", "numbers")
 

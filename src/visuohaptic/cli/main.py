@@ -85,6 +85,10 @@ VERBS: Mapping[str, tuple[str, str]] = {
         "visuohaptic.cli.verbs.sensing.example_beam",
         "write a small simulated recording to try the beam sensor on",
     ),
+    "example glass": (
+        "visuohaptic.cli.verbs.geometry.example_glass",
+        "write a small simulated depth sequence of clear bottles to find and complete",
+    ),
     "map inspect": (
         "visuohaptic.cli.verbs.planning.map_inspect",
         "summarise a map, and where a robot can drive on it",
